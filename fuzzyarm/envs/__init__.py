@@ -1,0 +1,1 @@
+"""The robot and the task: physics, reference, disturbances and the Gymnasium environment."""

@@ -1,0 +1,1 @@
+"""The Takagi-Sugeno model, controller files, their certificates, and the fixed policies."""

@@ -1,0 +1,1 @@
+"""Design by linear matrix inequalities; the only place that imports cvxpy and clarabel."""
