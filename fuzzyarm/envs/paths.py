@@ -1,0 +1,224 @@
+"""Curves for the tip: where it goes, not when (the time law is in `reference`).
+
+Every curve p(s), s in [0, 1], lies in the plane of the arm and is twice differentiable. The frame is that of (26):
+the base at the origin, x down along gravity, y to the side.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import numbers
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+Point = tuple[float, float]
+Points = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+# Neighbouring points of a line or spline closer than this [m] give a curve without a direction.
+MINIMUM_SPACING = 1e-6
+
+
+@runtime_checkable
+class TipPath(Protocol):
+    """What every curve offers; a class of your own with this one method will do."""
+
+    def points(self, s: ArrayLike) -> Points:
+        """Return p [m], dp/ds [m] and d²p/ds² [m], each of shape (..., 2), for s of shape (...,) in [0, 1]."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Circle:
+    """p(s) = center + R (cos ψ, sin ψ), ψ(s) = ψ_0 + 2π n s; the defaults are the paper's curve.
+
+    Center and radius are printed in section 6.1.3, start angle and direction are not: ψ_0 = π/2 with ψ decreasing
+    (and the elbow q2 > 0) is the choice that gives the peak torques 228 and 47 N m which the paper reports.
+
+    Attributes:
+        center: (x, y) [m].
+        radius: R [m], > 0.
+        start_angle: ψ_0 [rad].
+        turns: n, signed number of full turns, not zero; negative turns from +y towards +x. A fraction gives an arc.
+
+    Raises:
+        ValueError: a value is not finite or out of range.
+    """
+
+    center: Point = (0.35, 0.65)
+    radius: float = 0.2
+    start_angle: float = math.pi / 2
+    turns: float = -1.0
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        _set(self, "center", _point("center", self.center))
+        _set(self, "radius", _positive("radius", self.radius))
+        _set(self, "start_angle", _finite("start_angle", self.start_angle, "rad"))
+        _set(self, "turns", _finite("turns", self.turns, "turns"))
+        if self.turns == 0.0:
+            raise ValueError("turns = 0.0 is out of range; allowed: any finite number but 0")
+
+    def points(self, s: ArrayLike) -> Points:
+        """Return p, dp/ds, d²p/ds² as in `TipPath`."""
+        rate = 2.0 * math.pi * self.turns
+        psi = self.start_angle + rate * np.asarray(s, dtype=float)
+        outward = self.radius * np.stack([np.cos(psi), np.sin(psi)], axis=-1)
+        along = self.radius * np.stack([-np.sin(psi), np.cos(psi)], axis=-1)
+        return np.array(self.center) + outward, rate * along, -(rate**2) * outward
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """p(s) = start + s (end - start).
+
+    Attributes:
+        start: (x, y) [m] at s = 0.
+        end: (x, y) [m] at s = 1, at least `MINIMUM_SPACING` from start.
+
+    Raises:
+        ValueError: a value is not finite, or start and end coincide.
+    """
+
+    start: Point
+    end: Point
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        _set(self, "start", _point("start", self.start))
+        _set(self, "end", _point("end", self.end))
+        _require_apart("start", self.start, "end", self.end)
+
+    def points(self, s: ArrayLike) -> Points:
+        """Return p, dp/ds, d²p/ds² as in `TipPath`."""
+        s = np.asarray(s, dtype=float)[..., np.newaxis]
+        start, direction = np.array(self.start), np.array(self.end) - np.array(self.start)
+        return start + s * direction, np.ones_like(s) * direction, np.zeros_like(s) * direction
+
+
+@dataclasses.dataclass(frozen=True)
+class Lemniscate:
+    """Gerono's figure of eight, p(s) = center + R(α) a (sin θ, sin θ cos θ), θ = 2π s: x⁴ = a² (x² - y²) along its axes.
+
+    It starts and ends in the crossing and is 2a long and a high.
+
+    Attributes:
+        center: the crossing (x, y) [m].
+        half_width: a [m], > 0.
+        angle: α [rad], turns the long axis from x towards y.
+
+    Raises:
+        ValueError: a value is not finite or out of range.
+    """
+
+    center: Point
+    half_width: float
+    angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        _set(self, "center", _point("center", self.center))
+        _set(self, "half_width", _positive("half_width", self.half_width))
+        _set(self, "angle", _finite("angle", self.angle, "rad"))
+
+    def points(self, s: ArrayLike) -> Points:
+        """Return p, dp/ds, d²p/ds² as in `TipPath`."""
+        rate = 2.0 * math.pi
+        theta = rate * np.asarray(s, dtype=float)
+        # sin θ cos θ = sin(2θ) / 2
+        shape = np.stack([np.sin(theta), 0.5 * np.sin(2.0 * theta)], axis=-1)
+        d_shape = np.stack([np.cos(theta), np.cos(2.0 * theta)], axis=-1)
+        dd_shape = np.stack([-np.sin(theta), -2.0 * np.sin(2.0 * theta)], axis=-1)
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        axes = self.half_width * np.array([[cos, sin], [-sin, cos]])  # rows: long axis, short axis
+        return np.array(self.center) + shape @ axes, rate * d_shape @ axes, rate**2 * dd_shape @ axes
+
+
+@dataclasses.dataclass(frozen=True)
+class Spline:
+    """The cubic spline through given points, s proportional to the summed chords; twice continuously differentiable.
+
+    Open ends are "not-a-knot": two points give a line, three a parabola. A closed spline returns to the first point
+    with the same first and second derivative.
+
+    Attributes:
+        waypoints: two or more points (x, y) [m] (any sequence or array of pairs), neighbours at least
+            `MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
+        closed: whether the curve returns to its start.
+
+    Raises:
+        ValueError: too few points, a value that is not finite, or neighbours that coincide.
+    """
+
+    waypoints: tuple[Point, ...]
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        try:
+            given = list(self.waypoints)
+        except TypeError:
+            raise ValueError(f"waypoints = {self.waypoints!r} must be a sequence of points (x, y) [m]") from None
+        points = tuple(_point(f"waypoints[{k}]", point) for k, point in enumerate(given))
+        if len(points) < 2:
+            raise ValueError(f"waypoints holds {len(points)} point(s); allowed: 2 or more distinct points")
+        _set(self, "waypoints", points)
+        last = len(points) if self.closed else len(points) - 1
+        for k in range(last):
+            after = (k + 1) % len(points)
+            _require_apart(f"waypoints[{k}]", points[k], f"waypoints[{after}]", points[after])
+
+    @functools.cached_property
+    def _interpolant(self) -> CubicSpline:
+        """Return the spline over s; SciPy is only needed here."""
+        from scipy.interpolate import CubicSpline
+
+        points = np.array(self.waypoints + self.waypoints[:1] if self.closed else self.waypoints)
+        chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        knots = np.append(0.0, np.cumsum(chords))
+        return CubicSpline(knots / knots[-1], points, bc_type="periodic" if self.closed else "not-a-knot")
+
+    def points(self, s: ArrayLike) -> Points:
+        """Return p, dp/ds, d²p/ds² as in `TipPath`."""
+        s, spline = np.asarray(s, dtype=float), self._interpolant
+        return spline(s), spline(s, 1), spline(s, 2)
+
+
+def _set(path: object, name: str, value: Any) -> None:
+    object.__setattr__(path, name, value)
+
+
+def _finite(name: str, value: Any, unit: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
+        raise ValueError(f"{name} = {value!r} must be a finite number [{unit}]; allowed: (-inf, inf)")
+    return float(value)
+
+
+def _positive(name: str, value: Any) -> float:
+    number = _finite(name, value, "m")
+    if number <= 0.0:
+        raise ValueError(f"{name} = {number} m is out of range; allowed: (0, inf) m")
+    return number
+
+
+def _point(name: str, value: Any) -> Point:
+    try:
+        x, y = value
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {value!r} must be a pair (x, y) of finite numbers [m]") from None
+    return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m")
+
+
+def _require_apart(first_name: str, first: Point, second_name: str, second: Point) -> None:
+    spacing = math.dist(first, second)
+    if spacing < MINIMUM_SPACING:
+        raise ValueError(
+            f"{first_name} = {first} and {second_name} = {second} are {spacing:g} m apart; "
+            f"allowed: [{MINIMUM_SPACING:g}, inf) m"
+        )
