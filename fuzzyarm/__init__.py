@@ -1,0 +1,17 @@
+"""FuzzyArm: a two-joint robot arm to track circles with, and controllers that come with a proof.
+
+Importing the package registers ``FuzzyArm-v0`` with Gymnasium and loads no heavy module.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from gymnasium.envs.registration import register
+
+from fuzzyarm.policies import load_policy
+
+__all__ = ["__version__", "load_policy"]
+__version__ = version("fuzzyarm")
+
+register(id="FuzzyArm-v0", entry_point="fuzzyarm.envs.fuzzy_arm:FuzzyArmEnv")

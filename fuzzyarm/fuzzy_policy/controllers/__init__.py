@@ -1,0 +1,1 @@
+"""Controllers shipped with the package; see `fuzzyarm.fuzzy_policy.controller` for the format."""

@@ -1,0 +1,155 @@
+"""The T-S model: rigorous bounds, convex memberships, exactness."""
+
+import dataclasses
+import itertools
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.dynamics import arm_constants, coriolis_torque, gravity_torque, mass_matrix
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, SINC_MINIMUM, TSModel, premise_bounds, premises
+
+ARM = ArmParameters()
+OTHER_ARM = ArmParameters(length=(0.3, 0.7), mass=(3.7, 11.3), mass_center=(0.11, 0.31), velocity_limit=(7.0, 9.0))
+SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
+
+
+def random_states(count, parameters=ARM, seed=0):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1, 1, (count, 2)) * parameters.joint_limit
+    return q, rng.uniform(-1, 1, (count, 2)) * parameters.velocity_limit
+
+
+def test_sinc_minimum_is_a_lower_bound_and_tight():
+    with mpmath.workdps(40):
+        x = mpmath.findroot(lambda x: mpmath.tan(x) - x, 4.4934)
+        exact = mpmath.sin(x) / x
+        stored = mpmath.mpf(SINC_MINIMUM.numerator) / SINC_MINIMUM.denominator
+        assert 0 < exact - stored < mpmath.mpf("1e-15")
+
+
+@pytest.mark.parametrize("parameters", [ARM, OTHER_ARM])
+def test_bounds_contain_the_exact_range(parameters):
+    """The bounds are compared in exact arithmetic with the extreme values the premises attain."""
+    f = Fraction
+    m1, m2 = map(f, parameters.mass)
+    r1, r2 = map(f, parameters.mass_center)
+    l1, g = f(parameters.length[0]), f(parameters.gravity)
+    c2, c4, c5 = m2 * l1 * r2, m1 * g * r1 + m2 * g * l1, m2 * g * r2
+    low, high = ([f(x) for x in side] for side in premise_bounds(parameters).T)
+    speed1, speed2 = map(f, parameters.velocity_limit)
+    attained = [(-1, 1), (-(c4 + c5), None), (-c5, None), (-c2 * speed2, c2 * speed2), (-c2 * speed1, c2 * speed1)]
+    for index, (smallest, largest) in enumerate(attained):
+        assert low[index] < smallest
+        if largest is not None:
+            assert high[index] > largest
+    assert high[1] > -c5 * SINC_MINIMUM
+    assert high[2] > -c5 * SINC_MINIMUM
+
+
+def test_bounds_agree_with_the_paper_where_it_prints_them():
+    expected = [(-1, 1), (-103.01, 4.79), (-22.07, 4.79), (-16.87, 16.87), (-16.87, 16.87)]
+    np.testing.assert_allclose(premise_bounds(ARM), expected, atol=0.01)
+    assert premise_bounds(ARM)[1, 1] > 4.7948  # the printed 4.79 is rounded inwards
+
+
+def test_the_bound_of_sinc_is_reached_within_the_box():
+    """z2 and z3 come within 1e-6 of their upper bounds: the box of memberships is not larger than needed."""
+    z = premises(np.array([np.pi, 4.493409457909064 - np.pi]), np.zeros(2), ARM)
+    bounds = premise_bounds(ARM)
+    assert bounds[2, 1] - 1e-6 < z[2] < bounds[2, 1]
+    assert bounds[1, 1] - 1e-6 < z[1] < bounds[1, 1]
+
+
+@pytest.mark.parametrize("kept", SUBSETS, ids=lambda kept: "+".join(kept) or "none")
+def test_memberships_are_convex(kept):
+    model = TSModel(ARM, kept)
+    for q, dq in zip(*random_states(50), strict=True):
+        h, v = model.weights(premises(q, dq, ARM))
+        assert len(h) * len(v) == model.rules
+        for weights in (h, v):
+            assert weights.min() >= 0.0
+            assert weights.max() <= 1.0
+            assert abs(weights.sum() - 1.0) < 1e-14
+
+
+def test_memberships_stay_convex_outside_the_box():
+    model = TSModel(ARM, NAMED_RULES[32])
+    h, v = model.weights(np.array([2.0, 50.0, -90.0, 1e3, -1e3]))
+    for weights in (h, v):
+        assert weights.min() == 0.0
+        assert weights.sum() == 1.0
+
+
+@pytest.mark.parametrize("parameters", [ARM, OTHER_ARM])
+def test_the_32_rule_model_is_exact(parameters):
+    """The convex sum equals (5) to 1e-12 of its largest entry over random states."""
+    model = TSModel(parameters, NAMED_RULES[32])
+    for q, dq in zip(*random_states(300, parameters), strict=True):
+        z = premises(q, dq, parameters)
+        h, v = model.weights(z)
+        A, E = np.tensordot(h, model.A_vertices, axes=1), np.tensordot(v, model.E_vertices, axes=1)
+        np.testing.assert_allclose(A, model.A(z), rtol=0, atol=1e-12 * np.abs(model.A(z)).max())
+        np.testing.assert_allclose(E, model.E(z), rtol=0, atol=1e-12 * np.abs(model.E(z)).max())
+
+
+@pytest.mark.parametrize("parameters", [ARM, OTHER_ARM])
+def test_the_descriptor_form_is_the_rigid_arm(parameters):
+    """E(z) ẋ = A(z) x + B u with M, C and g of the plant: u is the rigid inverse dynamics."""
+    model, arm = TSModel(parameters), arm_constants(parameters)
+    rng = np.random.default_rng(1)
+    for q, dq in zip(*random_states(200, parameters), strict=True):
+        ddq = rng.normal(size=2) * 50
+        z = premises(q, dq, parameters)
+        u = (model.E(z) @ np.concatenate([dq, ddq]) - model.A(z) @ np.concatenate([q, dq]))[2:]
+        m11, m12, m22 = mass_matrix(np.cos(q[1]), arm)
+        M = np.array([[m11, m12], [m12, m22]]) + np.diag(parameters.motor_inertia)
+        expected = M @ ddq + np.array(parameters.viscous_friction) * dq
+        expected += coriolis_torque(np.sin(q[1]), *dq, arm)
+        expected += gravity_torque(np.sin(q[0]), np.sin(q.sum()), arm)
+        np.testing.assert_allclose(u, expected, rtol=0, atol=1e-11 * np.abs(expected).max() + 1e-11)
+
+
+@pytest.mark.parametrize("kept", SUBSETS, ids=lambda kept: "+".join(kept) or "none")
+def test_what_is_dropped_lies_inside_the_uncertainty(kept):
+    """E(z) and A(z) are the convex sum plus Σ Hᵀ f W with one |f| <= 1 for each dropped premise."""
+    model = TSModel(ARM, kept)
+    middle, radius = model.bounds.mean(axis=1), 0.5 * np.diff(model.bounds, axis=1)[:, 0]
+    for q, dq in zip(*random_states(40, seed=2), strict=True):
+        z = premises(q, dq, ARM)
+        h, v = model.weights(z)
+        A, E = np.tensordot(h, model.A_vertices, axes=1), np.tensordot(v, model.E_vertices, axes=1)
+        for block in model.uncertainties:
+            index = PREMISES.index(block.premise)
+            f = (z[index] - middle[index]) / radius[index]
+            assert abs(f) <= 1.0
+            change = f * block.H.T @ block.W
+            A, E = (A, E + change) if block.on == "E" else (A + change, E)
+        np.testing.assert_allclose(A, model.A(z), rtol=0, atol=1e-11)
+        np.testing.assert_allclose(E, model.E(z), rtol=0, atol=1e-11)
+
+
+def test_vertices_stand_in_the_order_of_the_paper():
+    """Section 6.1.2: E_1 = E(z1min), A_2 = A(z2max, z3min), A_3 = A(z2min, z3max)."""
+    model = TSModel(ARM, NAMED_RULES[8])
+    low, high = model.bounds.T
+    z = np.array([low[0], high[1], low[2], 0.0, 0.0])
+    np.testing.assert_array_equal(model.E_vertices[0], model.E(z))
+    np.testing.assert_array_equal(model.A_vertices[1], model.A(z))
+    z[1:3] = low[1], high[2]
+    np.testing.assert_array_equal(model.A_vertices[2], model.A(z))
+
+
+@pytest.mark.parametrize("kept", [("z6",), ("z1", "z1"), ("z1", "cos")])
+def test_bad_premises_raise_with_the_choices(kept):
+    with pytest.raises(ValueError, match="z1, z2, z3, z4, z5"):
+        TSModel(ARM, kept)
+
+
+def test_narrower_velocity_limits_narrow_the_bounds():
+    slow = premise_bounds(dataclasses.replace(ARM, velocity_limit=(1.5, 3.0)))
+    assert slow[4, 1] < premise_bounds(ARM)[4, 1] / 9.99
+    assert slow[3, 1] < premise_bounds(ARM)[3, 1] / 4.99
