@@ -7,6 +7,8 @@ Elementwise source, see `friction`.
 from __future__ import annotations
 
 import dataclasses
+import math
+import numbers
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -30,8 +32,9 @@ class Payload:
 
     def __post_init__(self) -> None:
         """Check the mass and the place."""
-        if not (np.isfinite(self.mass) and self.mass >= 0.0):
-            raise ValueError(f"payload mass = {self.mass} kg is out of range; allowed: [0, inf) kg")
+        is_number = isinstance(self.mass, numbers.Real) and not isinstance(self.mass, bool)
+        if not (is_number and 0.0 <= self.mass < math.inf):
+            raise ValueError(f"payload mass = {self.mass!r} kg is out of range; allowed: [0, inf) kg")
         if self.at not in ("tip", "link"):
             raise ValueError(f"payload at = {self.at!r} is unknown; choose 'tip' or 'link'")
 

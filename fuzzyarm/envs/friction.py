@@ -54,8 +54,9 @@ def stick_slip(velocity: Any, acceleration: Any, deceleration: Any, duration: An
     speed, direction = np.abs(velocity), np.sign(velocity)
     along = speed + duration * (direction * acceleration - deceleration)
     # First part: until the line reaches zero (all of `duration` if it does not); second part: from rest.
-    # The tiny term only decides 0/0, a joint that starts at rest, for which the first part is empty.
-    slip_time = duration * speed / (speed + np.maximum(-along, 0.0) + 1e-30)
+    # The comparison only decides 0/0, a joint that starts at rest, for which the first part is empty.
+    whole = speed + np.maximum(-along, 0.0)
+    slip_time = duration * speed / (whole + (whole == 0.0))
     rest_time = duration - slip_time
     slipped = direction * np.maximum(along, 0.0)
     restarted = rest_time * np.sign(acceleration) * np.maximum(np.abs(acceleration) - deceleration, 0.0)

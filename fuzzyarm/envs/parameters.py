@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import numbers
 import tomllib
 from pathlib import Path
 from typing import Any
 
 Pair = tuple[float, float]
+
+LARGEST = 1e12  # any constant, in its unit: far above every arm, far below where products of constants overflow
+SINGULAR_SHARE = 1e-6  # below this share of its diagonal's product the mass matrix counts as singular
 
 
 def _constant(
@@ -66,11 +70,12 @@ class ArmParameters:
             )
         # det M_b(q2) = (c1 - c3) c3 - c2^2 cos^2 q2 has its minimum at q2 = 0: one check covers the whole range.
         (m1, m2), (r1, r2), (i1, i2), length1 = self.mass, self.mass_center, self.inertia, self.length[0]
-        determinant = (m1 * r1**2 + i1 + m2 * length1**2) * (m2 * r2**2 + i2) - (m2 * length1 * r2) ** 2
+        diagonal = (m1 * r1 * r1 + i1 + m2 * length1 * length1) * (m2 * r2 * r2 + i2)
+        share = 1.0 - (m2 * length1 * r2) * (m2 * length1 * r2) / diagonal if diagonal > 0.0 else 0.0
         _require(
-            determinant > 0.0,
-            f"inertia = {self.inertia} kg m^2 makes the mass matrix singular at q2 = 0 (determinant {determinant:g}): "
-            "raise inertia or mass_center[0]",
+            share > SINGULAR_SHARE,
+            f"inertia = {self.inertia} kg m^2 with mass_center = {self.mass_center} m makes the mass matrix singular at "
+            f"q2 = 0: its determinant is {share:.3g} of the product of its diagonal; allowed: more than {SINGULAR_SHARE:g}",
         )
 
     @classmethod
@@ -117,20 +122,31 @@ def _checked(field: dataclasses.Field[Any], value: Any) -> float | Pair:
     """Return `value` as float or pair of floats, or raise with the field, the value and its range."""
     meta = field.metadata
     bracket = "(" if meta["open_low"] else "["
-    upper = "inf)" if math.isinf(meta["high"]) else f"{meta['high']:g}]"
+    upper = f"{min(meta['high'], LARGEST):g}]"
     allowed = f"allowed: {bracket}{meta['low']:g}, {upper} {meta['unit']}"
     is_pair = isinstance(field.default, tuple)
     if is_pair and not (isinstance(value, (tuple, list)) and len(value) == 2):
         raise ValueError(f"{field.name} = {value!r} must be a pair (joint 1, joint 2); {allowed}")
-    numbers = []
+    accepted = []
     for number in value if is_pair else (value,):
-        if isinstance(number, bool) or not isinstance(number, (int, float)) or not math.isfinite(number):
-            raise ValueError(f"{field.name} = {value!r} must be finite numbers; {allowed}")
-        above = number > meta["low"] if meta["open_low"] else number >= meta["low"]
-        if not (above and number <= meta["high"]):
-            raise ValueError(f"{field.name} = {value!r} is out of range; {allowed}")
-        numbers.append(float(number))
-    return (numbers[0], numbers[1]) if is_pair else numbers[0]
+        real = _real(number)
+        if not math.isfinite(real):
+            raise ValueError(f"{field.name} = {str(value)[:80]} must be finite numbers; {allowed}")
+        above = real > meta["low"] if meta["open_low"] else real >= meta["low"]
+        if not (above and real <= min(meta["high"], LARGEST)):
+            raise ValueError(f"{field.name} = {str(value)[:80]} is out of range; {allowed}")
+        accepted.append(real)
+    return (accepted[0], accepted[1]) if is_pair else accepted[0]
+
+
+def _real(number: Any) -> float:
+    """Return a real number as float, and nan for anything else."""
+    if isinstance(number, bool) or not isinstance(number, numbers.Real):
+        return math.nan
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf
 
 
 def _require(condition: bool, message: str) -> None:
