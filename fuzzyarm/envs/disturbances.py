@@ -123,6 +123,15 @@ class Disturbance:
     torque_bias: TorqueBias | None = None
     encoder_noise: EncoderNoise | None = None
 
+    def __post_init__(self) -> None:
+        """Check that each part is what its name says."""
+        for name, kind in (("payload", Payload), ("torque_bias", TorqueBias), ("encoder_noise", EncoderNoise)):
+            part = getattr(self, name)
+            if not isinstance(part, kind) and (part is not None or name == "payload"):
+                raise ValueError(f"Disturbance.{name} = {part!r} must be a {kind.__name__}")
+        if self.tip_force is not None and not hasattr(self.tip_force, "at"):
+            raise ValueError(f"Disturbance.tip_force = {self.tip_force!r} must have a method at(time, tip_velocity)")
+
 
 @dataclasses.dataclass(frozen=True)
 class Case:

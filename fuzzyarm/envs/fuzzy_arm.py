@@ -18,6 +18,7 @@ from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.envs.task import SLOTS, WIDTH, control_step, measure
 
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
+MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
 
 
@@ -66,7 +67,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Arguments
     `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (a
     `JointReference`, default: the paper's circle), `parameters` (an `ArmParameters`, the plant's), `control_period`
-    and `substep` [s], `render_mode`.
+    and `substep` [s] (a whole fraction of the control period; default: the largest one up to 0.2 ms), `render_mode`.
 
     `reset(options=...)` takes, for the episode it starts, `initial_state` (8 numbers in the order of `State`),
     `reference`, and `case` or `disturbance`.
@@ -86,7 +87,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         reference: JointReference | None = None,
         parameters: ArmParameters | None = None,
         control_period: float = 1e-3,
-        substep: float = 1e-4,
+        substep: float | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
@@ -113,6 +114,11 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._renderer: Any = None
         self._trace: list[np.ndarray] = []  # what was measured since the reset, for the renderer
 
+    @property
+    def reference(self) -> JointReference:
+        """The reference that `reset` starts without an option."""
+        return self._default[1]
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
@@ -137,8 +143,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._state = self._initial_state(options.get("initial_state"))
         self._index, self._done = 0, False
         self._row = np.empty((1, WIDTH))
-        rest = np.zeros((2, 1))
-        measure(self._state, rest, rest, rest, self._arm, self._limits, self._episode.targets[0], self._row)
+        rest, no_force = np.zeros((2, 1)), np.zeros((4, 1))
+        measure(self._state, rest, rest, no_force, self._arm, self._limits, self._episode.targets[0], self._row)
         self._trace.append(self._row[0].copy())
         if self.render_mode == "human":
             self._render_frame()
@@ -311,8 +317,14 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return picture
 
 
-def whole_substeps(control_period: float, substep: float) -> int:
-    """Return how many sub-steps make a control period; ValueError with both if it is not a whole number."""
+def whole_substeps(control_period: float, substep: float | None) -> int:
+    """Return how many sub-steps make a control period; ValueError with both if it is not a whole number.
+
+    Without a sub-step: as many as keep it at `MAX_DEFAULT_SUBSTEP` or below.
+    """
+    if substep is None and 0.0 < control_period <= 0.1:
+        return math.ceil(control_period / MAX_DEFAULT_SUBSTEP - 1e-9)
+    substep = control_period if substep is None else substep
     if not (math.isfinite(control_period) and math.isfinite(substep) and 0.0 < substep <= control_period <= 0.1):
         raise ValueError(
             f"control_period = {control_period!r} s, substep = {substep!r} s; "

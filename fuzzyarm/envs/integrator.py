@@ -6,7 +6,7 @@ Over a sub-step h the positions move half-way, the accelerations are taken there
 
 The configuration-dependent terms (sines, mass matrix, gravity, tip force) are computed once a sub-step, at x_m;
 only the velocity-dependent ones are computed twice. The motors' velocities are advanced by `stick_slip`, so
-stick is exact. Torque and tip force are held over the control step.
+stick is exact. The torque is held over the control step; the tip force is linear in it.
 """
 
 from __future__ import annotations
@@ -92,8 +92,10 @@ def hold_numpy(
 ) -> np.ndarray:
     """Plain NumPy twin of `hold`, the reference back end of the tests: returns the new states."""
     lanes, constants = State(*state), Arm(*arm)
-    for _ in range(substeps):
-        lanes = step(lanes, torque[0], torque[1], force[0], force[1], constants, h)
+    for substep in range(substeps):
+        share = (substep + 0.5) / substeps - 0.5
+        force_x, force_y = force[0] + share * force[2], force[1] + share * force[3]
+        lanes = step(lanes, torque[0], torque[1], force_x, force_y, constants, h)
     return np.stack(lanes)
 
 
@@ -104,15 +106,24 @@ def hold(state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarr
     Args:
         state: (8, lanes), the rows of `State`.
         torque: (2, lanes) motor torque [N m], held.
-        force: (2, lanes) tip force [N], held.
+        force: (4, lanes) tip force [N]: the mean x and y of the control step, then their changes over it; in between
+            the force is linear, each sub-step takes it at its own middle.
         arm: (20, lanes), the rows of `Arm`.
         h: sub-step [s].
         substeps: number of sub-steps.
+
+    Raises:
+        ValueError: `force` has not four rows (the other shapes are not checked).
     """
+    if force.shape[0] != 4:
+        raise ValueError("force must have four rows: x, y, change of x, change of y")
     for lane in range(state.shape[1]):
         constants = Arm(*to_fixed_tuple(arm[:, lane], 20))
         now = State(*to_fixed_tuple(state[:, lane], 8))
-        for _ in range(substeps):
-            now = step(now, torque[0, lane], torque[1, lane], force[0, lane], force[1, lane], constants, h)
+        for substep in range(substeps):
+            share = (substep + 0.5) / substeps - 0.5
+            force_x = force[0, lane] + share * force[2, lane]
+            force_y = force[1, lane] + share * force[3, lane]
+            now = step(now, torque[0, lane], torque[1, lane], force_x, force_y, constants, h)
         for entry in range(8):
             state[entry, lane] = now[entry]

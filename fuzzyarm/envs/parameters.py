@@ -74,8 +74,8 @@ class ArmParameters:
         share = 1.0 - (m2 * length1 * r2) * (m2 * length1 * r2) / diagonal if diagonal > 0.0 else 0.0
         _require(
             share > SINGULAR_SHARE,
-            f"inertia = {self.inertia} kg m^2 with mass_center = {self.mass_center} m makes the mass matrix singular at "
-            f"q2 = 0: its determinant is {share:.3g} of the product of its diagonal; allowed: more than {SINGULAR_SHARE:g}",
+            f"inertia = {self.inertia} kg m^2 with mass_center = {self.mass_center} m makes the mass matrix singular "
+            f"at q2 = 0: its determinant is {share:.3g} of its diagonal's product; allowed: above {SINGULAR_SHARE:g}",
         )
 
     @classmethod

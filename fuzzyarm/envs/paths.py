@@ -104,7 +104,7 @@ class Line:
 
 @dataclasses.dataclass(frozen=True)
 class Lemniscate:
-    """Gerono's figure of eight, p(s) = center + R(α) a (sin θ, sin θ cos θ), θ = 2π s: x⁴ = a² (x² - y²) along its axes.
+    """Gerono's eight, p(s) = center + R(α) a (sin θ, sin θ cos θ), θ = 2π s: x⁴ = a² (x² - y²) along its axes.
 
     It starts and ends in the crossing and is 2a long and a high.
 

@@ -158,8 +158,8 @@ def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float
         raise ValueError(
             f"the path leaves the reach of the arm at t = {t[k]:.4g} s: point ({position[k, 0]:.6g}, "
             f"{position[k, 1]:.6g}) m is {distance[k]:.6g} m from the base; allowed: ({low:.6g}, {high:.6g}) m, "
-            f"the reach ring ({abs(length[0] - length[1]):g}, {length[0] + length[1]:g}) m less {SINGULARITY_MARGIN} rad of q2 "
-            "at either edge. Move or shrink the path"
+            f"the reach ring ({abs(length[0] - length[1]):g}, {length[0] + length[1]:g}) m less "
+            f"{SINGULARITY_MARGIN} rad of q2 at either edge. Move or shrink the path"
         )
 
 

@@ -62,7 +62,7 @@ def measure(
         state: (8, lanes), the rows of `State`, after the step.
         torque: (2, lanes) motor torque of the controller, clipped [N m].
         bias: (2, lanes) torque bias [N m].
-        force: (2, lanes) tip force held over the step [N].
+        force: (4, lanes) mean tip force of the step and its change over it [N], see `hold`.
         arm: (20, lanes), the rows of `Arm`.
         limits: (6, lanes), joint [rad], velocity [rad/s] and torque [N m] limits.
         target: (7, lanes): reference tip (x, y) [m]; unit normal (x, y) of the curve; circle center (x, y) and

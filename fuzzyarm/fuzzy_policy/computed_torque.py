@@ -17,7 +17,7 @@ from fuzzyarm.envs.dynamics import Arm, arm_constants, coriolis_torque, gravity_
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
 
-BANDWIDTH = 60.0
+BANDWIDTH = 70.0
 """Default ω [rad/s]."""
 
 

@@ -59,7 +59,7 @@ def in_pieces(start, torque, seconds, pieces):
 
 def in_substeps(start, torque, seconds, h):
     lanes, constants = np.array(start, float)[:, None], np.array(arm_constants(TABLE_1))[:, None]
-    hold(lanes, np.array(torque)[:, None], np.zeros((2, 1)), constants, h, round(seconds / h))
+    hold(lanes, np.array(torque)[:, None], np.zeros((4, 1)), constants, h, round(seconds / h))
     return lanes[:, 0]
 
 
@@ -182,7 +182,8 @@ def test_the_force_follows_time():
     constants = np.array(arm_constants(TABLE_1, Payload(5.0)))[:, None]
     h = (end - begin) / pieces
     for k in range(pieces):
-        hold(lanes, torque, np.array(force(begin + (k + 0.5) * h))[:, None], constants, h, 1)
+        middle = np.array([*force(begin + (k + 0.5) * h), 0.0, 0.0])[:, None]
+        hold(lanes, torque, middle, constants, h, 1)
     np.testing.assert_allclose(lanes[:, 0], after, rtol=0, atol=1e-8)
 
 

@@ -133,7 +133,7 @@ def test_stick_slip_is_elementwise():
 def hold_arm(state, torque, substeps=1000):
     """One lane of Table 1 after `substeps` of 0.1 ms."""
     lanes, constants = np.array(state, dtype=float)[:, None], np.array(arm_constants(ArmParameters()))[:, None]
-    hold(lanes, np.array(torque, dtype=float)[:, None], np.zeros((2, 1)), constants, 1e-4, substeps)
+    hold(lanes, np.array(torque, dtype=float)[:, None], np.zeros((4, 1)), constants, 1e-4, substeps)
     return lanes[:, 0]
 
 

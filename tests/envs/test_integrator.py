@@ -29,7 +29,8 @@ SWINGING = np.array([1.0, 0.5, 1.001, 0.496, 1.0, -2.0, 1.5, -1.0])
 def advance(state, torque, force, arm, h, substeps, payload=None):
     """One lane over `substeps` of h."""
     lanes, constants = np.array(state)[:, None], np.array(arm_constants(arm, payload))[:, None]
-    hold(lanes, np.array(torque, float)[:, None], np.array(force, float)[:, None], constants, h, substeps)
+    line = np.array([*force, 0.0, 0.0])[:, None]  # a constant force
+    hold(lanes, np.array(torque, float)[:, None], line, constants, h, substeps)
     return lanes[:, 0]
 
 
@@ -146,7 +147,7 @@ def random_lanes(lanes, seed=0):
         scale = {name: rng.uniform(0.7, 1.3) for name in ("mass", "stiffness", "damping", "static_friction")}
         arm = dataclasses.replace(TABLE_1, **{k: tuple(s * x for x in getattr(TABLE_1, k)) for k, s in scale.items()})
         arms.append(arm_constants(arm, Payload(float(rng.uniform(0.0, 5.0)))))
-    return state, rng.normal(size=(2, lanes)) * 50.0, rng.normal(size=(2, lanes)) * 100.0, np.array(arms).T.copy()
+    return state, rng.normal(size=(2, lanes)) * 50.0, rng.normal(size=(4, lanes)) * 100.0, np.array(arms).T.copy()
 
 
 def test_numba_is_numpy():
@@ -171,6 +172,23 @@ def test_each_lane_is_the_lane_alone_bit_for_bit():
         hold(lane, *(np.ascontiguousarray(x[:, k : k + 1]) for x in (torque, force, arms)), 1e-4, 50)
     hold(state, torque, force, arms, 1e-4, 50)
     assert np.array_equal(state, np.hstack(alone))
+
+
+def test_a_force_of_the_wrong_shape_is_refused():
+    state, torque, force, arms = random_lanes(5)
+    with pytest.raises(ValueError, match="four rows"):
+        hold(state, torque, force[:2], arms, 1e-4, 10)
+
+
+def test_the_force_is_the_line_through_the_step():
+    """Sub-step j of n takes mean + ((j + 1/2)/n - 1/2) change: the same as n holds of one sub-step each."""
+    state, torque, force, arms = random_lanes(5)
+    expected, n = state.copy(), 4
+    for j in range(n):
+        constant = np.vstack([force[:2] + ((j + 0.5) / n - 0.5) * force[2:], np.zeros((2, 5))])
+        hold(expected, torque, constant, arms, 1e-4, 1)
+    hold(state, torque, force, arms, 1e-4, n)
+    assert np.array_equal(state, expected)
 
 
 def test_no_substeps_change_nothing():

@@ -43,7 +43,8 @@ def batch(lanes, seed=0):
     state = rng.uniform(-1.0, 1.0, (8, lanes)) * np.array([2, 2, 0, 0, 1, 1, 1, 1])[:, None]
     state[2:4] = state[:2] + 1e-3 * rng.uniform(-1.0, 1.0, (2, lanes))
     state[4:6, ::3] = 0.0
-    torque, bias, force = (scale * rng.normal(size=(2, lanes)) for scale in (50.0, 5.0, 100.0))
+    torque, bias = (scale * rng.normal(size=(2, lanes)) for scale in (50.0, 5.0))
+    force = 100.0 * rng.normal(size=(4, lanes))
     arms = [random_arm(rng) for _ in range(lanes)]
     limits = LIMITS[:, None] * rng.uniform(0.1, 1.0, (6, lanes))
     target = rng.uniform(-0.7, 0.7, (7, lanes))  # a radius below zero is no circle either
@@ -174,7 +175,7 @@ def test_an_arm_held_by_friction_stays_put_and_balanced():
     torque, zero, out = (gravity + [0.9, -0.9] * STATIC)[:, None], np.zeros((2, 1)), np.empty((1, WIDTH))
     arm, limits, target = (x[:, None] for x in (np.array(arm_constants(TABLE_1)), LIMITS, circle_target(RESTING)))
     for _ in range(200):
-        control_step(state, torque, zero, zero, arm, limits, target, 1e-4, 10, out)
+        control_step(state, torque, zero, np.zeros((4, 1)), arm, limits, target, 1e-4, 10, out)
     assert np.array_equal(state[4:6], zero)
     np.testing.assert_allclose(out[0, SLOTS.friction_torque], [-0.9, 0.9] * STATIC, rtol=0.0, atol=1e-9)
 

@@ -46,7 +46,9 @@ def test_foreign_files_raise_one_clear_line(tmp_path, content):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("key", ["robot", "kept", "bounds", "integral", "alpha", "gains", "P", "Q", "X", "tau", "origin"])
+@pytest.mark.parametrize(
+    "key", ["robot", "kept", "bounds", "integral", "alpha", "gains", "P", "Q", "X", "tau", "origin"]
+)
 def test_a_missing_field_is_named(document, tmp_path, key):
     del document[key]
     with pytest.raises(ControllerFileError, match=key):

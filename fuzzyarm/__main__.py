@@ -1,0 +1,5 @@
+"""``python -m fuzzyarm``."""
+
+from fuzzyarm.cli import entry_point
+
+entry_point()

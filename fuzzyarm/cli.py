@@ -1,0 +1,197 @@
+"""The command `fuzzyarm`: one thin function per sub-command, nothing computed here.
+
+Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from fuzzyarm import __version__
+
+
+class UsageError(Exception):
+    """Bad usage; the message is the one line the user sees."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        code: int = options.run(options)
+        return code
+    except (UsageError, ValueError, OSError) as error:
+        return _fail(f"fuzzyarm {options.command}: {error}", 2)
+    except KeyboardInterrupt:
+        return _fail(f"fuzzyarm {options.command}: interrupted; files already written are whole", 130)
+
+
+def entry_point() -> None:
+    """Run as the installed command."""
+    sys.exit(main())
+
+
+def _fail(message: str, code: int) -> int:
+    print(" ".join(message.split()), file=sys.stderr)
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="fuzzyarm", description="Tracking control of a two-joint robot arm with elastic joints."
+    )
+    parser.add_argument("--version", action="version", version=f"fuzzyarm {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_evaluate(commands)
+    _add_design(commands)
+    return parser
+
+
+def _add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "evaluate",
+        help="run policies on the elastic arm and write a table and figures",
+        description="Run policies on the elastic arm in the paper's cases; print a table, write JSON, CSV and figures.",
+    )
+    parser.add_argument(
+        "--policy",
+        action="append",
+        metavar="NAME",
+        help="fuzzy-4, computed-torque or a controller file (.json); may be repeated (default: the two names)",
+    )
+    parser.add_argument(
+        "--case",
+        action="append",
+        metavar="NAME",
+        help="nominal, machining or payload; may be repeated (default: all three)",
+    )
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="episodes, seeded 0 to N-1 (default: 1)")
+    parser.add_argument(
+        "--encoder-noise",
+        type=float,
+        nargs=2,
+        default=(0.0, 0.0),
+        metavar=("RAD", "RAD_PER_S"),
+        help="standard deviation on motor angles [rad] and velocities [rad/s] (default: 0 0)",
+    )
+    parser.add_argument("--robot", type=Path, metavar="FILE", help="TOML file of another arm (default: Table 1)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("fuzzyarm-evaluation"),
+        metavar="DIR",
+        help="folder for results and figures, made if needed (default: fuzzyarm-evaluation)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON instead of the table")
+    parser.set_defaults(run=_evaluate)
+
+
+def _add_design(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "design",
+        help="design a fuzzy controller by linear matrix inequalities",
+        description="Design a fuzzy controller in the consistent-reference form and check it from its stored gains.",
+    )
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--rules", type=int, default=4, metavar="N", help="32, 16, 8, 4, 2 or 1 rules (default: 4)")
+    which.add_argument("--keep", metavar="Z,Z", help="premises to keep, such as z1,z3; the others become uncertainty")
+    parser.add_argument("--alpha", type=float, default=20.0, metavar="RATE", help="decay rate [1/s] (default: 20)")
+    parser.add_argument(
+        "--gamma",
+        type=float,
+        default=2e-4,
+        metavar="GAIN",
+        help="bound of the L2 gain from torque disturbance to position error [rad/(N m)] (default: 2e-4)",
+    )
+    parser.add_argument(
+        "--integral", action=argparse.BooleanOptionalAction, default=True, help="integral action (default: on)"
+    )
+    parser.add_argument("--robot", type=Path, metavar="FILE", help="TOML file of another arm (default: Table 1)")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="controller file to write (.json)")
+    parser.set_defaults(run=_design)
+
+
+def _evaluate(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from fuzzyarm.envs.disturbances import CASES
+    from fuzzyarm.envs.parameters import ArmParameters
+    from fuzzyarm.eval.evaluate import EvaluationConfig, evaluate, write_results
+    from fuzzyarm.eval.figures import write_figures
+    from fuzzyarm.eval.table import print_table
+    from fuzzyarm.policies import NAMES
+
+    config = EvaluationConfig(
+        policies=tuple(options.policy or NAMES),
+        cases=tuple(options.case or CASES),
+        seeds=options.seeds,
+        encoder_noise=tuple(options.encoder_noise),
+        parameters=ArmParameters.from_toml(options.robot) if options.robot else ArmParameters(),
+    )
+    _make_folder(options.out)
+    stderr = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
+        episodes = bar.add_task("episodes", total=len(config.policies) * len(config.cases) * config.seeds)
+        evaluation = evaluate(config, lambda: bar.advance(episodes))
+        written = write_results(evaluation, options.out)
+        drawing = bar.add_task("figures", total=None)
+        written += write_figures(evaluation.rollouts, options.out, lambda: bar.advance(drawing))
+    if options.json:
+        print(json.dumps(evaluation.to_dict(), indent=1))
+    else:
+        # Wide when piped: a plain table must not be folded.
+        console = Console() if sys.stdout.isatty() else Console(width=200)
+        print_table(evaluation.rows, console)
+        for name, text in evaluation.certificates.items():
+            console.print(f"\n{name}: {'no certificate' if text is None else 'certificate. ' + text}", highlight=False)
+        console.print(f"\n{len(written)} files in {options.out}", highlight=False)
+    for run in evaluation.rollouts:
+        if not run.completed:
+            print(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}", file=sys.stderr)
+    return 0 if evaluation.complete else 1
+
+
+def _design(options: argparse.Namespace) -> int:
+    from fuzzyarm.envs.parameters import ArmParameters
+    from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+    from fuzzyarm.synthesis.solve import DesignFailed, Specification, describe, design
+
+    if options.keep is None and options.rules not in NAMED_RULES:
+        raise UsageError(f"--rules {options.rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")
+    kept = NAMED_RULES[options.rules]
+    if options.keep is not None:
+        kept = tuple(name for name in options.keep.split(",") if name)
+    if options.out.suffix != ".json":
+        raise UsageError(f"--out {options.out} must end in .json")
+    if not options.out.parent.is_dir():
+        raise UsageError(f"--out {options.out}: the folder {options.out.parent} does not exist")
+    specification = Specification(kept, options.alpha, options.gamma, options.integral)
+    parameters = ArmParameters.from_toml(options.robot) if options.robot else ArmParameters()
+    begin = time.perf_counter()
+    try:
+        controller, certificate = design(specification, parameters)
+    except DesignFailed as error:
+        return _fail(f"fuzzyarm design: {error}; nothing was written", 1)
+    elapsed = time.perf_counter() - begin
+    controller.save(options.out)
+    print(describe(controller, certificate))
+    print(f"\ndesigned in {elapsed:.1f} s, written to {options.out}")
+    return 0
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder and see that it can be written to, before anything runs."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise UsageError(f"cannot write to {folder}: {error.strerror or error}") from None

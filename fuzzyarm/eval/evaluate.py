@@ -1,0 +1,142 @@
+"""Policies x cases x seeds -> rollouts, one row of metrics each, and files."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm.envs.disturbances import CASES, EncoderNoise, find_case
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.rollout import Rollout, rollout
+from fuzzyarm.files import write_atomically
+from fuzzyarm.fuzzy_policy.certificate import statement
+from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+from fuzzyarm.policies import NAMES, load_policy
+
+SCHEMA = "fuzzyarm-evaluation/1"
+
+
+@dataclasses.dataclass(frozen=True)
+class EvaluationConfig:
+    """What is run.
+
+    Attributes:
+        policies: names or controller files.
+        cases: names of cases.
+        seeds: number of episodes of each policy in each case, seeded 0, 1, ...
+        encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
+        control_period: [s].
+        parameters: the arm, of the plant and of the policies' models.
+    """
+
+    policies: tuple[str, ...] = NAMES
+    cases: tuple[str, ...] = tuple(CASES)
+    seeds: int = 1
+    encoder_noise: tuple[float, float] = (0.0, 0.0)
+    control_period: float = 1e-3
+    parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
+
+    def __post_init__(self) -> None:
+        """Check names and numbers before anything runs."""
+        for case in self.cases:
+            find_case(case)
+        for name in ("policies", "cases"):
+            given = getattr(self, name)
+            if not given or len(set(given)) != len(given):
+                raise ValueError(f"{name} = {list(given)} must be one or more different names")
+        if self.seeds < 1:
+            raise ValueError(f"seeds = {self.seeds} is out of range; allowed: [1, inf)")
+        if self.seeds > 1 and not any(self.encoder_noise):
+            raise ValueError(
+                f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with."""
+
+    config: EvaluationConfig
+    rollouts: list[Rollout]
+    rows: list[dict[str, Any]]
+    certificates: dict[str, str | None]
+    made_with: dict[str, Any]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every episode followed the reference to its end."""
+        return all(run.completed for run in self.rollouts)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything but the signals, ready for JSON."""
+        config = dataclasses.asdict(self.config) | {"parameters": self.config.parameters.to_dict()}
+        return {
+            "schema": SCHEMA,
+            "config": config,
+            **self.made_with,
+            "certificates": self.certificates,
+            "results": self.rows,
+        }
+
+
+def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = None) -> Evaluation:
+    """Run every policy in every case; `progress` is called after each episode.
+
+    Raises:
+        ValueError: a policy is unknown or does not fit the robot, or the reference does not fit it.
+        OSError: a controller file cannot be read.
+    """
+    policies = {
+        name: load_policy(name, control_period=config.control_period, robot=config.parameters)
+        for name in config.policies
+    }
+    reference = JointReference(parameters=config.parameters)
+    noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
+    rollouts = []
+    for case in config.cases:
+        env = FuzzyArmEnv(
+            disturbance=dataclasses.replace(CASES[case].disturbance, encoder_noise=noise),
+            reference=reference,
+            parameters=config.parameters,
+            control_period=config.control_period,
+        )
+        for name, policy in policies.items():
+            for seed in range(config.seeds):
+                rollouts.append(rollout(env, policy, policy_name=name, case=case, seed=seed))
+                if progress:
+                    progress()
+    rows = [
+        {"case": run.case, "policy": run.policy, "seed": run.seed, "completed": run.completed, "reason": run.reason}
+        | metrics(run)
+        for run in rollouts
+    ]
+    certificates = {
+        name: statement(policy.controller) if isinstance(policy, FuzzyPolicy) else None
+        for name, policy in policies.items()
+    }
+    return Evaluation(config, rollouts, rows, certificates, provenance())
+
+
+def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:
+    """Write ``results.json`` and ``results.csv``, each whole or not at all; return their paths."""
+    json_path, csv_path = folder / "results.json", folder / "results.csv"
+    write_atomically(json_path, json.dumps(evaluation.to_dict(), indent=1) + "\n")
+    write_atomically(csv_path, _csv(evaluation.rows))
+    return [json_path, csv_path]
+
+
+def _csv(rows: Sequence[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,58 @@
+"""What a result was made with, so that it can be made again."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+LIBRARIES = ("fuzzyarm", "numpy", "numba", "gymnasium", "scipy", "cvxpy", "clarabel")
+
+
+def provenance() -> dict[str, Any]:
+    """Return version, commit, library versions and machine. The commit is None outside a git checkout."""
+    return {
+        "commit": _commit(),
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}},
+        "machine": {"system": platform.platform(), "cpu": _cpu(), "cores": os.cpu_count()},
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _commit() -> str | None:
+    """Return the commit of the package's own checkout, with "+changes" if its files differ from it."""
+    folder = Path(__file__).parent
+    try:
+        commit = _git("rev-parse", "HEAD", cwd=folder)
+        return commit + ("+changes" if _git("status", "--porcelain", "--", "..", cwd=folder) else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(*arguments: str, cwd: Path) -> str:
+    # `ls-files` guards against an installed package that happens to lie inside somebody else's checkout.
+    subprocess.run(
+        ["git", "ls-files", "--error-unmatch", __file__], cwd=cwd, check=True, capture_output=True, timeout=10
+    )
+    done = subprocess.run(["git", *arguments], cwd=cwd, check=True, capture_output=True, text=True, timeout=10)
+    return done.stdout.strip()
+
+
+def _cpu() -> str:
+    """Return the processor's name; on Linux `platform` knows only its architecture."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

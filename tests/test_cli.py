@@ -1,0 +1,159 @@
+"""The command line as a user meets it: outputs, exit codes, one-line errors, whole files."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.fuzzy_policy.controller import Controller
+
+QUICK = ["evaluate", "--policy", "fuzzy-4", "--case", "nominal"]
+
+
+def one_line_error(capsys):
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys):
+    assert main([*QUICK, "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "Case 1: nominal" in out
+    assert "fuzzy-4: certificate." in out
+    assert "Not covered: the elastic joints" in out
+    assert "\x1b" not in out  # plain when piped
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"results.json", "results.csv", "overview.png", "overview.svg"} <= names
+    assert not [name for name in names if name.endswith(".part")]
+
+
+def test_evaluate_json_is_the_results_file(tmp_path, capsys):
+    assert main([*QUICK, "--json", "--out", str(tmp_path)]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "results.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--policy", "nobody"], "choose from: fuzzy-4, computed-torque"),
+        (["--case", "nowhere"], "choose from: nominal, machining, payload"),
+        (["--policy", "missing.json"], "missing.json"),
+        (["--seeds", "0"], "seeds = 0"),
+        (["--seeds", "5"], "encoder noise"),
+        (["--encoder-noise", "-1", "0"], "EncoderNoise.position = -1.0"),
+        (["--robot", "missing.toml"], "missing.toml"),
+    ],
+)
+def test_evaluate_bad_usage_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, expected):
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 2
+    assert expected in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["evaluate", "--seeds", "x"], ["design"], ["evaluate", "--nope"]])
+def test_argument_errors_exit_with_2(arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+
+
+def test_an_unwritable_folder_is_named_before_anything_runs(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main([*QUICK, "--out", str(tmp_path / "file" / "sub")]) == 2
+    assert str(tmp_path / "file" / "sub") in one_line_error(capsys)
+
+
+def test_a_full_disk_leaves_no_half_file(tmp_path, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    assert main([*QUICK, "--out", str(tmp_path)]) == 2
+    assert "No space left" in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_leaves_whole_files_and_one_line(tmp_path, capsys, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fuzzyarm.eval.figures.write_figures", interrupt)
+    assert main([*QUICK, "--out", str(tmp_path)]) == 130
+    assert "interrupted" in one_line_error(capsys)
+    assert {path.name for path in tmp_path.iterdir()} == {"results.json", "results.csv"}
+    json.loads((tmp_path / "results.json").read_text())
+
+
+def test_another_arm_runs_computed_torque_and_refuses_the_shipped_controller(tmp_path, capsys):
+    robot = tmp_path / "arm.toml"
+    robot.write_text("mass = [12, 8]\n")
+    out = tmp_path / "out"
+    common = ["--case", "nominal", "--robot", str(robot), "--out", str(out)]
+    assert main(["evaluate", "--policy", "computed-torque", *common]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", "--policy", "fuzzy-4", *common]) == 2
+    assert "designed for another robot (mass differ)" in one_line_error(capsys)
+
+
+def test_an_episode_that_fails_gives_exit_code_1(tmp_path, capsys):
+    robot = tmp_path / "arm.toml"
+    robot.write_text("velocity_limit = [3.4, 4.42]\n")  # the reference just fits, the payload rings
+    arguments = [
+        "--policy",
+        "computed-torque",
+        "--case",
+        "payload",
+        "--robot",
+        str(robot),
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    assert main(["evaluate", *arguments]) == 1
+    assert "left the joint domain" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate:UserWarning")
+def test_design_writes_a_controller_that_evaluate_takes(tmp_path, capsys):
+    path = tmp_path / "mine.json"
+    assert main(["design", "--rules", "1", "--no-integral", "--out", str(path)]) == 0
+    out = capsys.readouterr().out
+    for part in ("1 rules: kept none", "alpha = 20 1/s", "smallest margin", "K dq2", "Not covered"):
+        assert part in out
+    assert Controller.load(path).model.rules == 1
+    assert main(["evaluate", "--policy", str(path), "--case", "nominal", "--out", str(tmp_path)]) == 0
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate:UserWarning")
+def test_an_infeasible_design_writes_nothing_and_exits_with_1(tmp_path, capsys):
+    path = tmp_path / "never.json"
+    assert main(["design", "--rules", "1", "--alpha", "5000", "--gamma", "1e-9", "--out", str(path)]) == 1
+    assert "lower alpha or raise gamma" in one_line_error(capsys)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--rules", "5"], "choose from: 32, 16, 8, 4, 2, 1"),
+        (["--keep", "z1,z7"], "z1, z2, z3, z4, z5"),
+        (["--alpha", "-1"], "alpha = -1.0"),
+        (["--gamma", "nan"], "gamma = nan"),
+        (["--out", "controller.txt"], "must end in .json"),
+        (["--out", "no/such/folder/c.json"], "does not exist"),
+    ],
+)
+def test_design_bad_usage_is_one_line(tmp_path, capsys, monkeypatch, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    assert main(["design", "--out", "c.json", *arguments]) == 2
+    assert expected in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_installed_command_works():
+    done = subprocess.run([sys.executable, "-m", "fuzzyarm", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("fuzzyarm ")
