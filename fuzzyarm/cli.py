@@ -26,7 +26,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code: int = options.run(options)
         return code
-    except (UsageError, ValueError, OSError) as error:
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _fail(f"fuzzyarm {options.command}: {where}{error.strerror or error}", 2)
+    except (UsageError, ValueError) as error:
         return _fail(f"fuzzyarm {options.command}: {error}", 2)
     except KeyboardInterrupt:
         return _fail(f"fuzzyarm {options.command}: interrupted; files already written are whole", 130)

@@ -2,8 +2,10 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -27,6 +29,7 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
     assert "fuzzy-4: certificate." in out
     assert "Not covered: the elastic joints" in out
     assert "\x1b" not in out  # plain when piped
+    assert "tip error max [mm]" in out  # rich would take the unit for markup
     names = {path.name for path in tmp_path.iterdir()}
     assert {"results.json", "results.csv", "overview.png", "overview.svg"} <= names
     assert not [name for name in names if name.endswith(".part")]
@@ -152,6 +155,20 @@ def test_design_bad_usage_is_one_line(tmp_path, capsys, monkeypatch, arguments, 
     assert main(["design", "--out", "c.json", *arguments]) == 2
     assert expected in one_line_error(capsys)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_real_interrupt_leaves_no_part_files(tmp_path):
+    """SIGINT once the first files are there: exit code 130, one line, nothing half-written."""
+    command = [sys.executable, "-m", "fuzzyarm", "evaluate", "--out", str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob("*.svg")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in err and "Traceback" not in err
+    assert not list(tmp_path.glob(".*"))
 
 
 def test_the_installed_command_works():

@@ -9,6 +9,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.files import write_atomically
+
 Pair = tuple[float, float]
 
 LARGEST = 1e12  # any constant, in its unit: far above every arm, far below where products of constants overflow
@@ -109,6 +111,10 @@ class ArmParameters:
         return {
             name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()
         }
+
+    def write_toml(self, path: str | Path) -> None:
+        """Write `to_toml` to a file, whole or not at all."""
+        write_atomically(Path(path), self.to_toml())
 
     def to_toml(self) -> str:
         """Return a TOML text that `from_toml` reads back to an equal arm, with a unit beside each line."""

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from statistics import median
 from typing import Any
 
+from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from fuzzyarm.envs.disturbances import CASES
@@ -14,7 +16,7 @@ from fuzzyarm.envs.disturbances import CASES
 COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("tip error max [mm]", ("tip_error_max_mm",), "{:.2f}"),
     ("rms [mm]", ("tip_error_rms_mm",), "{:.2f}"),
-    ("circularity link side [mm]", ("circularity_link_min_mm", "circularity_link_max_mm"), "{:+.2f}"),
+    ("circularity, link side [mm]", ("circularity_link_min_mm", "circularity_link_max_mm"), "{:+.2f}"),
     ("motor side [mm]", ("circularity_motor_min_mm", "circularity_motor_max_mm"), "{:+.2f}"),
     ("joint rms [mrad]", ("joint_error_rms_mrad",), "{:.3f}"),
     ("peak torque [N m]", ("torque_peak_1", "torque_peak_2"), "{:.0f}"),
@@ -50,17 +52,20 @@ def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> s
 
 def print_table(rows: Sequence[dict[str, Any]], console: Console) -> None:
     """Print the table: with lines in a terminal, plain columns when piped."""
-    table = Table(box=None if not console.is_terminal else Table().box, pad_edge=console.is_terminal)
+    table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("policy", no_wrap=True)
     for heading, _, _ in COLUMNS:
-        table.add_column(heading, justify="right", no_wrap=not console.is_terminal)
+        name, unit = heading.split(" [")
+        # In a terminal a word a line keeps the columns narrow; brackets would be markup to rich.
+        text = "\n".join([*name.split(), f"[{unit}"]) if console.is_terminal else heading
+        table.add_column(escape(text), justify="right", no_wrap=not console.is_terminal)
     last = None
     for case, policy, cells in table_rows(rows):
         if case != last:
             table.add_section()
-            table.add_row(f"[bold]{case}[/bold]")
+            table.add_row(f"[bold]{escape(case)}[/bold]")
             last = case
-        table.add_row(policy, *(cell.replace("[", r"\[") for cell in cells))
+        table.add_row(escape(policy), *map(escape, cells))
     console.print(table)
 
 

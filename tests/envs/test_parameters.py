@@ -145,7 +145,7 @@ def arms(draw):
 @given(arm=arms())
 def test_toml_round_trip_is_exact(arm, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "arm.toml"
-    path.write_text(arm.to_toml(), encoding="utf-8")
+    arm.write_toml(path)
     assert ArmParameters.from_toml(path) == arm
     assert ArmParameters.from_dict(arm.to_dict()) == arm
 
