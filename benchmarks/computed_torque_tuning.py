@@ -128,7 +128,7 @@ def main() -> None:
     print(f"Unstable on the elastic arm above {limits[0]:.1f} rad/s, one sample later {limits[1]:.1f} rad/s")
     if options.json:
         document = {
-            "command": " ".join(sys.argv),
+            "command": "python benchmarks/computed_torque_tuning.py",
             **provenance(),
             "rule": RULE,
             "chosen_bandwidth": chosen,

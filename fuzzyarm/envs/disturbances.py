@@ -71,9 +71,7 @@ class ConstantForce:
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., 2) [N] at times (...) [s]; the tip velocity plays no part."""
-        time = np.asarray(time, dtype=np.float64)
-        active = (time >= self.start) & (time < self.stop)
-        return active[..., np.newaxis] * np.array(self.force, dtype=np.float64)
+        return _while_active(self.force, time, self.start, self.stop)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,9 +89,7 @@ class TorqueBias:
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Return the bias (..., 2) [N m] at times (...) [s]."""
-        time = np.asarray(time, dtype=np.float64)
-        active = (time >= self.start) & (time < self.stop)
-        return active[..., np.newaxis] * np.array(self.torque, dtype=np.float64)
+        return _while_active(self.torque, time, self.start, self.stop)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,6 +150,13 @@ def _pair(name: str, value: Sequence[float]) -> None:
     if not (isinstance(value, Sequence | np.ndarray) and len(value) == 2):
         raise ValueError(f"{name} = {value!r} must be two numbers; allowed: (-inf, inf) each")
     _finite(name, *value)
+
+
+def _while_active(vector: tuple[float, float], time: np.ndarray, start: float, stop: float) -> np.ndarray:
+    """Return (..., 2): `vector` where start <= time < stop, zero elsewhere."""
+    time = np.asarray(time, dtype=np.float64)
+    active = (time >= start) & (time < stop)
+    return active[..., np.newaxis] * np.array(vector, dtype=np.float64)
 
 
 def _interval(name: str, start: float, stop: float) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from fuzzyarm.envs.compiled import kernel
@@ -42,6 +43,25 @@ SLOTS = Slots()
 WIDTH = 25
 
 
+@register_jitable
+def _tip_and_deviation(q1: float, q2: float, arm: Arm, target: np.ndarray) -> tuple[float, float, float]:
+    """Return the tip (x, y) [m] at joint angles [rad] and its signed distance from the curve [m], see `measure`."""
+    x = arm.length1 * np.cos(q1) + arm.length2 * np.cos(q1 + q2)
+    y = arm.length1 * np.sin(q1) + arm.length2 * np.sin(q1 + q2)
+    if target[6] > 0.0:
+        return x, y, np.hypot(x - target[4], y - target[5]) - target[6]
+    return x, y, (x - target[0]) * target[2] + (y - target[1]) * target[3]
+
+
+@register_jitable
+def _inside(state: State, limits: np.ndarray) -> bool:
+    """Return whether motors and links are within the box (25); a NaN is outside."""
+    within = abs(state.motor1) <= limits[0] and abs(state.link1) <= limits[0]
+    within = within and abs(state.motor2) <= limits[1] and abs(state.link2) <= limits[1]
+    within = within and abs(state.motor_velocity1) <= limits[2] and abs(state.link_velocity1) <= limits[2]
+    return bool(within and abs(state.motor_velocity2) <= limits[3] and abs(state.link_velocity2) <= limits[3])
+
+
 @kernel
 def measure(
     state: np.ndarray,
@@ -73,16 +93,8 @@ def measure(
         constants = Arm(*to_fixed_tuple(arm[:, lane], 20))
         now = State(*to_fixed_tuple(state[:, lane], 8))
         row = out[lane]
-        for side in range(2):
-            q1, q2 = (now.link1, now.link2) if side == 0 else (now.motor1, now.motor2)
-            x = constants.length1 * np.cos(q1) + constants.length2 * np.cos(q1 + q2)
-            y = constants.length1 * np.sin(q1) + constants.length2 * np.sin(q1 + q2)
-            if target[6, lane] > 0.0:
-                row[19 + side] = np.hypot(x - target[4, lane], y - target[5, lane]) - target[6, lane]
-            else:
-                row[19 + side] = (x - target[0, lane]) * target[2, lane] + (y - target[1, lane]) * target[3, lane]
-            if side == 0:
-                row[0], row[1] = x, y
+        row[0], row[1], row[19] = _tip_and_deviation(now.link1, now.link2, constants, target[:, lane])
+        _, _, row[20] = _tip_and_deviation(now.motor1, now.motor2, constants, target[:, lane])
         row[2], row[3] = target[0, lane], target[1, lane]
         row[4], row[5], row[6], row[7] = now.motor1, now.motor2, now.motor_velocity1, now.motor_velocity2
         row[8], row[9], row[10], row[11] = now.link1, now.link2, now.link_velocity1, now.link_velocity2
@@ -104,14 +116,7 @@ def measure(
         )
         row[16], row[17] = force[0, lane], force[1, lane]
         row[18] = np.hypot(row[0] - row[2], row[1] - row[3])
-        inside = True
-        for entry in range(2):
-            # Written so that a NaN counts as outside.
-            for value in (state[entry, lane], state[2 + entry, lane]):
-                inside = inside and np.abs(value) <= limits[entry, lane]
-            for value in (state[4 + entry, lane], state[6 + entry, lane]):
-                inside = inside and np.abs(value) <= limits[2 + entry, lane]
-        row[21] = 1.0 if inside else 0.0
+        row[21] = 1.0 if _inside(now, limits[:, lane]) else 0.0
         effort1, effort2 = torque[0, lane] / limits[4, lane], torque[1, lane] / limits[5, lane]
         row[22] = 1.0 / (1.0 + row[18] / TRACKING_LENGTH)
         row[23] = 0.5 * (effort1 * effort1 + effort2 * effort2)
