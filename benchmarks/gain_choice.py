@@ -22,7 +22,7 @@ from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.rollout import rollout
 from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
-from fuzzyarm.synthesis.solve import Specification, design
+from fuzzyarm.synthesis.design import Specification, design
 
 GRID = (2.5e-5, 5e-5, 1e-4, 2e-4, 4e-4, 8e-4)  # rad/(N m)
 LEAST_GAIN_MARGIN = 2.0

@@ -9,7 +9,6 @@ import argparse
 import json
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,6 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code: int = options.run(options)
         return code
+    except BrokenPipeError:
+        return 141  # what a shell reports for a reader that left, such as head
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(f"fuzzyarm {options.command}: {where}{error.strerror or error}", 2)
@@ -53,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_evaluate(commands)
     _add_design(commands)
+    _add_verify(commands)
     return parser
 
 
@@ -66,7 +68,8 @@ def _add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         "--policy",
         action="append",
         metavar="NAME",
-        help="fuzzy-4, computed-torque or a controller file (.json); may be repeated (default: the two names)",
+        help="fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json); may be repeated "
+        "(default: fuzzy-4 and computed-torque)",
     )
     parser.add_argument(
         "--case",
@@ -104,13 +107,33 @@ def _add_design(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--rules", type=int, default=4, metavar="N", help="32, 16, 8, 4, 2 or 1 rules (default: 4)")
     which.add_argument("--keep", metavar="Z,Z", help="premises to keep, such as z1,z3; the others become uncertainty")
-    parser.add_argument("--alpha", type=float, default=20.0, metavar="RATE", help="decay rate [1/s] (default: 20)")
+    parser.add_argument(
+        "--theorem",
+        choices=("consistent", "paper"),
+        default="consistent",
+        help="consistent-reference form, or Theorem 1 or 2 of the paper with the reference model in the loop "
+        "(default: consistent)",
+    )
+    parser.add_argument(
+        "--alpha", default="20", metavar="RATE", help='decay rate [1/s], or "max" for the largest (default: 20)'
+    )
     parser.add_argument(
         "--gamma",
-        type=float,
-        default=2e-4,
         metavar="GAIN",
-        help="bound of the L2 gain from torque disturbance to position error [rad/(N m)] (default: 2e-4)",
+        help='bound of the L2 gain, in the consistent form in rad/(N m), or "min" for the smallest '
+        "(default: 2e-4, with --theorem paper 1000)",
+    )
+    parser.add_argument(
+        "--gain-bound",
+        type=float,
+        metavar="BOUND",
+        help="bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units "
+        "(default: as small as the rest allows)",
+    )
+    parser.add_argument(
+        "--common-multiplier",
+        action="store_true",
+        help="one multiplier for all dropped premises of A, as Theorem 2 prints it (default: one for each)",
     )
     parser.add_argument(
         "--integral", action=argparse.BooleanOptionalAction, default=True, help="integral action (default: on)"
@@ -118,6 +141,18 @@ def _add_design(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     parser.add_argument("--robot", type=Path, metavar="FILE", help="TOML file of another arm (default: Table 1)")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="controller file to write (.json)")
     parser.set_defaults(run=_design)
+
+
+def _add_verify(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "verify",
+        help="prove controller files anew in exact arithmetic",
+        description="Form every matrix inequality of controller files from the stored gains and prove it in exact "
+        "rational arithmetic. Exit code 0 only if all are proven.",
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="controller file (.json)")
+    parser.add_argument("--json", action="store_true", help="print the claims as JSON")
+    parser.set_defaults(run=_verify)
 
 
 def _evaluate(options: argparse.Namespace) -> int:
@@ -129,10 +164,10 @@ def _evaluate(options: argparse.Namespace) -> int:
     from fuzzyarm.eval.evaluate import EvaluationConfig, evaluate, write_results
     from fuzzyarm.eval.figures import write_figures
     from fuzzyarm.eval.table import print_table
-    from fuzzyarm.policies import NAMES
+    from fuzzyarm.policies import COMPARED
 
     config = EvaluationConfig(
-        policies=tuple(options.policy or NAMES),
+        policies=tuple(options.policy or COMPARED),
         cases=tuple(options.case or CASES),
         seeds=options.seeds,
         encoder_noise=tuple(options.encoder_noise),
@@ -165,7 +200,7 @@ def _evaluate(options: argparse.Namespace) -> int:
 def _design(options: argparse.Namespace) -> int:
     from fuzzyarm.envs.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-    from fuzzyarm.synthesis.solve import DesignFailed, Specification, describe, design
+    from fuzzyarm.synthesis.design import DesignFailed, Specification, describe, design
 
     if options.keep is None and options.rules not in NAMED_RULES:
         raise UsageError(f"--rules {options.rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")
@@ -176,18 +211,53 @@ def _design(options: argparse.Namespace) -> int:
         raise UsageError(f"--out {options.out} must end in .json")
     if not options.out.parent.is_dir():
         raise UsageError(f"--out {options.out}: the folder {options.out.parent} does not exist")
-    specification = Specification(kept, options.alpha, options.gamma, options.integral)
+    gamma = options.gamma or ("2e-4" if options.theorem == "consistent" else "1000")
+    specification = Specification(
+        kept=kept,
+        form=options.theorem,
+        alpha=_number_or("--alpha", options.alpha, "max"),
+        gamma=_number_or("--gamma", gamma, "min"),
+        gain_bound=options.gain_bound,
+        integral=options.integral,
+        common_multiplier=options.common_multiplier,
+    )
     parameters = ArmParameters.from_toml(options.robot) if options.robot else ArmParameters()
-    begin = time.perf_counter()
     try:
-        controller, certificate = design(specification, parameters)
+        result = design(specification, parameters)
     except DesignFailed as error:
         return _fail(f"fuzzyarm design: {error}; nothing was written", 1)
-    elapsed = time.perf_counter() - begin
-    controller.save(options.out)
-    print(describe(controller, certificate))
-    print(f"\ndesigned in {elapsed:.1f} s, written to {options.out}")
+    result.controller.save(options.out)
+    print(describe(result))
+    print(f"\nwritten to {options.out}")
     return 0
+
+
+def _number_or(name: str, text: str, word: str) -> float | None:
+    """Return a number, or None for the word that asks for the best one."""
+    if text == word:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f'{name} {text} must be a number or "{word}"') from None
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import track
+
+    from fuzzyarm.eval.verification import verify_file
+
+    stderr = Console(stderr=True)
+    silent = not stderr.is_terminal or len(options.files) == 1
+    reports = [
+        verify_file(path) for path in track(options.files, "verifying", console=stderr, disable=silent, transient=True)
+    ]
+    if options.json:
+        print(json.dumps([report.to_dict() for report in reports], indent=1))
+    else:
+        print("\n\n".join(report.to_text() for report in reports))
+    return 0 if all(report.certificate.proven for report in reports) else 1
 
 
 def _make_folder(folder: Path) -> None:

@@ -82,26 +82,38 @@ class State(NamedTuple):
     link_velocity2: Any
 
 
-def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
-    """Lump Table 1 and a payload into the constants of (3).
+def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, gravity: Any) -> tuple[Any, ...]:
+    """Return c1..c5 of (3) from pairs of any number type, exact rationals included.
 
-    c1 = m1 r1² + I1 + m2 L1² + m2 r2² + I2, c2 = m2 L1 r2, c3 = m2 r2² + I2, c4 = m1 g r1 + m2 g L1, c5 = m2 g r2;
-    a payload m_p at distance r from joint 2 adds m_p (L1² + r²), m_p L1 r, m_p r², m_p g L1 and m_p g r.
+    c1 = m1 r1² + I1 + m2 L1² + m2 r2² + I2, c2 = m2 L1 r2, c3 = m2 r2² + I2, c4 = m1 g r1 + m2 g L1, c5 = m2 g r2.
+    """
+    (l1, _), (m1, m2), (r1, r2), (i1, i2) = length, mass, mass_center, inertia
+    c3 = m2 * r2 * r2 + i2
+    return (
+        m1 * r1 * r1 + i1 + m2 * l1 * l1 + c3,
+        m2 * l1 * r2,
+        c3,
+        m1 * gravity * r1 + m2 * gravity * l1,
+        m2 * gravity * r2,
+    )
+
+
+def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
+    """Lump Table 1 and a payload into the constants of (3), see `inertia_and_gravity`.
+
+    A payload m_p at distance r from joint 2 adds m_p (L1² + r²), m_p L1 r, m_p r², m_p g L1 and m_p g r.
     """
     payload = payload or Payload()
-    (l1, l2), (m1, m2), (r1, r2), (i1, i2) = (
-        parameters.length,
-        parameters.mass,
-        parameters.mass_center,
-        parameters.inertia,
-    )
-    g, mp, rp = parameters.gravity, payload.mass, l2 if payload.at == "tip" else r2
+    p, g, mp = parameters, parameters.gravity, payload.mass
+    c1, c2, c3, c4, c5 = inertia_and_gravity(p.length, p.mass, p.mass_center, p.inertia, g)
+    l1, l2 = p.length
+    rp = l2 if payload.at == "tip" else p.mass_center[1]
     return Arm(
-        m1 * r1**2 + i1 + m2 * l1**2 + m2 * r2**2 + i2 + mp * (l1**2 + rp**2),
-        m2 * l1 * r2 + mp * l1 * rp,
-        m2 * r2**2 + i2 + mp * rp**2,
-        m1 * g * r1 + m2 * g * l1 + mp * g * l1,
-        m2 * g * r2 + mp * g * rp,
+        c1 + mp * (l1**2 + rp**2),
+        c2 + mp * l1 * rp,
+        c3 + mp * rp**2,
+        c4 + mp * g * l1,
+        c5 + mp * g * rp,
         *parameters.motor_inertia,
         *parameters.viscous_friction,
         *parameters.stiffness,

@@ -20,7 +20,7 @@ from fuzzyarm.eval.rollout import Rollout, rollout
 from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.certificate import statement
 from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
-from fuzzyarm.policies import NAMES, load_policy
+from fuzzyarm.policies import COMPARED, load_policy
 
 SCHEMA = "fuzzyarm-evaluation/1"
 
@@ -38,7 +38,7 @@ class EvaluationConfig:
         parameters: the arm, of the plant and of the policies' models.
     """
 
-    policies: tuple[str, ...] = NAMES
+    policies: tuple[str, ...] = COMPARED
     cases: tuple[str, ...] = tuple(CASES)
     seeds: int = 1
     encoder_noise: tuple[float, float] = (0.0, 0.0)

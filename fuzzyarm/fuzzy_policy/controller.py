@@ -19,6 +19,8 @@ from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 SCHEMA = "fuzzyarm-controller/1"
+FORMS = ("consistent", "paper")
+ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
 MAX_BYTES = 64 * 1024 * 1024  # far above the largest model's file; a bigger one is not ours
 
 
@@ -28,29 +30,38 @@ class ControllerFileError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class Controller:
-    """A parallel distributed compensation u = K_hv e + H_hv x_I + L_hv r with what proves it (`inequality`).
+    """A parallel distributed compensation u = K_hv e + H_hv x_I + L_hv r with what proves it.
 
-    N vertices of A, N_e of E, n = 6 states with the integral and 4 without, p = N (N + 1) / 2 pairs i <= j,
-    m dropped premises. SI units throughout.
+    N vertices of A, N_e of E, n_e = 6 error states with the integral and 4 without, p = N (N + 1) / 2 pairs i <= j,
+    m multipliers. In the consistent form n = n_e, in the paper's form n = n_e + 4 (x_r). SI units throughout.
 
     Attributes:
         model: the T-S model, which holds the robot and the kept premises.
+        form: "consistent" (`consistent_reference`) or "paper" (`theorem2`, `theorem1` if all premises are kept).
         integral: whether x_I = ∫ (q - q_d) dt is fed back.
         alpha: guaranteed decay rate [1/s].
-        gamma: guaranteed L2 gain from d [N m] to the position error [rad], in rad/(N m).
-        gains: K̄ = [K H], (N, N_e, 2, n).
-        P: (n, n) of V = ēᵀ P⁻¹ ē.
+        gamma: guaranteed L2 gain; consistent form: from d [N m] to the position error [rad]; paper's form: from
+            (d, r) to Q^(1/2) e.
+        weight: diagonal (4,) of the paper's Q; None in the consistent form, where z is the position error.
+        common_multiplier: whether the dropped premises of A share one multiplier, as printed in Theorem 2.
+        gains: K̄ = [K H], (N, N_e, 2, n_e).
+        feedforward: L, (N, N_e, 2, 6), on r = (q_d, q̇_d, q̈_d); None in the consistent form, where it follows.
+        P: (n, n) of V = xᵀ P⁻¹ x, block diagonal over error and x_r.
         Q: (p, n, n) slack.
         X: (p, n, n) slack.
         tau: (p, N_e, m) multipliers.
-        origin: how it was made: form, objective, solver, versions.
+        origin: how it was made: objective, solver, versions.
     """
 
     model: TSModel
+    form: str
     integral: bool
     alpha: float
     gamma: float
+    weight: np.ndarray | None
+    common_multiplier: bool
     gains: np.ndarray
+    feedforward: np.ndarray | None
     P: np.ndarray
     Q: np.ndarray
     X: np.ndarray
@@ -63,23 +74,50 @@ class Controller:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ControllerFileError(f"{name} = {value} is out of range; allowed: (0, inf)")
-        n, N, N_e = (6 if self.integral else 4), len(self.model.A_vertices), len(self.model.E_vertices)
-        pairs, m = N * (N + 1) // 2, len(self.model.uncertainties)
-        shapes = {
-            "gains": (N, N_e, 2, n),
+        if self.form not in FORMS:
+            raise ControllerFileError(f"form = {self.form!r} is unknown; choose from: {', '.join(FORMS)}")
+        for name, shape in self._shapes().items():
+            given = getattr(self, name)
+            if shape is None or given is None:
+                if not (shape is None and given is None):
+                    raise ControllerFileError(f"{name} does not go with the {self.form} form")
+                continue
+            array = np.array(given, dtype=np.float64)
+            if array.shape != shape or not np.isfinite(array).all():
+                raise ControllerFileError(f"{name} must hold finite numbers of shape {shape}; it has {array.shape}")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        n_e = self.gains.shape[-1]
+        if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any():
+            raise ControllerFileError("P must be symmetric and block diagonal")
+        if self.weight is not None and self.weight.min() <= 0.0:
+            raise ControllerFileError(f"weight = {self.weight.tolist()} is out of range; allowed: (0, inf)")
+
+    def _shapes(self) -> dict[str, tuple[int, ...] | None]:
+        """Return the shape of each array; None where the form has none."""
+        paper = self.form == "paper"
+        n_e, N, N_e = (6 if self.integral else 4), len(self.model.A_vertices), len(self.model.E_vertices)
+        n, pairs, m = n_e + 4 * paper, N * (N + 1) // 2, len(self.model.uncertainties)
+        if self.common_multiplier:
+            m = len({u.on for u in self.model.uncertainties})
+        return {
+            "weight": (4,) if paper else None,
+            "gains": (N, N_e, 2, n_e),
+            "feedforward": (N, N_e, 2, 6) if paper else None,
             "P": (n, n),
             "Q": (pairs, n, n),
             "X": (pairs, n, n),
             "tau": (pairs, N_e, m),
         }
-        for name, shape in shapes.items():
-            array = np.array(getattr(self, name), dtype=np.float64)
-            if array.shape != shape or not np.isfinite(array).all():
-                raise ControllerFileError(f"{name} must hold finite numbers of shape {shape}; it has {array.shape}")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-        if not np.array_equal(self.P, self.P.T):
-            raise ControllerFileError("P must be symmetric")
+
+    @property
+    def feedforward_gains(self) -> np.ndarray:
+        """L (N, N_e, 2, 6): the stored one, or L_ik = [-A_pi[3:4, :], E_pk[3:4, 3:4]] of the consistent form."""
+        if self.feedforward is not None:
+            return self.feedforward
+        return np.array(
+            [[np.hstack([-A[2:], E[2:, 2:]]) for E in self.model.E_vertices] for A in self.model.A_vertices]
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the controller file, whole or not at all."""
@@ -92,13 +130,16 @@ class Controller:
             "robot": self.model.parameters.to_dict(),
             "kept": list(self.model.kept),
             "bounds": self.model.bounds,
+            "form": self.form,
             "integral": self.integral,
+            "common_multiplier": self.common_multiplier,
             "alpha": self.alpha,
             "gamma": self.gamma,
             "origin": self.origin,
-            **{name: getattr(self, name) for name in ("gains", "P", "Q", "X", "tau")},
+            **{name: getattr(self, name) for name in ARRAYS},
         }
-        return json.dumps(_encode(document), indent=1) + "\n"
+        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in _encode(document).items())
+        return "{\n" + ",\n".join(lines) + "\n}\n"
 
     @classmethod
     def load(cls, path: str | Path) -> Controller:
@@ -126,18 +167,24 @@ class Controller:
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             found = document.get("schema") if isinstance(document, dict) else None
             raise ControllerFileError(f"schema is {found!r}, this version reads {SCHEMA!r}")
-        if not isinstance(document["integral"], bool):
-            raise ControllerFileError("integral must be true or false")
+        for name in ("integral", "common_multiplier"):
+            if not isinstance(document[name], bool):
+                raise ControllerFileError(f"{name} must be true or false")
         model = TSModel(ArmParameters.from_dict(_decode(document["robot"])), tuple(document["kept"]))
         if not np.array_equal(np.array(_decode(document["bounds"])), model.bounds):
             raise ControllerFileError("the premise bounds do not belong to the robot parameters: the file was changed")
-        arrays = {name: np.array(_decode(document[name])) for name in ("gains", "P", "Q", "X", "tau")}
+        arrays: dict[str, Any] = {
+            name: None if document[name] is None else np.array(_decode(document[name])) for name in ARRAYS
+        }
         # A model without dropped premises has no multipliers: JSON keeps no shape of an empty array.
-        arrays["tau"] = arrays["tau"].reshape(len(arrays["Q"]), len(model.E_vertices), -1)
+        if arrays["tau"] is not None and arrays["tau"].size == 0:
+            arrays["tau"] = np.zeros((len(document["Q"]), len(model.E_vertices), 0))
         origin = {str(key): str(value) for key, value in document["origin"].items()}
         return cls(
             model=model,
+            form=document["form"],
             integral=document["integral"],
+            common_multiplier=document["common_multiplier"],
             alpha=_decode(document["alpha"]),
             gamma=_decode(document["gamma"]),
             origin=origin,

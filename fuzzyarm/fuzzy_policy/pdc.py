@@ -1,9 +1,9 @@
-"""The fuzzy policy: parallel distributed compensation (12) of a controller file, with the consistent feedforward.
+"""The fuzzy policy: parallel distributed compensation (12) of a controller file.
 
-    u = K_hv e + H_hv x_I + L_hv r,   L_ik r = -A_pi[3:4, :] (q_d, q̇_d) + E_pk[3:4, 3:4] q̈_d,
+    u = K_hv e + H_hv x_I + L_hv r,   r = (q_d, q̇_d, q̈_d),   e = (q_a - q_d, q̇_a - q̇_d).
 
-e = (q_a - q_d, q̇_a - q̇_d). For a twice differentiable reference the reference model (8) is the identity,
-so this L cancels A_ph x_r - E_pv ẋ_r exactly for the kept premises.
+For a twice differentiable reference the reference model (8) is the identity, x_r = (q_d, q̇_d). In the consistent form
+L_ik r = -A_pi[3:4, :] (q_d, q̇_d) + E_pk[3:4, 3:4] q̈_d, which cancels A_ph x_r - E_pv ẋ_r exactly for the kept premises.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ class FuzzyPolicy(ModelBasedPolicy):
         gains[..., : controller.gains.shape[3]] = controller.gains
         self._arguments = (
             gains,
-            np.array([E[2:, 2:] for E in model.E_vertices]),
-            np.array([A[2:] for A in model.A_vertices]),
+            np.ascontiguousarray(controller.feedforward_gains),
             np.array(model.kept_in_A, dtype=np.int64),
             model.bounds,
             np.array([arm.c2, arm.c4, arm.c5]),
@@ -48,8 +47,7 @@ def _fuzzy_law(
     state: np.ndarray,
     action: np.ndarray,
     gains: np.ndarray,
-    E: np.ndarray,
-    A: np.ndarray,
+    feedforward: np.ndarray,
     kept_in_A: np.ndarray,
     bounds: np.ndarray,
     constants: np.ndarray,
@@ -75,22 +73,17 @@ def _fuzzy_law(
             error[joint] = o[joint] - o[4 + joint]
         error[4], error[5] = state[lane, 0], state[lane, 1]
         torque1, torque2 = 0.0, 0.0
-        for k in range(len(E)):
-            v = 1.0 if len(E) == 1 else (omega[0] if k == 1 else 1.0 - omega[0])
-            torque1 += v * (E[k, 0, 0] * o[8] + E[k, 0, 1] * o[9])
-            torque2 += v * (E[k, 1, 0] * o[8] + E[k, 1, 1] * o[9])
-            for i in range(len(A)):
-                h = 1.0
-                for position in range(len(kept_in_A)):
-                    weight = omega[kept_in_A[position]]
-                    h *= weight if (i >> position) & 1 else 1.0 - weight
+        for i in range(gains.shape[0]):
+            h = 1.0
+            for position in range(len(kept_in_A)):
+                weight = omega[kept_in_A[position]]
+                h *= weight if (i >> position) & 1 else 1.0 - weight
+            for k in range(gains.shape[1]):
+                v = 1.0 if gains.shape[1] == 1 else (omega[0] if k == 1 else 1.0 - omega[0])
                 for entry in range(6):
-                    torque1 += h * v * gains[i, k, 0, entry] * error[entry]
-                    torque2 += h * v * gains[i, k, 1, entry] * error[entry]
-                # A's share of the feedforward does not depend on k; v sums to one.
-                for entry in range(4):
-                    torque1 -= h * v * A[i, 0, entry] * o[4 + entry]
-                    torque2 -= h * v * A[i, 1, entry] * o[4 + entry]
+                    feedback, forward = error[entry], o[4 + entry]
+                    torque1 += h * v * (gains[i, k, 0, entry] * feedback + feedforward[i, k, 0, entry] * forward)
+                    torque2 += h * v * (gains[i, k, 1, entry] * feedback + feedforward[i, k, 1, entry] * forward)
         action[lane, 0] = min(max(torque1, -torque_limit[0]), torque_limit[0])
         action[lane, 1] = min(max(torque2, -torque_limit[1]), torque_limit[1])
         state[lane, 0] += period * error[0]

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.dynamics import arm_constants
+from fuzzyarm.envs.dynamics import arm_constants, inertia_and_gravity
 from fuzzyarm.envs.parameters import ArmParameters
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
@@ -43,17 +45,10 @@ def premise_bounds(parameters: ArmParameters) -> np.ndarray:
     The bounds are computed in exact rational arithmetic from the given floats; with |q1| <= π, sinc q1 lies in
     [0, 1] and sinc q12 in [-0.2172..., 1]. They are valid for any box with joint limits up to π.
     """
-    f = Fraction
-    length1, (m1, m2), (r1, r2), g = (
-        f(parameters.length[0]),
-        map(f, parameters.mass),
-        map(f, parameters.mass_center),
-        f(parameters.gravity),
-    )
-    c2, c4, c5 = m2 * length1 * r2, m1 * g * r1 + m2 * g * length1, m2 * g * r2
-    dq1, dq2 = map(f, parameters.velocity_limit)
+    _, c2, _, c4, c5 = _constants(parameters, Fraction)
+    dq1, dq2 = map(Fraction, parameters.velocity_limit)
     exact = [
-        (f(-1), f(1)),
+        (Fraction(-1), Fraction(1)),
         (-(c4 + c5), -c5 * SINC_MINIMUM),
         (-c5, -c5 * SINC_MINIMUM),
         (-c2 * dq2, c2 * dq2),
@@ -97,6 +92,15 @@ class Uncertainty:
 
 
 @dataclasses.dataclass(frozen=True)
+class Polytope:
+    """Vertices E_pk (N_e) and A_pi (N), each (4, 4), and the dropped premises, in one number type."""
+
+    E: list[np.ndarray]
+    A: list[np.ndarray]
+    uncertainties: list[Uncertainty]
+
+
+@dataclasses.dataclass(frozen=True)
 class TSModel:
     """The T-S descriptor model with the premises `kept`, a subset of z1..z5 in any order.
 
@@ -136,46 +140,64 @@ class TSModel:
 
     def E(self, z: np.ndarray) -> np.ndarray:
         """Return E_p(z) of (5), (4, 4), for premises z (5,)."""
-        base, slope = self._E_terms()
-        vertex: np.ndarray = base + z[0] * slope
-        return vertex
+        base, slopes = descriptor_terms(self.parameters)["E"]
+        return np.asarray(base + z[0] * slopes[0])
 
     def A(self, z: np.ndarray) -> np.ndarray:
         """Return A_p(z) of (5), (4, 4), for premises z (5,)."""
-        base, slopes = self._A_terms()
-        vertex: np.ndarray = base + np.tensordot(z[1:], slopes, axes=1)
-        return vertex
+        base, slopes = descriptor_terms(self.parameters)["A"]
+        return np.asarray(base + np.tensordot(z[1:], slopes[1:], axes=1))
 
     @property
     def B(self) -> np.ndarray:
         """Input matrix B_p = B_d (4, 2) of (5)."""
         return np.vstack([np.zeros((2, 2)), np.eye(2)])
 
-    @cached_property
+    @property
     def E_vertices(self) -> list[np.ndarray]:
         """The N_e matrices E_pk; dropped premises stand at the middle of their range."""
-        return [self.E(z) for z in self._corners(self.kept_in_E)]
+        return self.polytope.E
 
-    @cached_property
+    @property
     def A_vertices(self) -> list[np.ndarray]:
         """The N matrices A_pi, likewise."""
-        return [self.A(z) for z in self._corners(self.kept_in_A)]
+        return self.polytope.A
 
-    @cached_property
+    @property
     def uncertainties(self) -> list[Uncertainty]:
         """The dropped premises, ΔE = Hᵀ f W or ΔA = Hᵀ f W with |f| <= 1 (section 5.1)."""
-        radius = 0.5 * (self.bounds[:, 1] - self.bounds[:, 0])
-        slopes = [self._E_terms()[1], *self._A_terms()[1]]
-        result = []
+        return self.polytope.uncertainties
+
+    @cached_property
+    def polytope(self) -> Polytope:
+        """Vertices and uncertainties in floating point."""
+        return self.polytope_in(float)
+
+    def polytope_in(self, number: Callable[[float], Any]) -> Polytope:
+        """Return vertices and uncertainties in another number type: exact ones prove what floats only approximate."""
+        terms = descriptor_terms(self.parameters, number)
+        bounds = [(number(low), number(high)) for low, high in self.bounds.tolist()]
+        middles = [(low + high) / 2 for low, high in bounds]
+
+        def corners(side: str, kept: list[int]) -> list[np.ndarray]:
+            base, slopes = terms[side]
+            result = []
+            for vertex in range(1 << len(kept)):
+                z = list(middles)
+                for position, index in enumerate(kept):
+                    z[index] = bounds[index][(vertex >> position) & 1]
+                result.append(sum((value * slope for value, slope in zip(z, slopes, strict=True)), base))
+            return result
+
+        uncertainties = []
         for index, name in enumerate(PREMISES):
-            if name in self.kept:
-                continue
-            # H picks the dynamic rows the premise acts on, W holds those rows: Hᵀ W is the slope, exactly.
-            rows = np.flatnonzero(slopes[index].any(axis=1))
-            result.append(
-                Uncertainty(name, "E" if index == 0 else "A", np.eye(4)[rows], radius[index] * slopes[index][rows])
-            )
-        return result
+            if name not in self.kept:
+                side = "E" if index == 0 else "A"
+                slope, (low, high) = terms[side][1][index], bounds[index]
+                # H picks the dynamic rows the premise acts on, W holds those rows: Hᵀ W is the slope, exactly.
+                rows = [row for row in range(4) if any(entry != 0 for entry in slope[row])]
+                uncertainties.append(Uncertainty(name, side, np.eye(4)[rows], (high - low) / 2 * slope[rows]))
+        return Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
 
     def weights(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the memberships h (N,) and v (N_e,) at premises z (5,): in [0, 1], each summing to one.
@@ -187,32 +209,37 @@ class TSModel:
         omega = np.clip((z - low) / (high - low), 0.0, 1.0)
         return _products(omega[self.kept_in_A]), _products(omega[self.kept_in_E])
 
-    def _corners(self, kept: list[int]) -> np.ndarray:
-        """Return premise vectors (2^len(kept), 5): every corner of the kept ones, the others at mid-range."""
-        corners = np.repeat(self.bounds.mean(axis=1)[np.newaxis], 2 ** len(kept), axis=0)
-        for position, index in enumerate(kept):
-            bit = (np.arange(len(corners)) >> position) & 1
-            corners[:, index] = self.bounds[index][bit]
-        return corners
 
-    def _E_terms(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return E_p(z) as (base, slope over z1)."""
-        p, arm = self.parameters, arm_constants(self.parameters)
-        base, slope = np.eye(4), np.zeros((4, 4))
-        base[2:, 2:] = [[p.motor_inertia[0] + arm.c1, arm.c3], [arm.c3, p.motor_inertia[1] + arm.c3]]
-        slope[2:, 2:] = arm.c2 * np.array([[2.0, 1.0], [1.0, 0.0]])
-        return base, slope
+def descriptor_terms(
+    parameters: ArmParameters, number: Callable[[float], Any] = float
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return E_p and A_p of (5) as base (4, 4) and slopes (5, 4, 4) over z1..z5, in a number type."""
+    c1, c2, c3, _, _ = _constants(parameters, number)
+    (motor1, motor2), (viscous1, viscous2) = (
+        map(number, parameters.motor_inertia),
+        map(number, parameters.viscous_friction),
+    )
+    one, nil = number(1.0), number(0.0)
 
-    def _A_terms(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return A_p(z) as (base, slopes (4, 4, 4) over z2..z5)."""
-        base, slopes = np.zeros((4, 4)), np.zeros((4, 4, 4))
-        base[:2, 2:] = np.eye(2)
-        base[2:, 2:] = -np.diag(self.parameters.viscous_friction)
-        slopes[0, 2, 0] = 1.0
-        slopes[1, 2, 1] = slopes[1, 3, 0] = slopes[1, 3, 1] = 1.0
-        slopes[2, 2, 2], slopes[2, 2, 3] = 2.0, 1.0
-        slopes[3, 3, 2] = 1.0
-        return base, slopes
+    def matrix(entries: dict[tuple[int, int], Any]) -> np.ndarray:
+        return np.array([[entries.get((row, column), nil) for column in range(4)] for row in range(4)])
+
+    E = matrix({(0, 0): one, (1, 1): one, (2, 2): motor1 + c1, (2, 3): c3, (3, 2): c3, (3, 3): motor2 + c3})
+    E1 = matrix({(2, 2): 2 * c2, (2, 3): c2, (3, 2): c2})
+    A = matrix({(0, 2): one, (1, 3): one, (2, 2): -viscous1, (3, 3): -viscous2})
+    A2 = matrix({(2, 0): one})
+    A3 = matrix({(2, 1): one, (3, 0): one, (3, 1): one})
+    A4 = matrix({(2, 2): 2 * one, (2, 3): one})
+    A5 = matrix({(3, 2): one})
+    none = matrix({})
+    return {"E": (E, np.array([E1, none, none, none, none])), "A": (A, np.array([none, A2, A3, A4, A5]))}
+
+
+def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tuple[Any, ...]:
+    """Return c1..c5 of (3) in a number type."""
+    p = parameters
+    length, mass, center, inertia = (tuple(map(number, pair)) for pair in (p.length, p.mass, p.mass_center, p.inertia))
+    return inertia_and_gravity(length, mass, center, inertia, number(p.gravity))
 
 
 def _products(omega: np.ndarray) -> np.ndarray:

@@ -47,7 +47,22 @@ def test_foreign_files_raise_one_clear_line(tmp_path, content):
 
 
 @pytest.mark.parametrize(
-    "key", ["robot", "kept", "bounds", "integral", "alpha", "gains", "P", "Q", "X", "tau", "origin"]
+    "key",
+    [
+        "robot",
+        "kept",
+        "bounds",
+        "form",
+        "integral",
+        "common_multiplier",
+        "alpha",
+        "gains",
+        "P",
+        "Q",
+        "X",
+        "tau",
+        "origin",
+    ],
 )
 def test_a_missing_field_is_named(document, tmp_path, key):
     del document[key]
@@ -68,7 +83,11 @@ def test_a_missing_field_is_named(document, tmp_path, key):
         ("integral", 1, "integral"),
         ("P", [["0x1p+0"]], "P must hold"),
         ("gains", "0x1p+0", "gains"),
-        ("tau", [], "reshape|tau"),
+        ("tau", [], "tau"),
+        ("form", "printed", "consistent, paper"),
+        ("form", "paper", "weight does not go with"),
+        ("common_multiplier", "no", "common_multiplier"),
+        ("feedforward", [["0x1p+0"]], "feedforward does not go with"),
         ("origin", "text", "origin|items"),
     ],
 )
@@ -86,7 +105,7 @@ def test_changed_robot_does_not_fit_the_stored_bounds(document, tmp_path):
 
 def test_a_changed_gain_is_refused_by_load_policy(document, tmp_path):
     document["gains"][0][0][0][0] = (1e4).hex()
-    with pytest.raises(ControllerFileError, match="fails its own check"):
+    with pytest.raises(ControllerFileError, match="is not proven"):
         load_policy(write(tmp_path, document))
 
 

@@ -1,0 +1,79 @@
+"""The report of `fuzzyarm verify`: what of a controller file is proven, and what that means."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.fuzzy_policy.certificate import Certificate, certify, residual_bound
+from fuzzyarm.fuzzy_policy.controller import Controller
+
+
+@dataclasses.dataclass(frozen=True)
+class Verification:
+    """The certificate of one file, the residual bound [N m] on the paper's circle where it applies, the time [s]."""
+
+    path: Path
+    controller: Controller
+    certificate: Certificate
+    residual: np.ndarray | None
+    seconds: float
+
+    def to_text(self) -> str:
+        """Return the report for a person: a line for each claim that fails, a summary, and the words."""
+        claims, c = self.certificate.claims, self.controller
+        failed = [claim for claim in claims if not claim.proven]
+        multipliers = (
+            "one multiplier for all of A" if c.common_multiplier else "one multiplier for each dropped premise"
+        )
+        lines = [
+            f"{self.path}: {'PROVEN' if not failed else 'NOT PROVEN'}",
+            f"  {c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
+            f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}",
+            f"  {len(claims) - len(failed)} of {len(claims)} inequalities proven in exact rational arithmetic, "
+            f"smallest margin {self.certificate.margin:.2g}, {self.seconds:.2f} s",
+            *(f"  not proven: {claim.name} (margin {claim.margin:.2g})" for claim in failed[:10]),
+        ]
+        if len(failed) > 10:
+            lines.append(f"  and {len(failed) - 10} more")
+        if not failed:
+            lines.append(f"  {self.certificate.statement}")
+        if self.residual is not None and self.residual.any():
+            lines.append(
+                "  The feedforward residual in d is at most "
+                f"({self.residual[0]:.3g}, {self.residual[1]:.3g}) N m along the paper's circle, for any state "
+                "in the box."
+            )
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report for a machine."""
+        return {
+            "file": str(self.path),
+            "proven": self.certificate.proven,
+            "margin": self.certificate.margin,
+            "seconds": self.seconds,
+            "residual_bound": None if self.residual is None else self.residual.tolist(),
+            "statement": self.certificate.statement if self.certificate.proven else None,
+            "claims": [dataclasses.asdict(claim) for claim in self.certificate.claims],
+        }
+
+
+def verify_file(path: Path) -> Verification:
+    """Load a controller file and prove its claims; ValueError or OSError if it cannot be read."""
+    controller = Controller.load(path)
+    begin = time.perf_counter()
+    certificate = certify(controller)
+    seconds = time.perf_counter() - begin
+    residual = None
+    if controller.form == "consistent":
+        # Another arm may not reach the paper's circle; then there is nothing to bound.
+        with contextlib.suppress(ValueError):
+            residual = residual_bound(controller.model, JointReference(parameters=controller.model.parameters))
+    return Verification(path, controller, certificate, residual, seconds)

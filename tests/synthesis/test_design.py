@@ -1,0 +1,137 @@
+"""Design end to end: the solver's word is never taken, the proof is."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.eval.rollout import rollout
+from fuzzyarm.fuzzy_policy.certificate import certify
+from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
+from fuzzyarm.synthesis import design as design_module
+from fuzzyarm.synthesis.design import DesignFailed, Specification, describe, design
+
+SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
+
+
+@pytest.fixture(scope="module")
+def designed():
+    return design(Specification())
+
+
+def test_the_design_is_proven(designed):
+    controller = designed.controller
+    assert designed.certificate.proven
+    assert certify(controller) == designed.certificate
+    assert (controller.alpha, controller.gamma, controller.model.rules) == (20.0, 2e-4, 4)
+
+
+def test_the_shipped_controller_is_regenerated_to_the_same_performance(designed):
+    shipped = load_policy("fuzzy-4")
+    for case in ("nominal", "machining", "payload"):
+        results = [
+            metrics(rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
+            for policy in (shipped, FuzzyPolicy(designed.controller))
+        ]
+        for key in ("tip_error_max_mm", "tip_error_rms_mm", "joint_error_rms_mrad", "torque_peak_1", "torque_peak_2"):
+            assert results[1][key] == pytest.approx(results[0][key], rel=0.01)
+
+
+def test_poles_lie_left_of_the_decay_rate(designed):
+    """All over the box of premises the frozen closed loop is faster than alpha."""
+    controller = designed.controller
+    model = controller.model
+    rng = np.random.default_rng(0)
+    for z in rng.uniform(*model.bounds.T, size=(500, 5)):
+        h, v = model.weights(z)
+        gain = np.einsum("i,k,ikab->ab", h, v, controller.gains)
+        A, E = np.zeros((6, 6)), np.eye(6)
+        A[:4, :4], A[4:, :2], E[:4, :4] = model.A(z), np.eye(2), model.E(z)
+        A[2:4] += gain
+        assert np.linalg.eigvals(np.linalg.solve(E, A)).real.max() < -controller.alpha
+
+
+@pytest.mark.parametrize(
+    "kept", [subset for subset in SUBSETS if len(subset) <= 3], ids=lambda k: "+".join(k) or "none"
+)
+def test_every_model_up_to_8_rules_is_designed_and_proven(kept):
+    assert design(Specification(kept=kept)).certificate.proven
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 3], ids=lambda k: "+".join(k))
+def test_every_larger_model_is_designed_and_proven(kept):
+    assert design(Specification(kept=kept)).certificate.proven
+
+
+def test_more_gain_gives_a_smaller_gamma():
+    """The bound on K P K' is a little stronger than on |K|, so a design meets its own gamma at some more gain."""
+    first = design(Specification(kept=()))
+    gain = design_module.scaled_gain(first.controller)
+    gammas = [design(Specification(kept=(), gamma=None, gain_bound=f * gain)).controller.gamma for f in (1.0, 1.5, 3.0)]
+    assert gammas[0] > gammas[1] > gammas[2]
+    assert gammas[1] < 2e-4
+
+
+def test_more_gain_gives_a_faster_decay():
+    rates = [
+        design(Specification(kept=(), alpha=None, gamma=1e-3, gain_bound=bound)).controller.alpha
+        for bound in (1e5, 2e5)
+    ]
+    assert 1.0 < rates[0] < rates[1]
+
+
+def test_an_impossible_specification_says_what_would_have_to_give():
+    with pytest.raises(DesignFailed, match=r"largest that works is about \d") as caught:
+        design(Specification(kept=(), alpha=400.0, gain_bound=1e5))
+    assert "gain bound 100000 N m/rad" in str(caught.value)
+
+
+def test_what_alpha_cannot_mend_is_said_so():
+    with pytest.raises(DesignFailed, match="raise gamma or the gain bound"):
+        design(Specification(kept=(), gamma=1e-9, gain_bound=10.0))
+
+
+@pytest.mark.parametrize("field", ["alpha", "gamma", "gain_bound"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_bad_specifications_are_refused(field, value):
+    with pytest.raises(ValueError, match=field):
+        Specification(**{field: value})
+
+
+def test_two_open_ends_are_refused():
+    with pytest.raises(ValueError, match="alpha and gain_bound are left open"):
+        Specification(alpha=None)
+
+
+def test_a_solver_that_lies_is_not_believed(monkeypatch, designed):
+    """A point that breaks an inequality gives no controller, whatever the status says."""
+
+    def lie(system, problem):
+        solution = honest(system, problem)
+        return dataclasses.replace(solution, Q=-solution.Q)
+
+    honest = design_module.solve
+    monkeypatch.setattr(design_module, "solve", lie)
+    with pytest.raises(DesignFailed, match="does not pass the proof"):
+        design(Specification(kept=()))
+
+
+def test_a_design_for_another_arm_and_without_integral():
+    arm = ArmParameters(mass=(12.0, 6.0), length=(0.4, 0.45))
+    result = design(Specification(kept=NAMED_RULES[2], integral=False), arm)
+    assert result.certificate.proven
+    assert result.controller.gains.shape == (2, 1, 2, 4)
+    assert result.controller.model.parameters == arm
+
+
+def test_description_carries_the_claim_and_its_scope(designed):
+    text = describe(designed)
+    for part in ("4 rules: kept z1, z3", "alpha = 20", "margin", "exact rational", "Not covered: the elastic joints"):
+        assert part in text
