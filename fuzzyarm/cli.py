@@ -6,6 +6,7 @@ Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 import tempfile
@@ -198,6 +199,8 @@ def _evaluate(options: argparse.Namespace) -> int:
 
 
 def _design(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
     from fuzzyarm.envs.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
     from fuzzyarm.synthesis.design import DesignFailed, Specification, describe, design
@@ -222,8 +225,10 @@ def _design(options: argparse.Namespace) -> int:
         common_multiplier=options.common_multiplier,
     )
     parameters = ArmParameters.from_toml(options.robot) if options.robot else ArmParameters()
+    stderr = Console(stderr=True)
     try:
-        result = design(specification, parameters)
+        with stderr.status("solving and proving") if stderr.is_terminal else contextlib.nullcontext():
+            result = design(specification, parameters)
     except DesignFailed as error:
         return _fail(f"fuzzyarm design: {error}; nothing was written", 1)
     result.controller.save(options.out)

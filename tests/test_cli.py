@@ -1,5 +1,6 @@
 """The command line as a user meets it: outputs, exit codes, one-line errors, whole files."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -43,7 +44,7 @@ def test_evaluate_json_is_the_results_file(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["--policy", "nobody"], "choose from: fuzzy-4, computed-torque"),
+        (["--policy", "nobody"], "choose from: fuzzy-32, fuzzy-16"),
         (["--case", "nowhere"], "choose from: nominal, machining, payload"),
         (["--policy", "missing.json"], "missing.json"),
         (["--seeds", "0"], "seeds = 0"),
@@ -120,22 +121,21 @@ def test_an_episode_that_fails_gives_exit_code_1(tmp_path, capsys):
     assert "left the joint domain" in capsys.readouterr().err
 
 
-@pytest.mark.filterwarnings("ignore:Solution may be inaccurate:UserWarning")
 def test_design_writes_a_controller_that_evaluate_takes(tmp_path, capsys):
     path = tmp_path / "mine.json"
     assert main(["design", "--rules", "1", "--no-integral", "--out", str(path)]) == 0
     out = capsys.readouterr().out
-    for part in ("1 rules: kept none", "alpha = 20 1/s", "smallest margin", "K dq2", "Not covered"):
+    for part in ("1 rules: kept none", "alpha = 20 1/s", "exact rational arithmetic", "K dq2", "Not covered"):
         assert part in out
     assert Controller.load(path).model.rules == 1
     assert main(["evaluate", "--policy", str(path), "--case", "nominal", "--out", str(tmp_path)]) == 0
 
 
-@pytest.mark.filterwarnings("ignore:Solution may be inaccurate:UserWarning")
 def test_an_infeasible_design_writes_nothing_and_exits_with_1(tmp_path, capsys):
     path = tmp_path / "never.json"
-    assert main(["design", "--rules", "1", "--alpha", "5000", "--gamma", "1e-9", "--out", str(path)]) == 1
-    assert "lower alpha or raise gamma" in one_line_error(capsys)
+    arguments = ["--rules", "1", "--alpha", "400", "--gain-bound", "1e5", "--out", str(path)]
+    assert main(["design", *arguments]) == 1
+    assert "the largest that works is about" in one_line_error(capsys)
     assert not path.exists()
 
 
@@ -145,6 +145,9 @@ def test_an_infeasible_design_writes_nothing_and_exits_with_1(tmp_path, capsys):
         (["--rules", "5"], "choose from: 32, 16, 8, 4, 2, 1"),
         (["--keep", "z1,z7"], "z1, z2, z3, z4, z5"),
         (["--alpha", "-1"], "alpha = -1.0"),
+        (["--alpha", "fast"], '--alpha fast must be a number or "max"'),
+        (["--gamma", "min"], "gamma and gain_bound are left open"),
+        (["--gain-bound", "0"], "gain_bound = 0.0"),
         (["--gamma", "nan"], "gamma = nan"),
         (["--out", "controller.txt"], "must end in .json"),
         (["--out", "no/such/folder/c.json"], "does not exist"),
@@ -174,3 +177,59 @@ def test_a_real_interrupt_leaves_no_part_files(tmp_path):
 def test_the_installed_command_works():
     done = subprocess.run([sys.executable, "-m", "fuzzyarm", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("fuzzyarm ")
+
+
+def shipped(name):
+    from importlib import resources
+
+    return str(resources.files("fuzzyarm.fuzzy_policy.controllers") / name)
+
+
+def test_verify_proves_files_and_says_what_for(capsys):
+    assert main(["verify", shipped("fuzzy-4.json"), shipped("paper-1-common.json")]) == 0
+    out = capsys.readouterr().out
+    assert out.count(": PROVEN") == 2
+    assert "7 of 7 inequalities proven in exact rational arithmetic" in out
+    assert out.count("Not covered: the elastic joints") == 2
+    assert "feedforward residual in d is at most" in out
+
+
+def test_verify_names_what_fails_and_exits_with_1(tmp_path, capsys):
+    controller = dataclasses.replace(Controller.load(shipped("fuzzy-4.json")), alpha=60.0)
+    controller.save(tmp_path / "wrong.json")
+    assert main(["verify", str(tmp_path / "wrong.json")]) == 1
+    out = capsys.readouterr().out
+    assert "NOT PROVEN" in out
+    assert "not proven: Psi_1,1,1 < 0" in out
+    assert "Not covered" not in out  # no statement without a proof
+
+
+def test_verify_json(capsys):
+    assert main(["verify", "--json", shipped("fuzzy-1.json")]) == 0
+    report = json.loads(capsys.readouterr().out)[0]
+    assert report["proven"]
+    assert all(claim["proven"] for claim in report["claims"])
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1]", "no json"])
+def test_verify_bad_files_are_one_line_and_exit_code_2(tmp_path, capsys, content):
+    path = tmp_path / "bad.json"
+    path.write_text(content)
+    assert main(["verify", str(path)]) == 2
+    assert str(path) in one_line_error(capsys)
+
+
+def test_design_in_the_form_of_the_paper(tmp_path, capsys):
+    path = tmp_path / "paper.json"
+    arguments = ["--theorem", "paper", "--rules", "2", "--no-integral", "--common-multiplier", "--out", str(path)]
+    assert main(["design", *arguments]) == 0
+    assert "paper form, without integral" in capsys.readouterr().out
+    assert Controller.load(path).common_multiplier
+
+
+def test_design_objectives(tmp_path, capsys):
+    path = str(tmp_path / "c.json")
+    assert main(["design", "--rules", "1", "--gamma", "min", "--gain-bound", "1e5", "--out", path]) == 0
+    assert "smallest L2 gain" in capsys.readouterr().out
+    assert main(["design", "--rules", "1", "--alpha", "max", "--gain-bound", "2e5", "--out", path]) == 0
+    assert "largest decay rate" in capsys.readouterr().out

@@ -41,7 +41,6 @@ def test_stored_results_still_hold():
                 assert now[key] == (pytest.approx(value, rel=1e-6, abs=1e-9) if isinstance(value, float) else value)
 
 
-@pytest.mark.filterwarnings("ignore:Solution may be inaccurate:UserWarning")
 def test_commands_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     commands = [shlex.split(line)[1:] for line in COMMANDS if line.startswith("fuzzyarm ")]

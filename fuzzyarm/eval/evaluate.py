@@ -96,9 +96,11 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         OSError: a controller file cannot be read.
     """
     policies = {
-        name: load_policy(name, control_period=config.control_period, robot=config.parameters)
+        _label(name): load_policy(name, control_period=config.control_period, robot=config.parameters)
         for name in config.policies
     }
+    if len(policies) < len(config.policies):
+        raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
     reference = JointReference(parameters=config.parameters)
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts = []
@@ -124,6 +126,11 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         for name, policy in policies.items()
     }
     return Evaluation(config, rollouts, rows, certificates, provenance())
+
+
+def _label(policy: str) -> str:
+    """Return what a policy is called in tables and figures: its name, or its file's without folder and ending."""
+    return Path(policy).stem if policy.endswith(".json") else policy
 
 
 def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:

@@ -7,6 +7,7 @@ hexadecimal. Loading a file executes nothing from it.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
 from pathlib import Path
@@ -138,7 +139,9 @@ class Controller:
             "origin": self.origin,
             **{name: getattr(self, name) for name in ARRAYS},
         }
-        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in _encode(document).items())
+        encoded = _encode(document)
+        encoded["digest"] = _digest(encoded)
+        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in encoded.items())
         return "{\n" + ",\n".join(lines) + "\n}\n"
 
     @classmethod
@@ -167,6 +170,8 @@ class Controller:
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             found = document.get("schema") if isinstance(document, dict) else None
             raise ControllerFileError(f"schema is {found!r}, this version reads {SCHEMA!r}")
+        if document["digest"] != _digest({key: value for key, value in document.items() if key != "digest"}):
+            raise ControllerFileError("the digest does not match: the file was changed after it was written")
         for name in ("integral", "common_multiplier"):
             if not isinstance(document[name], bool):
                 raise ControllerFileError(f"{name} must be true or false")
@@ -190,6 +195,11 @@ class Controller:
             origin=origin,
             **arrays,
         )
+
+
+def _digest(document: dict[str, Any]) -> str:
+    """Return the SHA-256 of a document's canonical JSON: a guard against accidents, no signature."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 
 def _encode(value: Any) -> Any:

@@ -135,7 +135,20 @@ def _first(model: TSModel, specification: Specification) -> tuple[Scaling, Solut
 
 
 def _smallest_gamma(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
-    """Return the solution with the smallest γ over the Lyapunov scale: a coarse scan, then a bounded search."""
+    """Return the solution with the smallest γ.
+
+    Consistent form: γ² is minimised by the cone program, c by a coarse scan and a bounded search around its best. In
+    the paper's form that program is too badly scaled (d and r are decades apart): there γ falls while a point is found.
+    """
+    if specification.form == "paper":
+        best, gamma, ratio = None, PAPER_GAMMA, 4.0
+        while ratio > 1.05:
+            better = _first(model, dataclasses.replace(specification, gamma=gamma / ratio))
+            if better is None:
+                ratio = math.sqrt(ratio)
+            else:
+                best, gamma = better, gamma / ratio
+        return best or _first(model, dataclasses.replace(specification, gamma=gamma))
     found: dict[float, tuple[Scaling, Solution]] = {}
 
     def gamma_at(exponent: float) -> float:
@@ -233,7 +246,7 @@ def _controller(model: TSModel, specification: Specification, scaling: Scaling, 
         form=specification.form,
         integral=specification.integral,
         alpha=specification.alpha if specification.alpha is not None else solution.problem.alpha * scaling.time,
-        gamma=specification.gamma if specification.gamma is not None else solution.gamma,
+        gamma=specification.gamma or solution.problem.gamma or solution.gamma,
         weight=np.array(PAPER_WEIGHT) if paper else None,
         common_multiplier=specification.common_multiplier,
         gains=np.linalg.solve(P[:n_e, :n_e], np.swapaxes(M, -1, -2)).swapaxes(-1, -2),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import re
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError
+from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError, _digest
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,11 @@ def document(controller):
 
 
 def write(tmp_path, content):
+    """Write a text, or a document with a digest that fits it: tampering by somebody who knows the format."""
     path = tmp_path / "controller.json"
+    if isinstance(content, dict) and "digest" in content:
+        content = {key: value for key, value in content.items() if key != "digest"}
+        content["digest"] = _digest(content)
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
 
@@ -101,6 +106,41 @@ def test_changed_robot_does_not_fit_the_stored_bounds(document, tmp_path):
     document["robot"]["mass"][1] = (9.5).hex()
     with pytest.raises(ControllerFileError, match="bounds"):
         Controller.load(write(tmp_path, document))
+
+
+def leaves(value, path=()):
+    """Yield the path of every number of a document."""
+    if isinstance(value, list):
+        for index, entry in enumerate(value):
+            yield from leaves(entry, (*path, index))
+    elif isinstance(value, dict):
+        for key, entry in value.items():
+            yield from leaves(entry, (*path, key))
+    elif isinstance(value, str) and value.lstrip("-").startswith("0x"):
+        yield path
+
+
+def test_any_changed_digit_is_noticed(document, tmp_path):
+    """The last bit of every number in the file: gains, robot, bounds, alpha, gamma, P, slacks, multipliers."""
+    paths = list(leaves(document))
+    assert len(paths) > 300
+    for path in paths[:: len(paths) // 60]:
+        holder = changed = json.loads(json.dumps(document))
+        for key in path[:-1]:
+            holder = holder[key]
+        holder[path[-1]] = math.nextafter(float.fromhex(holder[path[-1]]), math.inf).hex()
+        file = tmp_path / "changed.json"
+        file.write_text(json.dumps(changed))
+        with pytest.raises(ControllerFileError, match="digest"):
+            Controller.load(file)
+
+
+def test_an_unproven_controller_is_taken_only_when_told_so(document, tmp_path):
+    document["alpha"] = (200.0).hex()
+    path = write(tmp_path, document)
+    with pytest.raises(ControllerFileError, match="allow_unproven=True"):
+        load_policy(path)
+    assert load_policy(path, allow_unproven=True).controller.alpha == 200.0
 
 
 def test_a_changed_gain_is_refused_by_load_policy(document, tmp_path):

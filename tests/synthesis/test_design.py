@@ -70,6 +70,22 @@ def test_every_larger_model_is_designed_and_proven(kept):
     assert design(Specification(kept=kept)).certificate.proven
 
 
+@pytest.mark.parametrize(
+    "kept", [subset for subset in SUBSETS if len(subset) <= 2], ids=lambda k: "+".join(k) or "none"
+)
+def test_every_model_up_to_4_rules_in_the_form_of_the_paper(kept):
+    """As printed, with the integral: no number of rules is too few for Theorem 2."""
+    asked = Specification(kept=kept, form="paper", gamma=1000.0, common_multiplier=True)
+    assert design(asked).certificate.proven
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 2], ids=lambda k: "+".join(k))
+def test_every_larger_model_in_the_form_of_the_paper(kept):
+    asked = Specification(kept=kept, form="paper", gamma=1000.0, common_multiplier=True)
+    assert design(asked).certificate.proven
+
+
 def test_more_gain_gives_a_smaller_gamma():
     """The bound on K P K' is a little stronger than on |K|, so a design meets its own gamma at some more gain."""
     first = design(Specification(kept=()))

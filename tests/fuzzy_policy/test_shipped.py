@@ -1,0 +1,63 @@
+"""Every shipped controller file: proven, and a witness of what the README says of the paper."""
+
+import itertools
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from fuzzyarm.eval.verification import verify_file
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+
+FOLDER = resources.files("fuzzyarm.fuzzy_policy.controllers")
+FILES = sorted(entry.name for entry in FOLDER.iterdir() if entry.name.endswith(".json"))
+WITNESSES = [
+    (rules, f"paper-{rules}" + "-integral" * integral + "-common" * common + ".json")
+    for rules, integral, common in itertools.product((4, 2, 1), (False, True), (False, True))
+]
+PAPER_EPSILON = 1e4  # the gain bound of section 6.2: |M_ik| <= 1e4
+
+
+def load(name):
+    return Controller.load(FOLDER / name)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_file_is_proven(name):
+    assert verify_file(FOLDER / name).certificate.proven
+
+
+@pytest.mark.parametrize("rules", NAMED_RULES)
+def test_the_consistent_form_is_shipped_for_every_named_model(rules):
+    controller = load(f"fuzzy-{rules}.json")
+    assert (controller.form, controller.integral, controller.alpha) == ("consistent", True, 20.0)
+    assert controller.model.kept == NAMED_RULES[rules]
+
+
+@pytest.mark.parametrize(("rules", "name"), WITNESSES)
+def test_fewer_than_4_rules_are_feasible_in_the_paper_form_too(rules, name):
+    """Theorem 2 at the paper's alpha and Q, with and without integral, with one or several multipliers."""
+    controller = load(name)
+    assert controller.form == "paper"
+    assert controller.model.rules == rules
+    assert (controller.integral, controller.common_multiplier) == ("integral" in name, "common" in name)
+    assert controller.alpha == 20.0
+    np.testing.assert_array_equal(controller.weight, [1e-5, 1e-5, 1.0, 1.0])
+
+
+@pytest.mark.parametrize(("rules", "name"), WITNESSES)
+def test_the_witnesses_meet_the_gain_bound_of_the_paper(rules, name):
+    """(24) with epsilon = 1e4, and gains of order 1e4."""
+    controller = load(name)
+    n_e = controller.gains.shape[-1]
+    M = controller.gains @ controller.P[:n_e, :n_e]
+    assert np.linalg.norm(M, ord=2, axis=(-2, -1)).max() < PAPER_EPSILON
+    assert 1e4 < np.abs(controller.gains[..., :4]).max() < 1e5
+
+
+def test_without_a_gain_bound_gains_of_1e9_are_proven_as_well():
+    controller = load("paper-4-common-high-gain.json")
+    assert controller.form == "paper"
+    assert controller.model.rules == 4
+    assert np.abs(controller.gains[..., :2]).max() > 1e9
