@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from fuzzyarm.eval.table import markdown_table
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
+NAMES = ("accuracy", "computed_torque_tuning", "complexity", "synthesis", "certified_bounds")
 
 
 def main() -> None:
@@ -40,9 +42,11 @@ def measure() -> None:
         subprocess.run([sys.executable, "-m", "fuzzyarm", "evaluate", "--out", folder], check=True)
         shutil.copy(Path(folder) / "results.json", RESULTS / "evaluate.json")
         shutil.copy(Path(folder) / "overview.png", ROOT / "docs" / "overview.png")
-    for name in ("accuracy", "computed_torque_tuning"):
+    extra = {"complexity": ["--figure", str(ROOT / "docs" / "complexity.png")], "synthesis": ["--large"]}
+    for name in NAMES:
         script = ROOT / "benchmarks" / f"{name}.py"
-        subprocess.run([sys.executable, str(script), "--json", str(RESULTS / f"{name}.json")], check=True)
+        command = [sys.executable, str(script), "--json", str(RESULTS / f"{name}.json"), *extra.get(name, [])]
+        subprocess.run(command, check=True)
     subprocess.run([sys.executable, str(ROOT / "examples" / "picture.py"), str(ROOT / "docs" / "arm.png")], check=True)
 
 
@@ -57,25 +61,93 @@ def fill(text: str) -> str:
 
 def sections() -> dict[str, str]:
     """Return the marked sections from the stored results."""
-    evaluation, accuracy, tuning = (
-        json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
-        for name in ("evaluate", "accuracy", "computed_torque_tuning")
+    evaluation, accuracy, tuning, complexity, synthesis, bounds = (
+        json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8")) for name in ("evaluate", *NAMES)
     )
     return {
         "results": f"{markdown_table(evaluation['results'])}\n\n"
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {_made_with(evaluation)}",
         "accuracy": _accuracy_table(accuracy),
         "margins": _margins_table(tuning),
+        "complexity": _complexity_table(complexity),
+        "synthesis": _synthesis_table(synthesis),
+        "bounds": _bounds_table(bounds),
     }
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    """Return a Markdown table, all but the first `left` columns aligned to the right."""
+    rule = " --- |" * left + " ---: |" * (len(headings) - left)
+    return "\n".join([f"| {' | '.join(headings)} |", f"|{rule}", *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _complexity_table(document: dict[str, Any]) -> str:
+    headings = ["rules", "γ at equal gain [µrad/(N m)]", "gain at equal γ [kN m/rad]", "solve + proof [s]"]
+    headings += ["step [µs]", "file [kB]", "tip error max, Case 1 / 2 / 3 [mm]", "loop gain to, 1 ms later"]
+    rows = [
+        [
+            str(row["rules"]),
+            f"{1e6 * row['gamma']:.0f}",
+            f"{1e-3 * row['gain']:.1f}",
+            f"{row['synthesis_s'] + row['proof_s']:.2f}",
+            f"{row['predict_us']:.1f}",
+            f"{1e-3 * row['file_bytes']:.1f}",
+            " / ".join(f"{row['tip_error_max_mm'][case]:.1f}" for case in ("nominal", "machining", "payload")),
+            f"{row['gain_margin_upper_delayed']:.2f}",
+        ]
+        for row in document["rows"]
+    ]
+    return f"{_table(headings, rows)}\n\n`{document['command']}`; {_made_with(document)}"
+
+
+def _synthesis_table(document: dict[str, Any]) -> str:
+    headings = ["form", "rules", "paper's N_var / N_row", "full problem", "reduced", "cvxpy [s]", "Clarabel on it [s]"]
+    headings += ["ours: build + solve [s]", "ratio", "proof [s]"]
+    rows = [
+        [
+            row["form"],
+            str(row["rules"]),
+            *(f"{row[key]['variables']} / {row[key]['rows']}" for key in ("paper_formula", "full", "reduced")),
+            f"{row['cvxpy_compile_s']:.2f}",
+            f"{row['cvxpy_solve_s']:.2f}",
+            f"{row['build_s'] + row['solve_s']:.2f}",
+            f"{row['ratio']:.1f}",
+            f"{row['proof_s']:.2f}",
+        ]
+        for row in document["rows"]
+    ]
+    return (
+        f"{_table(headings, rows)}\n\nVariables / rows of the cones; one thread; the paper's formula is that of its "
+        f"Table 2. `{document['command']}`; {_made_with(document)}"
+    )
+
+
+def _bounds_table(document: dict[str, Any]) -> str:
+    headings = [
+        "policy",
+        "α certified [1/s]",
+        "slowest decay observed",
+        "γ certified [rad/(N m)]",
+        "largest L2 gain observed",
+    ]
+    rows = []
+    for name, bound in document["bounds"].items():
+        decay, gain = bound["decay_per_s"], bound["gain_rad_per_Nm"]
+        observed = f"{gain['observed']:.2e} ({gain['observed'] / gain['certified']:.0%})"
+        rows.append([name, f"{decay['certified']:g}", f"{decay['observed']:.1f}", f"{gain['certified']:.2e}", observed])
+    return (
+        f"{_table(headings, rows)}\n\nOn the rigid arm in continuous time, which is what the certificates are about: "
+        "the slowest decay of V and the largest gain over a library of disturbances and the worst found by search. "
+        f"`{document['command']}`; {_made_with(document)}"
+    )
 
 
 def _accuracy_table(document: dict[str, Any]) -> str:
     differences = document["max_tip_difference_um"]
     steps = list(next(iter(differences.values())))
-    lines = ["| case | " + " | ".join(f"h = {1e3 * float(h):g} ms [µm]" for h in steps) + " |"]
-    lines.append("| --- |" + " ---: |" * len(steps))
-    lines += [f"| {case} | " + " | ".join(f"{row[h]:.3f}" for h in steps) + " |" for case, row in differences.items()]
-    return "\n".join(lines) + f"\n\n`python benchmarks/accuracy.py`; {_made_with(document)}"
+    headings = ["case", *(f"h = {1e3 * float(h):g} ms [µm]" for h in steps)]
+    rows = [[case, *(f"{row[h]:.3f}" for h in steps)] for case, row in differences.items()]
+    return f"{_table(headings, rows)}\n\nThe default is h = 0.2 ms. `{document['command']}`; {_made_with(document)}"
 
 
 def _margins_table(document: dict[str, Any]) -> str:
@@ -89,17 +161,16 @@ def _margins_table(document: dict[str, Any]) -> str:
         "gain_margin_upper": ("to", "{:.2f}"),
         "gain_margin_upper_delayed": ("to, 1 ms later", "{:.2f}"),
     }
-    lines = ["| policy | " + " | ".join(heading for heading, _ in columns.values()) + " |"]
-    lines.append("| --- |" + " ---: |" * len(columns))
-    for row in document["rows"]:
-        if row["policy"] in names:
-            cells = [form.format(row[key]) for key, (_, form) in columns.items()]
-            lines.append(f"| {names[row['policy']]} | {' | '.join(cells)} |")
+    rows = [
+        [names[row["policy"]], *(form.format(row[key]) for key, (_, form) in columns.items())]
+        for row in document["rows"]
+        if row["policy"] in names
+    ]
+    table = _table(["policy", *(heading for heading, _ in columns.values())], rows)
     limit, delayed = document["stability_limit"]["no_extra_delay"], document["stability_limit"]["one_sample"]
     return (
-        "\n".join(lines)
-        + f"\n\nComputed torque becomes unstable at {limit:.0f} rad/s, at {delayed:.0f} rad/s with 1 ms of "
-        f"extra delay. `python benchmarks/computed_torque_tuning.py`; {_made_with(document)}"
+        f"{table}\n\nComputed torque becomes unstable at {limit:.0f} rad/s, at {delayed:.0f} rad/s with 1 ms of "
+        f"extra delay. `{document['command']}`; {_made_with(document)}"
     )
 
 

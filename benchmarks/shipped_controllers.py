@@ -2,10 +2,10 @@
 
 python benchmarks/shipped_controllers.py [FOLDER]
 
-The consistent form with integral for 32 to 1 rules (alpha = 20, gamma = 2e-4 rad/(N m), smallest gains) and witnesses
-of the paper's own form (Theorem 2; Theorem 1 for 32 rules) at alpha = 20, gamma = 1000 and the paper's Q: for 4, 2 and 1
-rules with and without integral, with one multiplier for all dropped premises of A as printed and with one for each;
-and one whose gains exceed 1e9, see `raise_gains`. Each file is proven before it is written. A minute.
+The consistent form with integral for 32 to 1 rules (alpha = 20, gamma = 2e-4 rad/(N m), smallest gains), and witnesses
+of the paper's own form (Theorem 2; Theorem 1 for 32 rules) at alpha = 20, gamma = 1000 and the paper's Q: for 4, 2
+and 1 rules with and without integral, with one multiplier for all dropped premises of A as printed and with one for
+each; and one whose gains exceed 1e9, see `raise_gains`. Each file is proven before it is written. A minute.
 """
 
 from __future__ import annotations

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from scipy.optimize import differential_evolution
+from scipy.optimize import Bounds, differential_evolution
 
 from fuzzyarm.eval.rigid import RigidLoop
 from fuzzyarm.fuzzy_policy.ts_model import premises
@@ -93,12 +94,12 @@ def search(loop: RigidLoop, objective: Objective, *, moving: bool = True, seed: 
         point = scale * x.T
         return point[:, :2], point[:, 2:4], LARGEST_FREQUENCY * (0.5 + 0.5 * point[:, 4]) ** 2
 
-    def loss(x: np.ndarray) -> np.ndarray:
+    def loss(x: np.ndarray, /) -> Any:
         q, dq, omega = split(x)
         return -objective(*frozen(loop, q, dq), omega)
 
     found = differential_evolution(
-        loss, [(-1.0, 1.0)] * 5, vectorized=True, updating="deferred", polish=False, rng=seed, init="sobol",
+        loss, Bounds([-1.0] * 5, [1.0] * 5), vectorized=True, updating="deferred", polish=False, rng=seed, init="sobol",
         maxiter=GENERATIONS, popsize=POPULATION, tol=0.0,
     )  # fmt: skip
     q, dq, omega = split(found.x[:, np.newaxis])

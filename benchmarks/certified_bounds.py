@@ -1,0 +1,128 @@
+"""How close the rigid arm comes to what each controller file claims: decay rate and L2 gain.
+
+    python benchmarks/certified_bounds.py [--json FILE]
+
+Decay: the certified rate against the smallest -d ln V / 2dt of undisturbed rollouts, random ones and one started where
+V decays slowest, and against the slowest pole of the loop frozen at any state of the box. Gain: the certified γ against
+the largest ‖q - q_d‖₂ / ‖w‖₂ of disturbed rollouts from zero error, on the circle and at the worst held posture, and
+against the largest H-infinity norm of a frozen loop. The inequality behind the certificate promises more than γ: the
+same norm shifted by α, and that no rollout uses up the supply γ² ∫ wᵀw. A minute or two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.eval.frozen import frozen, gain_at, lyapunov_rate, pole_rate, search, slowest_error
+from fuzzyarm.eval.probes import Uniform, joined, library, worst_torque
+from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.rigid import RigidLoop
+from fuzzyarm.eval.rigid_rollout import Motion, simulate
+from fuzzyarm.files import write_atomically
+
+RULES = (1, 2, 4, 8, 16, 32)
+DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long
+AMPLITUDE = 100.0  # [N m]
+LANES, DECAY_DURATION = 200, 0.2  # of undisturbed rollouts at random states
+NOTHING = joined(np.zeros((2, 1, 2)))
+
+
+def decay(loop: RigidLoop) -> dict[str, float]:
+    """Return the smallest rates of decay [1/s]: of V in rollouts, of V anywhere in the box, of a frozen pole."""
+    P, rng, n = loop.controller.P, np.random.default_rng(0), loop.states
+    slowest = search(loop, lambda F, G, omega: -lyapunov_rate(F, P))
+    q, dq = 0.999 * slowest.q[np.newaxis], 0.999 * slowest.dq[np.newaxis]
+    start = 1e-4 * slowest_error(frozen(loop, q, dq)[0], P)
+    one = simulate(loop, Uniform(q - start[:, :2], dq - start[:, 2:4]), start, NOTHING, 0.02, step=2e-5)
+    p = loop.controller.model.parameters
+    where = Uniform(*(rng.uniform(-0.6, 0.6, (LANES, 2)) * limit for limit in (p.joint_limit, p.velocity_limit)))
+    errors = 0.01 * rng.normal(size=(LANES, n)) @ np.linalg.cholesky(P).T
+    errors *= (rng.uniform(0.01, 0.3, LANES) / np.abs(errors[:, :2]).max(axis=1))[:, np.newaxis]
+    many = simulate(loop, where, errors, NOTHING, DECAY_DURATION)
+    return {
+        "observed": float(min(one.rate.min(), many.rate.min())),
+        "observed_random": float(many.rate.min()),
+        "lyapunov": -slowest.value,
+        "pole": -search(loop, lambda F, G, omega: -pole_rate(F)).value,
+    }
+
+
+def gain(loop: RigidLoop) -> dict[str, Any]:
+    """Return the largest gains [rad/(N m)] in rollouts and of frozen loops, and the share of the supply used."""
+    alpha, gamma = loop.controller.alpha, loop.controller.gamma
+    at_rest = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
+    posture = Uniform(0.98 * at_rest.q[np.newaxis], np.zeros((1, 2)))
+    runs = [disturbed(loop, motion) for motion in (JointReference(), posture)]
+    (library_gain, probe), (worst, _) = (max(run[key] for run in runs) for key in ("library", "worst"))
+    return {
+        "observed": max(library_gain, worst),
+        "observed_library": library_gain,
+        "library_probe": probe,
+        "supply_used": max(run["used"] for run in runs),
+        "frozen": search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
+        "frozen_shifted": search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
+        "certified": gamma,
+    }
+
+
+def disturbed(loop: RigidLoop, motion: Motion) -> dict[str, Any]:
+    """Return the largest gains under the library and the worst torques, with names, and the largest supply used."""
+    probes = library(DURATION)
+    worst = {
+        name: worst_torque(loop, motion, DURATION, stored=stored)
+        for name, stored in (("worst gain", False), ("worst supply", True))
+    }
+    torques = AMPLITUDE * np.stack([*probes.values(), *worst.values()], axis=1)
+    run = simulate(loop, motion, np.zeros((torques.shape[1], loop.states)), joined(torques), DURATION)
+    if not run.in_box.all() or run.dissipation.max() > 0.0:
+        raise RuntimeError("a rollout left the box or broke the dissipation inequality: the certificate is in doubt")
+    gains = [(float(value), name) for name, value in zip([*probes, *worst], run.gain.max(axis=0), strict=True)]
+    used = 1.0 + run.dissipation[1:] / (loop.controller.gamma**2 * run.input[1:])
+    return {"library": max(gains[:-2]), "worst": max(gains[-2:]), "used": float(used.max())}
+
+
+def assess(rules: int) -> dict[str, Any]:
+    """Return the certified, observed and frozen bounds of a shipped controller."""
+    loop = RigidLoop(load_policy(f"fuzzy-{rules}", allow_unproven=True).controller)
+    return {"decay_per_s": {"certified": loop.controller.alpha, **decay(loop)}, "gain_rad_per_Nm": gain(loop)}
+
+
+COLUMNS = {
+    "α 1/s": lambda a, g: f"{a['certified']:.3g}",
+    "/ V in rollout": lambda a, g: f"{a['certified'] / a['observed']:.4f}",
+    "/ V in box": lambda a, g: f"{a['certified'] / a['lyapunov']:.4f}",
+    "/ pole": lambda a, g: f"{a['certified'] / a['pole']:.3f}",
+    "γ rad/(N m)": lambda a, g: f"{g['certified']:.3g}",
+    "rollout / γ": lambda a, g: f"{g['observed'] / g['certified']:.3f}",
+    "frozen / γ": lambda a, g: f"{g['frozen'] / g['certified']:.3f}",
+    "shifted by α / γ": lambda a, g: f"{g['frozen_shifted'] / g['certified']:.3f}",
+    "supply used": lambda a, g: f"{g['supply_used']:.3f}",
+}
+"""Each ratio is at most 1 if the claim holds, and 1 if the bound is met exactly."""
+
+
+def main() -> None:
+    """Assess, print and optionally write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
+    options = parser.parse_args()
+    print("rules  " + "  ".join(COLUMNS))
+    result = {}
+    for rules in RULES:
+        row = result[f"fuzzy-{rules}"] = assess(rules)
+        cells = (cell(*row.values()).rjust(len(name)) for name, cell in COLUMNS.items())
+        print(f"{rules:5}  " + "  ".join(cells), flush=True)
+    if options.json:
+        document = {"command": "python benchmarks/certified_bounds.py", **provenance(), "bounds": result}
+        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
