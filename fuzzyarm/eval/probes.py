@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy.linalg import expm
 
 from fuzzyarm.envs.reference import ReferenceSample
 from fuzzyarm.eval.frozen import frozen
@@ -16,7 +15,7 @@ FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [
 DIRECTIONS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
 PULSE = 0.02  # [s]
 HELD = 2e-3  # [s], one torque of the power iteration
-POWER_STEPS = 30  # of the power iteration; twice as many raise no gain in the third digit
+POWER_STEPS = 30  # of the power iteration; twice as many raise the gains by 0.5 % at most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,9 +93,9 @@ def worst_torque(
 
 
 def _discrete(loop: RigidLoop, motion: Motion, middles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the maps of ē (k, n_e, n_e) and of a held w (k, n_e, 2) over `HELD`, premises as at its middle."""
+    """Return the maps of ē (k, n_e, n_e) and of a held w (k, n_e, 2) over `HELD`, by the implicit midpoint rule."""
     target, n = motion.sample(middles), loop.states
     F, G = frozen(loop, target.q.reshape(-1, 2), target.dq.reshape(-1, 2))
-    both = np.concatenate([np.concatenate([F, G], axis=2), np.zeros((len(F), 2, n + 2))], axis=1)
-    maps = expm(HELD * both)
-    return maps[:, :n, :n], maps[:, :n, n:]
+    half, unit = 0.5 * HELD * F, np.eye(n)
+    maps = np.linalg.solve(unit - half, np.concatenate([unit + half, HELD * G], axis=2))
+    return maps[..., :n], maps[..., n:]

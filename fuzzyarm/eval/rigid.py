@@ -82,7 +82,7 @@ class RigidLoop:
         g1, g2 = gravity_torque(np.sin(q[:, 0]), np.sin(q[:, 0] + q[:, 1]), arm)
         t1 = torque[:, 0] - c1 - arm.viscous1 * dq1 - g1
         t2 = torque[:, 1] - c2 - arm.viscous2 * dq2 - g2
-        return np.stack([m22 * t1 - m12 * t2, m11 * t2 - m12 * t1], axis=1) / (m11 * m22 - m12 * m12)[:, np.newaxis]
+        return np.asarray(np.stack([m22 * t1 - m12 * t2, m11 * t2 - m12 * t1] / (m11 * m22 - m12 * m12), axis=1))
 
     def error_rate(
         self, error: np.ndarray, target: ReferenceSample, torque: np.ndarray, *, total: bool

@@ -7,11 +7,12 @@ import functools
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 from fuzzyarm.envs.dynamics import rigid_inverse_dynamics
 from fuzzyarm.envs.reference import JointReference, ReferenceSample
 from fuzzyarm.eval.frozen import frozen, gain_at, lyapunov_rate, pole_rate, search, slowest_error
-from fuzzyarm.eval.probes import Uniform, joined, library, worst_torque
+from fuzzyarm.eval.probes import HELD, Uniform, _discrete, joined, library, worst_torque
 from fuzzyarm.eval.rigid import RigidLoop
 from fuzzyarm.eval.rigid_rollout import Motion, Run, simulate
 from fuzzyarm.fuzzy_policy.certificate import residual_bound
@@ -168,6 +169,55 @@ def test_disturbances_are_joined_by_straight_lines() -> None:
     np.testing.assert_allclose(at, expected, atol=1e-12)
 
 
+def test_uniform_motion_moves_at_its_velocity() -> None:
+    (q, dq), t = states(17, 4), np.linspace(0.0, 0.2, 5)
+    motion = Uniform(q, dq).sample(t)
+    np.testing.assert_allclose(np.diff(motion.q, axis=0), 0.05 * motion.dq[1:], atol=1e-12)
+    assert np.array_equal(motion.dq[3], dq) and not motion.ddq.any()
+
+
+def test_integrals_agree_with_a_quadrature_of_the_trajectory() -> None:
+    """Every term of the dissipation, from ē and w alone."""
+    loop, start = shipped("fuzzy-4"), errors(shipped("fuzzy-4"), 18, 6, 0.1)
+    P, alpha, gamma = loop.controller.P, loop.controller.alpha, loop.controller.gamma
+
+    def w(t: np.ndarray) -> np.ndarray:
+        return AMPLITUDE * np.sin(70.0 * t)[:, np.newaxis, np.newaxis] * np.ones((6, 2))
+
+    run = simulate(loop, CIRCLE, start, w, 0.2, step=2.5e-4)
+    V = np.einsum("kla,ab,klb->kl", run.error, np.linalg.inv(P), run.error)
+    supply = np.sum(run.error[..., :2] ** 2 - gamma**2 * w(run.t) ** 2, axis=-1) + 2.0 * alpha * V
+    dissipation = V - V[0] + cumulative_simpson(supply, x=run.t, axis=0, initial=0.0)
+    np.testing.assert_allclose(run.V, V, rtol=1e-8)
+    np.testing.assert_allclose(run.dissipation, dissipation, atol=2e-5 * np.abs(dissipation).max())
+
+
+def test_a_run_that_was_out_of_the_box_stays_out() -> None:
+    """From 3.3 rad the arm comes back; what it does then is not covered."""
+    loop = shipped("fuzzy-4")
+    start = np.array([[3.3, 0, 0, 0, 0, 0], [1e-3, 0, 0, 0, 0, 0]])
+    run = simulate(loop, Uniform(np.zeros((1, 2)), np.zeros((1, 2))), start, NOTHING, 0.6, step=STEP)
+    assert np.abs(run.error[-1, :, :2]).max() < 0.01
+    assert not run.in_box[:, 0].any() and run.in_box[:, 1].all()
+
+
+def test_the_worst_torque_is_the_first_singular_vector() -> None:
+    """Against the dense map of 0.1 s of the circle, for both outputs."""
+    loop, steps = shipped("fuzzy-4"), round(0.1 / HELD)
+    move, push = _discrete(loop, CIRCLE, HELD * (np.arange(steps) + 0.5))
+    rows = np.zeros((steps, 6, steps, 2))
+    for k in range(steps):
+        rows[k] = np.tensordot(move[k], rows[k - 1], axes=1) if k else 0.0
+        rows[k, :, k] = push[k]
+    root = np.linalg.inv(np.linalg.cholesky(loop.controller.P))
+    outputs = {False: np.eye(6)[:2], True: np.vstack([np.eye(6)[:2], np.sqrt(2.0 * loop.controller.alpha) * root])}
+    for stored, C in outputs.items():
+        dense = np.einsum("ab,kbjc->kajc", C, rows).reshape(-1, 2 * steps)
+        torque = worst_torque(loop, CIRCLE, 0.1, stored=stored, step=HELD / 2)[1::2].ravel()
+        gain = np.linalg.norm(dense @ torque) / np.linalg.norm(torque)
+        assert gain == pytest.approx(np.linalg.norm(dense, ord=2), rel=1e-3)
+
+
 # (a) decay
 
 
@@ -266,7 +316,7 @@ def test_every_frozen_loop_keeps_the_claims(name: str) -> None:
     loop = shipped(name)
     P, alpha, gamma = loop.controller.P, loop.controller.alpha, loop.controller.gamma
     F, _ = frozen(loop, *states(16, 5000))
-    assert pole_rate(F).min() > lyapunov_rate(F, P).min() > alpha
+    assert 1.5 * alpha > pole_rate(F).min() > lyapunov_rate(F, P).min() > alpha
     assert search(loop, lambda F, G, omega: -lyapunov_rate(F, P)).value > -1.03 * alpha
     shifted = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value
     assert 0.6 * gamma < shifted < gamma
