@@ -46,7 +46,7 @@ from fuzzyarm.fuzzy_policy.error_model import ErrorModel
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import full_size, paper_formula, reduced_size
 from fuzzyarm.synthesis.conic import Problem, Program, program
-from fuzzyarm.synthesis.design import Specification, _controller, _scaled
+from fuzzyarm.synthesis.design import Specification, scaled_problem, to_controller
 from fuzzyarm.synthesis.minimise import TOLERANCE, solve
 from fuzzyarm.synthesis.reduced import ReducedModel
 
@@ -152,10 +152,10 @@ def run_cvxpy(system: ErrorModel, problem: Problem) -> dict[str, Any]:
 
 def run_ours(model: TSModel, asked: Specification) -> dict[str, Any]:
     """Return times [s], optimum, status and recomputed margin of the reduced program, proven."""
-    scaling, system, problem = _scaled(model, asked, 1.0)
+    scaling, system, problem = scaled_problem(model, asked, 1.0)
     solution = solve(system, problem)
     begin = time.perf_counter()
-    if not certify(_controller(model, asked, scaling, solution)).proven:
+    if not certify(to_controller(model, asked, scaling, solution)).proven:
         raise SystemExit(f"{asked}: the solver's point does not pass the proof")
     return {
         "build_s": solution.build_time,
@@ -208,7 +208,7 @@ def measure(form: str, rules: int, repeats: int) -> dict[str, Any]:
     """Return sizes, and medians over the repeats, ours and cvxpy alternating."""
     asked = specification(form, rules)
     model = TSModel(ArmParameters(), asked.kept)
-    _, system, problem = _scaled(model, asked, 1.0)
+    _, system, problem = scaled_problem(model, asked, 1.0)
     runs = [{**run_ours(model, asked), **run_cvxpy(system, problem)} for _ in range(repeats)]
     for run in runs:
         run["ratio"] = (run["cvxpy_compile_s"] + run["cvxpy_solve_s"]) / (run["build_s"] + run["solve_s"])

@@ -191,6 +191,7 @@ def test_verify_proves_files_and_says_what_for(capsys):
     assert out.count(": PROVEN") == 2
     assert "7 of 7 inequalities proven in exact rational arithmetic" in out
     assert out.count("Not covered: the elastic joints") == 2
+    assert "proven     P > 0, margin" in out
     assert "feedforward residual in d is at most" in out
 
 
@@ -200,7 +201,7 @@ def test_verify_names_what_fails_and_exits_with_1(tmp_path, capsys):
     assert main(["verify", str(tmp_path / "wrong.json")]) == 1
     out = capsys.readouterr().out
     assert "NOT PROVEN" in out
-    assert "not proven: Psi_1,1,1 < 0" in out
+    assert "not proven Psi_1,1,1 < 0, margin -" in out
     assert "Not covered" not in out  # no statement without a proof
 
 

@@ -14,6 +14,8 @@ from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.fuzzy_policy.certificate import Certificate, certify, residual_bound
 from fuzzyarm.fuzzy_policy.controller import Controller
 
+LISTED = 20  # claims in the printed report
+
 
 @dataclasses.dataclass(frozen=True)
 class Verification:
@@ -38,10 +40,15 @@ class Verification:
             f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}",
             f"  {len(claims) - len(failed)} of {len(claims)} inequalities proven in exact rational arithmetic, "
             f"smallest margin {self.certificate.margin:.2g}, {self.seconds:.2f} s",
-            *(f"  not proven: {claim.name} (margin {claim.margin:.2g})" for claim in failed[:10]),
         ]
-        if len(failed) > 10:
-            lines.append(f"  and {len(failed) - 10} more")
+        # What fails first, then the smallest margins; a large model has hundreds of claims.
+        ranked = sorted(claims, key=lambda claim: (claim.proven, claim.margin))
+        lines += [
+            f"  {'proven    ' if claim.proven else 'not proven'} {claim.name}, margin {claim.margin:.2g}"
+            for claim in ranked[:LISTED]
+        ]
+        if len(claims) > LISTED:
+            lines.append(f"  and {len(claims) - LISTED} more with larger margins, all of them with --json")
         if not failed:
             lines.append(f"  {self.certificate.statement}")
         if self.residual is not None and self.residual.any():

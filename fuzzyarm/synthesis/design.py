@@ -108,7 +108,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     if best is None:
         raise DesignFailed(_explain(model, specification))
     begin = time.perf_counter()
-    controller = _controller(model, specification, *best)
+    controller = to_controller(model, specification, *best)
     certificate = certify(controller)
     if not certificate.proven:
         raise DesignFailed(f"the solver's point does not pass the proof: {_explain(model, specification)}")
@@ -126,7 +126,7 @@ def error_system(model: TSModel, specification: Specification) -> ErrorModel:
 def _first(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
     """Return the solution at the first Lyapunov scale that has one."""
     for factor in FACTORS:
-        scaling, system, problem = _scaled(model, specification, factor)
+        scaling, system, problem = scaled_problem(model, specification, factor)
         try:
             return scaling, fastest(system, problem) if specification.alpha is None else solve(system, problem)
         except Infeasible:
@@ -152,7 +152,7 @@ def _smallest_gamma(model: TSModel, specification: Specification) -> tuple[Scali
     found: dict[float, tuple[Scaling, Solution]] = {}
 
     def gamma_at(exponent: float) -> float:
-        scaling, system, problem = _scaled(model, specification, 10.0**exponent)
+        scaling, system, problem = scaled_problem(model, specification, 10.0**exponent)
         try:
             found[exponent] = scaling, solve(system, problem)
         except Infeasible:
@@ -168,7 +168,7 @@ def _smallest_gamma(model: TSModel, specification: Specification) -> tuple[Scali
     return min(found.values(), key=lambda entry: entry[1].gamma)
 
 
-def _scaled(model: TSModel, specification: Specification, factor: float) -> tuple[Scaling, ErrorModel, Problem]:
+def scaled_problem(model: TSModel, specification: Specification, factor: float) -> tuple[Scaling, ErrorModel, Problem]:
     """Return the problem at a Lyapunov scale, `factor` times its natural size."""
     system = error_system(model, specification)
     unit = Scaling.of(system, model.parameters, 1.0)
@@ -235,7 +235,7 @@ def largest_alpha(model: TSModel, specification: Specification, resolution: floa
     return low
 
 
-def _controller(model: TSModel, specification: Specification, scaling: Scaling, solution: Solution) -> Controller:
+def to_controller(model: TSModel, specification: Specification, scaling: Scaling, solution: Solution) -> Controller:
     """Return the solution in SI units as a controller."""
     P, M, L, Q, X, tau = scaling.restore(solution.P, solution.M, solution.L, solution.Q, solution.X, solution.tau)
     P = 0.5 * (P + P.T)
