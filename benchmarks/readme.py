@@ -178,7 +178,8 @@ def _made_with(document: dict[str, Any]) -> str:
     """Return machine and versions in one line."""
     versions, machine = document["versions"], document["machine"]
     libraries = ", ".join(f"{name} {versions[name]}" for name in ("numpy", "numba", "clarabel"))
-    commit = (document["commit"] or "unknown")[:10]
+    commit, _, changes = (document["commit"] or "unknown").partition("+")
+    commit = commit[:10] + (f" with {changes}" if changes else "")
     return f"{machine['cpu']}, {machine['cores']} cores, Python {versions['python']}, {libraries}, commit {commit}."
 
 
