@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-LIBRARIES = ("fuzzyarm", "numpy", "numba", "gymnasium", "scipy", "cvxpy", "clarabel")
+LIBRARIES = ("fuzzyarm", "numpy", "numba", "gymnasium", "scipy", "clarabel", "python-flint")
 
 
 def provenance() -> dict[str, Any]:
