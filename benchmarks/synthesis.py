@@ -42,11 +42,11 @@ from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.block_matrix import he, symmetric
 from fuzzyarm.fuzzy_policy.certificate import certify
-from fuzzyarm.fuzzy_policy.error_model import ErrorModel
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import full_size, paper_formula, reduced_size
 from fuzzyarm.synthesis.conic import Problem, Program, program
 from fuzzyarm.synthesis.design import Specification, scaled_problem, to_controller
+from fuzzyarm.synthesis.error_model import ErrorModel
 from fuzzyarm.synthesis.minimise import TOLERANCE, solve
 from fuzzyarm.synthesis.reduced import ReducedModel
 

@@ -67,9 +67,10 @@ def test_linked_files_exist():
 
 
 @pytest.mark.parametrize("script", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.name)
-def test_examples_run(script, tmp_path, monkeypatch):
+def test_examples_run(script, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "out.png")])
     runpy.run_path(str(script), run_name="__main__")
+    assert capsys.readouterr().out or (tmp_path / "out.png").stat().st_size > 0
 
 
 def test_constraints_are_plain_pins():

@@ -219,7 +219,6 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if np.isfinite(self._state).all():
             q, dq = np.abs(self._state[:4, 0]).max(), np.abs(self._state[4:, 0]).max()
             return f"left the joint domain: max |q| = {q:.3g} rad, max |dq| = {dq:.3g} rad/s", reward
-        self._state = before
         assert self._episode is not None
         bias, force = self._episode.biases[self._index - 1], self._episode.forces[self._index - 1]
         measure(before, torque, bias, force, self._arm, self._limits, self._episode.targets[self._index], self._row)

@@ -10,10 +10,9 @@ import numpy as np
 from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.fuzzy_policy import consistent_reference, theorem2
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.error_model import reference_model
 from fuzzyarm.fuzzy_policy.exact import exact, is_positive_definite, rational, smallest_eigenvalue
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.fuzzy_policy.vertices import TrackingVertices, UncertainTerm, Vertices, stacked
+from fuzzyarm.fuzzy_policy.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
 
 NOT_COVERED = (
     "Not covered: the elastic joints, sampling and hold, measurement noise, torque limits, and any motion that leaves "

@@ -13,8 +13,9 @@ import dataclasses
 import numpy as np
 
 from fuzzyarm.fuzzy_policy.block_matrix import identity, zeros
-from fuzzyarm.fuzzy_policy.error_model import reference_model
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
+
+REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 6.1.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,6 +92,14 @@ class TrackingVertices(Vertices):
     A_r: np.ndarray
     B_r: np.ndarray
     Q_inverse: np.ndarray
+
+
+def reference_model() -> tuple[np.ndarray, np.ndarray]:
+    """Return A_r (4, 4) and B_r (4, 6) of (8) for r = (q_d, q̇_d, q̈_d)."""
+    p, I, O = REFERENCE_POLE, np.eye(2), np.zeros((2, 2))  # noqa: E741  identity
+    A_r = np.block([[O, I], [-(p**2) * I, -2.0 * p * I]])
+    B_r = np.block([[O, O, O], [p**2 * I, 2.0 * p * I, I]])
+    return A_r, B_r
 
 
 def error_vertices(model: TSModel, integral: bool, *, common_multiplier: bool = False) -> Vertices:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from fuzzyarm.fuzzy_policy.error_model import ErrorModel
+from fuzzyarm.synthesis.error_model import ErrorModel
 from fuzzyarm.synthesis.reduced import INPUT_ROWS
 
 

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from fuzzyarm.fuzzy_policy.error_model import ErrorModel
+from fuzzyarm.synthesis.error_model import ErrorModel
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, inequality
 
 MARGIN = 1e-4  # strictness of the inequalities, in scaled units; far above the solver's rounding

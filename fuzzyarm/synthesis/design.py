@@ -13,9 +13,9 @@ from scipy.optimize import minimize_scalar
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.certificate import Certificate, certify
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.error_model import ErrorModel, consistent_reference, paper_form
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.conic import Problem
+from fuzzyarm.synthesis.error_model import ErrorModel, consistent_reference, paper_form
 from fuzzyarm.synthesis.minimise import Infeasible, Solution, fastest, solve
 from fuzzyarm.synthesis.scaling import Scaling
 

@@ -10,8 +10,8 @@ import clarabel  # type: ignore[import-untyped]
 import numpy as np
 from scipy import sparse
 
-from fuzzyarm.fuzzy_policy.error_model import ErrorModel
 from fuzzyarm.synthesis.conic import Problem, Program, program
+from fuzzyarm.synthesis.error_model import ErrorModel
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, blended, expand
 
 TOLERANCE = 0.01  # of the solver, times the margin: what it leaves open may not eat the margin up

@@ -20,7 +20,7 @@ import dataclasses
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.error_model import ErrorModel
+from fuzzyarm.synthesis.error_model import ErrorModel
 
 INPUT_ROWS = np.array([2, 3])  # b, of every form in `error_model`
 ROUNDING = 1e-12  # what scaling leaves of an exact zero or one

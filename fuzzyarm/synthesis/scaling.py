@@ -16,7 +16,8 @@ import numpy as np
 
 from fuzzyarm.envs.dynamics import arm_constants
 from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.error_model import REFERENCE_POLE, ErrorModel, UncertainBlock
+from fuzzyarm.fuzzy_policy.vertices import REFERENCE_POLE
+from fuzzyarm.synthesis.error_model import ErrorModel, UncertainBlock
 
 
 @dataclasses.dataclass(frozen=True)

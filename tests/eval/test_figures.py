@@ -180,6 +180,7 @@ def test_one_policy_that_never_finishes(samples):
     figures = draw_figures([episode("sac", samples=samples, completed=False)])
     for name in ("nominal-path", "nominal-velocity", "overview"):
         figures[name].draw_without_rendering()
+        assert figures[name].axes[0].lines
 
 
 def test_many_policies_look_different_and_the_same_in_every_case():

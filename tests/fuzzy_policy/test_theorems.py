@@ -13,10 +13,11 @@ from flint import fmpq
 
 from fuzzyarm.envs.dynamics import arm_constants, mass_matrix, rigid_inverse_dynamics
 from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy import consistent_reference, error_model, theorem2
+from fuzzyarm.fuzzy_policy import consistent_reference, theorem2, vertices
 from fuzzyarm.fuzzy_policy.theorem1 import xi
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel, premises
 from fuzzyarm.fuzzy_policy.vertices import error_vertices, tracking_vertices
+from fuzzyarm.synthesis import error_model
 
 ARM = ArmParameters()
 ALPHA, WEIGHT = 3.0, np.array([4.0, 1.0, 0.25, 0.5])
@@ -229,7 +230,7 @@ def test_theorem_2_is_the_dissipation_of_the_nonlinear_arm(kept, integral, commo
     data, psi = vertices_of("theorem2", model, integral, common)
     family, n_e = Family.draw(rng, data, "theorem2", psi), data.n_e
     P_11, P_22 = family.P[:n_e, :n_e], family.P[n_e:, n_e:]
-    A_r, B_r = error_model.reference_model()
+    A_r, B_r = vertices.reference_model()
     for _ in range(3):
         q, dq, z = random_arm_state(rng)
         x_p, x_r, x_I, r, d = np.concatenate([q, dq]), *(rng.normal(size=size) for size in (4, n_e - 4, 6, 2))
@@ -362,7 +363,7 @@ def test_the_printed_sign_of_T_32_proves_too_much(integral):
 # A feasible point ----------------------------------------------------------------------------------------------------
 
 
-SIGMA = error_model.REFERENCE_POLE
+SIGMA = vertices.REFERENCE_POLE
 
 
 def in_units_of_sigma(data):

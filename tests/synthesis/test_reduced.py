@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.error_model import consistent_reference, paper_form
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis import minimise
 from fuzzyarm.synthesis.conic import Problem, program, svec
+from fuzzyarm.synthesis.error_model import consistent_reference, paper_form
 from fuzzyarm.synthesis.minimise import Infeasible, fastest, solve
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, blended, expand, inequality
 from fuzzyarm.synthesis.scaling import Scaling

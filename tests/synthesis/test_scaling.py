@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.error_model import consistent_reference, paper_form
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
+from fuzzyarm.synthesis.error_model import consistent_reference, paper_form
 from fuzzyarm.synthesis.scaling import Scaling
 
 ARM = ArmParameters()

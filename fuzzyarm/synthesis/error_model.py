@@ -7,6 +7,9 @@ blended by the memberships; |f| <= 1 for each uncertainty. With the integral x_I
 
 *Consistent reference* (this project): x = ē, w = d, z = position error; L is fixed and cancels the reference.
 *Paper* (theorems 1 and 2, (10) and Remark 2): x = (ē, x_r), w = (d, r), z = Q^(1/2) e; L is free.
+
+This is the solver's view of a design. The proof has its own, `fuzzy_policy.theorem1`, `theorem2` and
+`consistent_reference`, and shares none of this code; tests hold the two together.
 """
 
 from __future__ import annotations
@@ -16,8 +19,7 @@ import dataclasses
 import numpy as np
 
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-
-REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 6.1.3
+from fuzzyarm.fuzzy_policy.vertices import reference_model
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,14 +63,6 @@ class ErrorModel:
     def pairs(self) -> list[tuple[int, int]]:
         """The index pairs i <= j of the convex double sum."""
         return [(i, j) for i in range(len(self.A)) for j in range(i, len(self.A))]
-
-
-def reference_model() -> tuple[np.ndarray, np.ndarray]:
-    """Return A_r (4, 4) and B_r (4, 6) of (8) for r = (q_d, q̇_d, q̈_d)."""
-    p, I, O = REFERENCE_POLE, np.eye(2), np.zeros((2, 2))  # noqa: E741  identity
-    A_r = np.block([[O, I], [-(p**2) * I, -2.0 * p * I]])
-    B_r = np.block([[O, O, O], [p**2 * I, 2.0 * p * I, I]])
-    return A_r, B_r
 
 
 def consistent_reference(model: TSModel, integral: bool) -> ErrorModel:
