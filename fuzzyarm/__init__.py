@@ -14,4 +14,11 @@ from fuzzyarm.policies import load_policy
 __all__ = ["__version__", "load_policy"]
 __version__ = version("fuzzyarm")
 
-register(id="FuzzyArm-v0", entry_point="fuzzyarm.envs.fuzzy_arm:FuzzyArmEnv")
+# The environment itself refuses steps outside an episode and checks actions: Gymnasium's wrappers for that would only
+# cost time on every step.
+register(
+    id="FuzzyArm-v0",
+    entry_point="fuzzyarm.envs.fuzzy_arm:FuzzyArmEnv",
+    order_enforce=False,
+    disable_env_checker=True,
+)

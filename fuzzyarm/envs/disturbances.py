@@ -104,11 +104,6 @@ class EncoderNoise:
         _finite("EncoderNoise.position", self.position, at_least=0.0)
         _finite("EncoderNoise.velocity", self.velocity, at_least=0.0)
 
-    def sample(self, generator: np.random.Generator, samples: int) -> np.ndarray:
-        """Return (samples, 4) draws: two angles [rad], two velocities [rad/s]."""
-        scale = np.array([self.position, self.position, self.velocity, self.velocity])
-        return scale * generator.standard_normal((samples, 4))
-
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:

@@ -69,6 +69,26 @@ class Arm(NamedTuple):
     length2: Any
 
 
+class Plant(NamedTuple):
+    """The fields of `ArmParameters` in their order, every number a scalar, or an array with one value per lane."""
+
+    length: Any
+    mass: Any
+    inertia: Any
+    mass_center: Any
+    viscous_friction: Any
+    gravity: Any
+    motor_inertia: Any
+    stiffness: Any
+    damping: Any
+    static_friction: Any
+    coulomb_friction: Any
+    stribeck_velocity: Any
+    torque_limit: Any
+    joint_limit: Any
+    velocity_limit: Any
+
+
 class State(NamedTuple):
     """Motor angles and link angles [rad], then their velocities [rad/s]; scalars or arrays of lanes."""
 
@@ -82,6 +102,7 @@ class State(NamedTuple):
     link_velocity2: Any
 
 
+@register_jitable
 def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, gravity: Any) -> tuple[Any, ...]:
     """Return c1..c5 of (3) from pairs of any number type, exact rationals included.
 
@@ -98,32 +119,62 @@ def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, 
     )
 
 
-def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
-    """Lump Table 1 and a payload into the constants of (3), see `inertia_and_gravity`.
-
-    A payload m_p at distance r from joint 2 adds m_p (L1² + r²), m_p L1 r, m_p r², m_p g L1 and m_p g r.
-    """
-    payload = payload or Payload()
-    p, g, mp = parameters, parameters.gravity, payload.mass
-    c1, c2, c3, c4, c5 = inertia_and_gravity(p.length, p.mass, p.mass_center, p.inertia, g)
-    l1, l2 = p.length
-    rp = l2 if payload.at == "tip" else p.mass_center[1]
+@register_jitable
+def lump(plant: Plant) -> Arm:
+    """Lump a plant without payload into the constants of (3)."""
+    c1, c2, c3, c4, c5 = inertia_and_gravity(plant.length, plant.mass, plant.mass_center, plant.inertia, plant.gravity)
     return Arm(
-        c1 + mp * (l1**2 + rp**2),
-        c2 + mp * l1 * rp,
-        c3 + mp * rp**2,
-        c4 + mp * g * l1,
-        c5 + mp * g * rp,
-        *parameters.motor_inertia,
-        *parameters.viscous_friction,
-        *parameters.stiffness,
-        *parameters.damping,
-        *parameters.static_friction,
-        *parameters.coulomb_friction,
-        parameters.stribeck_velocity,
-        l1,
-        l2,
+        c1,
+        c2,
+        c3,
+        c4,
+        c5,
+        plant.motor_inertia[0],
+        plant.motor_inertia[1],
+        plant.viscous_friction[0],
+        plant.viscous_friction[1],
+        plant.stiffness[0],
+        plant.stiffness[1],
+        plant.damping[0],
+        plant.damping[1],
+        plant.static_friction[0],
+        plant.static_friction[1],
+        plant.coulomb_friction[0],
+        plant.coulomb_friction[1],
+        plant.stribeck_velocity,
+        plant.length[0],
+        plant.length[1],
     )
+
+
+@register_jitable
+def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
+    """Return the constants with a point mass m [kg] at a distance r [m] from joint 2.
+
+    It adds m (L1² + r²), m L1 r, m r², m g L1 and m g r to c1..c5.
+    """
+    length = arm.length1
+    return Arm(
+        arm.c1 + mass * (length * length + radius * radius),
+        arm.c2 + mass * length * radius,
+        arm.c3 + mass * (radius * radius),
+        arm.c4 + mass * gravity * length,
+        arm.c5 + mass * gravity * radius,
+        *arm[5:],
+    )
+
+
+def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
+    """Lump Table 1 and a payload into the constants of (3), see `lump` and `loaded`."""
+    payload = payload or Payload()
+    radius = parameters.length[1] if payload.at == "tip" else parameters.mass_center[1]
+    arm: Arm = loaded(lump(plant_of(parameters)), payload.mass, radius, parameters.gravity)
+    return arm
+
+
+def plant_of(parameters: ArmParameters) -> Plant:
+    """Return the fields as the equations take them."""
+    return Plant(*(getattr(parameters, field.name) for field in dataclasses.fields(parameters)))
 
 
 @register_jitable

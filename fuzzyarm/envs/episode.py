@@ -1,4 +1,4 @@
-"""Everything of one episode that is known before it starts: reference, forces, biases and noise, as tables."""
+"""Everything of one episode that is known before it starts: reference, forces and biases, as one table."""
 
 from __future__ import annotations
 
@@ -12,57 +12,64 @@ from fuzzyarm.envs.paths import Circle
 from fuzzyarm.envs.reference import JointReference, quintic_time_law
 
 FORCE_SAMPLES = 8  # inside a control step; a kink of the force within a step then costs less than 0.1 µm at the tip
+REFERENCE, TARGET, FORCE, BIAS, COLUMNS = 0, 6, 13, 17, 19  # where the columns of a table begin
 
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """Tables over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
+    """A table over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
 
     Attributes:
         disturbance: what acts in this episode.
-        references: (steps + 1, 6), q_d, q̇_d, q̈_d at t_k [rad, rad/s, rad/s²].
-        targets: (steps + 1, 7, 1), what `task.measure` compares the tip with at t_k.
-        forces: (steps, 4, 1), the mean tip force of step k and the change over the step of the straight line that
-            fits it best [N]: impulse and first moment are kept, and a force that sets in at t_k does not leak.
-        biases: (steps, 2, 1), the torque bias held over step k, taken at its middle [N m].
-        noise: (steps + 1, 4), encoder noise at t_k [rad, rad/s], or None.
+        table: (steps + 1, 19), its columns the properties below side by side.
     """
 
     disturbance: Disturbance
-    references: np.ndarray
-    targets: np.ndarray
-    forces: np.ndarray
-    biases: np.ndarray
-    noise: np.ndarray | None
+    table: np.ndarray
 
     @property
     def steps(self) -> int:
         """Number of control steps."""
-        return len(self.forces)
+        return len(self.table) - 1
+
+    @property
+    def references(self) -> np.ndarray:
+        """(steps + 1, 6), q_d, q̇_d, q̈_d at t_k [rad, rad/s, rad/s²]."""
+        return self.table[:, REFERENCE:TARGET]
+
+    @property
+    def targets(self) -> np.ndarray:
+        """(steps + 1, 7), what `task.measured` compares the tip with at t_k, a `Target`."""
+        return self.table[:, TARGET:FORCE]
+
+    @property
+    def forces(self) -> np.ndarray:
+        """(steps, 4), the mean tip force of step k and the change over the step of the line that fits it best [N].
+
+        Impulse and first moment are kept, and a force that sets in at t_k does not leak.
+        """
+        return self.table[:-1, FORCE:BIAS]
+
+    @property
+    def biases(self) -> np.ndarray:
+        """(steps, 2), the torque bias held over step k, taken at its middle [N m]."""
+        return self.table[:-1, BIAS:]
 
     @classmethod
-    def build(
-        cls, reference: JointReference, disturbance: Disturbance, control_period: float, noise: np.random.Generator
-    ) -> Episode:
-        """Sample a reference and a disturbance every `control_period` [s]; `noise` draws the encoder noise."""
+    def build(cls, reference: JointReference, disturbance: Disturbance, control_period: float) -> Episode:
+        """Sample a reference and a disturbance every `control_period` [s]."""
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
         times = control_period * np.arange(steps + 1)
         sample = reference.sample(times)
-        forces, biases = np.zeros((steps, 4)), np.zeros((steps, 2))
+        table = np.zeros((steps + 1, COLUMNS))
+        table[:, REFERENCE:TARGET] = np.concatenate([sample.q, sample.dq, sample.ddq], axis=-1)
+        table[:, TARGET:FORCE] = _targets(reference, times)
         if disturbance.tip_force is not None:
-            forces = _force_lines(disturbance.tip_force, reference, times[:-1], control_period)
+            table[:-1, FORCE:BIAS] = _force_lines(disturbance.tip_force, reference, times[:-1], control_period)
         if disturbance.torque_bias is not None:
-            biases = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
-        encoder = disturbance.encoder_noise
-        return cls(
-            disturbance,
-            np.concatenate([sample.q, sample.dq, sample.ddq], axis=-1),
-            _targets(reference, times)[:, :, np.newaxis],
-            forces[:, :, np.newaxis],
-            biases[:, :, np.newaxis],
-            None if encoder is None else encoder.sample(noise, steps + 1),
-        )
+            table[:-1, BIAS:] = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
+        return cls(disturbance, table)
 
 
 def _force_lines(tip_force: TipForce, reference: JointReference, starts: np.ndarray, period: float) -> np.ndarray:

@@ -1,22 +1,22 @@
 """Stribeck friction of the motors with exact stick (paper section 2).
 
-Elementwise source: every argument is a scalar or an array of lanes, every operation a NumPy ufunc, so the same
-lines run in plain NumPy and, compiled by Numba, inside the step kernel.
+Elementwise source: every argument is a scalar, an array or a tensor of lanes, and no line branches, so the same lines
+run in plain NumPy, on torch tensors and, compiled by Numba, inside the step kernel; see `elementwise`.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba.extending import register_jitable
+
+from fuzzyarm.envs.elementwise import gaussian, positive_part, sign, smaller
 
 
 @register_jitable
 def stribeck_magnitude(velocity: Any, coulomb: Any, static: Any, stribeck_velocity: Any) -> Any:
     """Return F(v) = Γ_fc + (Γ_fs - Γ_fc) exp(-(v/v_s)²) [N m], the friction magnitude; F(0) is the static torque."""
-    ratio = velocity / stribeck_velocity
-    return coulomb + (static - coulomb) * np.exp(-ratio * ratio)
+    return coulomb + (static - coulomb) * gaussian(velocity / stribeck_velocity)
 
 
 @register_jitable
@@ -30,9 +30,9 @@ def friction_torque(velocity: Any, net_torque: Any, coulomb: Any, static: Any, s
         static: Γ_fs [N m].
         stribeck_velocity: v_s [rad/s].
     """
-    slip = -stribeck_magnitude(velocity, coulomb, static, stribeck_velocity) * np.sign(velocity)
-    stick = -np.minimum(np.abs(net_torque), static) * np.sign(net_torque)
-    return slip + (velocity == 0.0) * stick
+    slip = -stribeck_magnitude(velocity, coulomb, static, stribeck_velocity) * sign(velocity)
+    stick = -smaller(abs(net_torque), static) * sign(net_torque)
+    return slip + 1.0 * (velocity == 0.0) * stick
 
 
 @register_jitable
@@ -51,13 +51,13 @@ def stick_slip(velocity: Any, acceleration: Any, deceleration: Any, duration: An
     Returns:
         Velocity at the end [rad/s] and the angle travelled [rad].
     """
-    speed, direction = np.abs(velocity), np.sign(velocity)
+    speed, direction = abs(velocity), sign(velocity)
     along = speed + duration * (direction * acceleration - deceleration)
     # First part: until the line reaches zero (all of `duration` if it does not); second part: from rest.
     # The comparison only decides 0/0, a joint that starts at rest, for which the first part is empty.
-    whole = speed + np.maximum(-along, 0.0)
-    slip_time = duration * speed / (whole + (whole == 0.0))
+    whole = speed + positive_part(-along)
+    slip_time = duration * speed / (whole + 1.0 * (whole == 0.0))
     rest_time = duration - slip_time
-    slipped = direction * np.maximum(along, 0.0)
-    restarted = rest_time * np.sign(acceleration) * np.maximum(np.abs(acceleration) - deceleration, 0.0)
+    slipped = direction * positive_part(along)
+    restarted = rest_time * sign(acceleration) * positive_part(abs(acceleration) - deceleration)
     return slipped + restarted, 0.5 * (slip_time * (velocity + slipped) + rest_time * restarted)

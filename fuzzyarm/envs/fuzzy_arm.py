@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -11,13 +12,13 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
 from fuzzyarm.envs.disturbances import Disturbance, find_case
-from fuzzyarm.envs.dynamics import arm_constants, gravity_torque
-from fuzzyarm.envs.episode import Episode
+from fuzzyarm.envs.lane_kernels import WIDTH
+from fuzzyarm.envs.lanes import MAX_ACCELERATION, Lanes, Task
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.envs.task import SLOTS, WIDTH, control_step, measure
+from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.variation import Variation, find_variation
 
-MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
 MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
 
@@ -51,11 +52,13 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Starting state
     At rest, the links on the reference at t = 0, the motors at the static deflection under the gravity torque of the
-    *nominal* arm: a payload is felt from the first instant. No randomness unless the disturbance has encoder noise.
+    *nominal* arm: a payload is felt from the first instant. No randomness unless the disturbance has encoder noise or
+    a variation is asked for.
 
     ## Episode end
     Terminated when a joint angle or velocity, motor or link, leaves the box (25) (|q| <= π, |q̇| <= 15 rad/s) or is
-    not finite; `info["reason"]` says which. Truncated when the reference ends (1.5 s, 1500 steps).
+    not finite; `info["reason"]` says which. A state that is not finite is not shown: the one before it is, with reward
+    0. Truncated when the reference ends (1.5 s, 1500 steps).
 
     ## Info
     `time` [s], `tip`, `tip_reference` [m], `tip_error` [m], `circularity_error`, `circularity_error_motor` [m]
@@ -67,7 +70,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Arguments
     `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (a
     `JointReference`, default: the paper's circle), `parameters` (an `ArmParameters`, the plant's), `control_period`
-    and `substep` [s] (a whole fraction of the control period; default: the largest one up to 0.2 ms), `render_mode`.
+    and `substep` [s] (a whole fraction of the control period; default: the largest one up to 0.2 ms), `variation`
+    ("nominal", "plants", "robust" or a `Variation` of your own: what each episode draws, from its seed; then
+    `info["variation"]` says what was drawn), `render_mode`.
 
     `reset(options=...)` takes, for the episode it starts, `initial_state` (8 numbers in the order of `State`),
     `reference`, and `case` or `disturbance`.
@@ -88,6 +93,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         parameters: ArmParameters | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
+        variation: str | Variation = "nominal",
         render_mode: str | None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
@@ -97,94 +103,68 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
         self.substep = control_period / self.substeps
         self.render_mode = render_mode
-        self._default = _chosen(case, disturbance), reference or JointReference(parameters=self.parameters)
-        self._check_reference(self._default[1])
-        p = self.parameters
-        torque_limit = np.array(p.torque_limit)
-        self._torque_limit = torque_limit
-        self._limits = np.array([*p.joint_limit, *p.velocity_limit, *p.torque_limit])[:, np.newaxis]
-        self.action_space = spaces.Box(-torque_limit.astype(np.float32), torque_limit.astype(np.float32))
-        # Motor readings get room beyond the box (25): the observation that ends an episode lies outside it.
-        q, dq, acceleration = np.array(p.joint_limit), np.array(p.velocity_limit), np.full(2, MAX_ACCELERATION)
-        high = np.concatenate([2.0 * q, 10.0 * dq, q, dq, acceleration])
-        self.observation_space = spaces.Box(-high, high, dtype=np.float64)
-        self._observation_high = high[:4]
-        self._episode: Episode | None = None
-        self._done = True
+        drawn = find_variation(variation, self.parameters)
+        self._disturbance = chosen_disturbance(case, disturbance)
+        self._reference = chosen_reference(reference, drawn, self.parameters)
+        self._lanes = Lanes(
+            [self.parameters],
+            [(self._disturbance, self._reference)],
+            1,
+            control_period=control_period,
+            substeps=self.substeps,
+            variation=drawn,
+        )
+        self._varies = drawn.varies
+        self.action_space = action_space([self.parameters])
+        self.observation_space = observation_space([self.parameters])
+        self._torque = np.empty((1, 2))
+        self._ended, self._begun = True, False
         self._renderer: Any = None
-        self._trace: list[np.ndarray] = []  # what was measured since the reset, for the renderer
+        self._trace: list[np.ndarray] = []  # the vectors since the reset, for the renderer
 
     @property
     def reference(self) -> JointReference:
-        """The reference that `reset` starts without an option."""
-        return self._default[1]
+        """The reference of the episode under way; before the first, the one a reset without options starts."""
+        if self._reference is not None and not self._begun:
+            return self._reference
+        if not self._begun:
+            raise ResetNeeded("each episode draws its own reference: call env.reset() first")
+        return self._lanes.episode(0)[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; `options` as in the class docstring, unknown ones raise ValueError."""
         super().reset(seed=seed)
-        self._done = True  # until the end of this method: a reset that raises leaves no half-made episode to step
+        self._ended = True  # until the end of this method: a reset that raises leaves no half-made episode to step
         self._trace.clear()
-        options = options or {}
-        unknown = sorted(set(options) - set(RESET_OPTIONS))
-        if unknown:
-            raise ValueError(f"unknown reset option {', '.join(unknown)}; known: {', '.join(RESET_OPTIONS)}")
-        disturbance, reference = self._default
-        if "case" in options or "disturbance" in options:
-            disturbance = _chosen(options.get("case", "nominal"), options.get("disturbance"))
-        if "reference" in options:
-            reference = options["reference"]
-            self._check_reference(reference)
-        # The noise has a generator of its own, spawned from the environment's: one seed, one tree.
-        noise = self.np_random.spawn(1)[0]
-        self._episode = Episode.build(reference, disturbance, self.control_period, noise)
-        self._arm = np.array(arm_constants(self.parameters, disturbance.payload))[:, np.newaxis]
-        self._state = self._initial_state(options.get("initial_state"))
-        self._index, self._done = 0, False
-        self._row = np.empty((1, WIDTH))
-        rest, no_force = np.zeros((2, 1)), np.zeros((4, 1))
-        measure(self._state, rest, rest, no_force, self._arm, self._limits, self._episode.targets[0], self._row)
-        self._trace.append(self._row[0].copy())
-        if self.render_mode == "human":
-            self._render_frame()
-        return self._observation(), self._info(clipped=False)
+        task, initial = chosen_task(options or {}, (self._disturbance, self._reference)), None
+        if options and options.get("initial_state") is not None:
+            initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
+        # `np_random` is the user's; the episodes draw from a stream of their own with the same seed. A generator that
+        # the user has put in its place has no seed that Gymnasium knows: -1.
+        seeds = None if self._begun and seed is None else [self.np_random_seed]
+        if seeds is not None and seeds[0] < 0:
+            seeds = [int(self.np_random.integers(2**63))]
+        results = self._lanes.reset(seeds, [task] if options else None, initial)
+        self._begun = True
+        observation, _, _, _, info = self._outcome(results)
+        self._ended = False  # a start outside the box ends with the first step
+        return observation, info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Hold the torques `action` [N m] for one control period."""
-        if self._done or self._episode is None:
+        if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        torque, clipped = self._torque(action)
-        index, episode = self._index, self._episode
-        before = self._state.copy()
-        self._row = np.empty((1, WIDTH))
-        control_step(
-            self._state,
-            torque,
-            episode.biases[index],
-            episode.forces[index],
-            self._arm,
-            self._limits,
-            episode.targets[index + 1],
-            self.substep,
-            self.substeps,
-            self._row,
-        )
-        self._index = index + 1
-        terminated, reward = bool(self._row[0, SLOTS.in_domain] == 0.0), float(self._row[0, SLOTS.reward])
-        truncated = not terminated and self._index == episode.steps
-        reason = None
-        if terminated:
-            reason, reward = self._leave(before, torque, reward)
-        self._done = terminated or truncated
-        if self.render_mode is not None:
-            self._trace.append(self._row[0].copy())
-        info = self._info(clipped)
-        if reason:
-            info["reason"] = reason
-        if self.render_mode == "human" and (self._done or self._index % self._steps_per_frame() == 0):
-            self._render_frame()
-        return self._observation(), reward, terminated, truncated, info
+        torque, results = self._torque, np.empty(WIDTH)
+        try:
+            torque[0, 0], torque[0, 1] = action.tolist()
+        except (AttributeError, TypeError, ValueError):  # not a plain array of two numbers
+            torque[0] = self._two_numbers(action)
+        if self._lanes.advance(torque, 0, 1, results) >= 0:
+            limit = list(self.parameters.torque_limit)
+            raise ValueError(f"action = {torque[0].tolist()} N m is not finite; allowed: ±{limit} N m")
+        return self._outcome(results)
 
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` the window follows by itself."""
@@ -200,119 +180,70 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer.close()
             self._renderer = None
 
-    def _torque(self, action: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Return the clipped torque (2, 1) and whether clipping changed it."""
-        torque = np.asarray(action, dtype=np.float64)
-        if torque.shape != (2,):
-            raise ValueError(f"action has shape {torque.shape}; it must be (2,): the two motor torques [N m]")
-        first, second = torque.tolist()
-        if not (math.isfinite(first) and math.isfinite(second)):
-            raise ValueError(
-                f"action = {torque.tolist()} N m is not finite; allowed: ±{self._torque_limit.tolist()} N m"
-            )
-        limit1, limit2 = self.parameters.torque_limit
-        clipped1, clipped2 = min(max(first, -limit1), limit1), min(max(second, -limit2), limit2)
-        return np.array([[clipped1], [clipped2]]), clipped1 != first or clipped2 != second
+    @staticmethod
+    def _two_numbers(action: Any) -> np.ndarray:
+        """Return what was given for an action as an array of two numbers, or raise ValueError."""
+        array = np.asarray(action)
+        if array.shape != (2,):
+            raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
+        if array.dtype.kind not in "fiub":
+            raise ValueError(f"action = {action!r} must be two real numbers, the motor torques [N m]")
+        return array
 
-    def _leave(self, before: np.ndarray, torque: np.ndarray, reward: float) -> tuple[str, float]:
-        """Return why the episode terminated and its last reward; a state that is not finite is replaced by the last."""
-        if np.isfinite(self._state).all():
-            q, dq = np.abs(self._state[:4, 0]).max(), np.abs(self._state[4:, 0]).max()
-            return f"left the joint domain: max |q| = {q:.3g} rad, max |dq| = {dq:.3g} rad/s", reward
-        assert self._episode is not None
-        bias, force = self._episode.biases[self._index - 1], self._episode.forces[self._index - 1]
-        measure(before, torque, bias, force, self._arm, self._limits, self._episode.targets[self._index], self._row)
-        self._row[0, SLOTS.in_domain] = 0.0
-        return "the state is not finite", 0.0
-
-    def _observation(self) -> np.ndarray:
-        assert self._episode is not None
-        observation = np.empty(10)
-        observation[:4] = self._row[0, SLOTS.motor]
-        if self._episode.noise is not None:
-            observation[:4] += self._episode.noise[self._index]
-        np.clip(observation[:4], -self._observation_high, self._observation_high, out=observation[:4])
-        observation[4:] = self._episode.references[self._index]
-        return observation
-
-    def _info(self, clipped: bool) -> dict[str, Any]:
-        row = self._row[0]
-        motor, link = row[SLOTS.motor], row[SLOTS.link]
-        return {
-            "time": self._index * self.control_period,
-            "tip": row[SLOTS.tip],
-            "tip_reference": row[SLOTS.tip_reference],
-            "tip_error": float(row[SLOTS.tip_error]),
-            "circularity_error": float(row[SLOTS.circularity_error]),
-            "circularity_error_motor": float(row[SLOTS.circularity_error_motor]),
-            "q_link": link[:2],
-            "dq_link": link[2:],
-            "q_motor": motor[:2],
-            "dq_motor": motor[2:],
-            "torque": row[SLOTS.torque],
-            "friction_torque": row[SLOTS.friction_torque],
-            "external_force": row[SLOTS.external_force],
-            "in_domain": bool(row[SLOTS.in_domain] != 0.0),
-            "torque_clipped": clipped,
-            "reward_tracking": float(row[SLOTS.reward_tracking]),
-            "reward_effort": float(row[SLOTS.reward_effort]),
+    def _outcome(self, results: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Return what `step` returns, from results as in `lane_kernels.split`."""
+        time, error, circularity, motor, tracking, effort, reward, clipped, over, reason = results[28:].tolist()
+        vectors = results[10:28].reshape(9, 2)
+        inside, truncated = reason == 0.0, over != 0.0
+        self._ended = truncated or not inside
+        info = {
+            "time": time,
+            "tip": vectors[0],
+            "tip_reference": vectors[1],
+            "tip_error": error,
+            "circularity_error": circularity,
+            "circularity_error_motor": motor,
+            "q_link": vectors[4],
+            "dq_link": vectors[5],
+            "q_motor": vectors[2],
+            "dq_motor": vectors[3],
+            "torque": vectors[6],
+            "friction_torque": vectors[7],
+            "external_force": vectors[8],
+            "in_domain": inside,
+            "torque_clipped": clipped != 0.0,
+            "reward_tracking": tracking,
+            "reward_effort": effort,
         }
+        if not inside:
+            info["reason"] = REASONS[int(reason)]
+        if self._varies:
+            info["variation"] = {name: value[0] for name, value in self._lanes.variation_info().items()}
+        if self.render_mode is not None:
+            self._follow(time, vectors)
+        return results[:10], reward, not inside, truncated, info
 
-    def _initial_state(self, given: Any) -> np.ndarray:
-        """Return the state (8, 1) at the start: the given one, checked, or rest under the nominal gravity torque."""
-        p = self.parameters
-        if given is not None:
-            state = np.array(given, dtype=np.float64)
-            high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(8)
-            if state.shape != (8,) or not np.all(np.abs(state) <= high):
-                raise ValueError(
-                    f"initial_state = {np.asarray(given).tolist()} must be 8 finite numbers: motor angles, link angles "
-                    f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities "
-                    f"(|dq| <= {p.velocity_limit} rad/s)"
-                )
-            return state[:, np.newaxis]
-        assert self._episode is not None
-        q = self._episode.references[0, :2]
-        gravity = gravity_torque(np.sin(q[0]), np.sin(q[0] + q[1]), arm_constants(p))
-        motor = q + np.array(gravity) / np.array(p.stiffness)
-        return np.concatenate([motor, q, np.zeros(4)])[:, np.newaxis]
-
-    def _check_reference(self, reference: Any) -> None:
-        if not isinstance(reference, JointReference):
-            raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.reference.JointReference")
-        # The reference was validated for its own arm: this plant must at least have the same links.
-        if reference.parameters.length != self.parameters.length:
-            raise ValueError(
-                f"reference was made for links of {reference.parameters.length} m, the plant has "
-                f"{self.parameters.length} m: build it with parameters=..."
-            )
-        motion = reference.sample(np.linspace(0.0, reference.duration, 501))
-        for name, unit, values, limit in (
-            ("angle", "rad", motion.q, self.parameters.joint_limit),
-            ("velocity", "rad/s", motion.dq, self.parameters.velocity_limit),
-            ("acceleration", "rad/s²", motion.ddq, (MAX_ACCELERATION, MAX_ACCELERATION)),
-        ):
-            peak = np.abs(values).max(axis=0)
-            if np.any(peak > limit):
-                raise ValueError(
-                    f"reference {name} reaches {peak.tolist()} {unit}; this plant allows {limit} {unit}: "
-                    "raise its duration or move its path"
-                )
+    def _follow(self, time: float, vectors: np.ndarray) -> None:
+        """Remember what the renderer draws, and draw it if a frame of the window is due."""
+        self._time = time
+        self._trace.append(vectors.copy())
+        if self.render_mode == "human" and (self._ended or (len(self._trace) - 1) % self._steps_per_frame() == 0):
+            self._render_frame()
 
     def _steps_per_frame(self) -> int:
         fps: int = self.metadata["render_fps"]
         return max(1, round(1.0 / (fps * self.control_period)))
 
     def _render_frame(self) -> np.ndarray | None:
-        if self._episode is None or not self._trace:
+        if not self._trace:
             raise ResetNeeded("nothing to draw before the first env.reset()")
         if self._renderer is None:
             # Imported here: a training run never loads pygame.
             from fuzzyarm.envs.rendering import Renderer
 
             self._renderer = Renderer(self.render_mode == "human", self.metadata["render_fps"])
-        time = self._index * self.control_period
-        picture: np.ndarray | None = self._renderer.draw(self._episode, np.array(self._trace), time, self.parameters)
+        _, episode = self._lanes.episode(0)
+        picture: np.ndarray | None = self._renderer.draw(episode, np.array(self._trace), self._time, self.parameters)
         return picture
 
 
@@ -338,7 +269,7 @@ def whole_substeps(control_period: float, substep: float | None) -> int:
     return count
 
 
-def _chosen(case: str, disturbance: Disturbance | None) -> Disturbance:
+def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbance:
     """Return the disturbance itself, or that of the named case."""
     if disturbance is None:
         return find_case(case).disturbance
@@ -347,3 +278,63 @@ def _chosen(case: str, disturbance: Disturbance | None) -> Disturbance:
     if case != "nominal":
         raise ValueError(f"give either case = {case!r} or a disturbance, not both")
     return disturbance
+
+
+def chosen_reference(
+    reference: JointReference | None, variation: Variation, parameters: ArmParameters
+) -> JointReference | None:
+    """Return the reference itself, the paper's circle for this arm, or None where each episode draws its own."""
+    if reference is None:
+        return None if variation.references else JointReference(parameters=parameters)
+    if not isinstance(reference, JointReference):
+        raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.reference.JointReference")
+    if variation.references:
+        raise ValueError("give either a reference or a variation that draws references, not both")
+    return reference
+
+
+def check_options(options: dict[str, Any]) -> None:
+    """Raise ValueError for a reset option that does not exist."""
+    unknown = sorted(set(options) - set(RESET_OPTIONS))
+    if unknown:
+        raise ValueError(f"unknown reset option {', '.join(unknown)}; known: {', '.join(RESET_OPTIONS)}")
+
+
+def chosen_task(options: dict[str, Any], own: Task) -> Task:
+    """Return the task that reset options ask for."""
+    check_options(options)
+    disturbance, reference = own
+    if "case" in options or "disturbance" in options:
+        disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"))
+    if "reference" in options:
+        reference = options["reference"]
+        if not isinstance(reference, JointReference):
+            raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.reference.JointReference")
+    return disturbance, reference
+
+
+def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
+    """Return a given start (8,), checked against the box (25)."""
+    p, state = parameters, np.array(given, dtype=np.float64)
+    high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(8)
+    if state.shape != (8,) or not np.all(np.abs(state) <= high):
+        raise ValueError(
+            f"initial_state = {np.asarray(given).tolist()} must be 8 finite numbers: motor angles, link angles "
+            f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= {p.velocity_limit} rad/s)"
+        )
+    return state
+
+
+def action_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
+    """Return the motor torques that the strongest of these arms can give."""
+    limit = np.max([arm.torque_limit for arm in parameters], axis=0).astype(np.float32)
+    return spaces.Box(-limit, limit)
+
+
+def observation_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
+    """Return what may be observed of these arms."""
+    q = np.max([arm.joint_limit for arm in parameters], axis=0)
+    dq = np.max([arm.velocity_limit for arm in parameters], axis=0)
+    # Motor readings get room beyond the box (25): the observation that ends an episode lies outside it.
+    high = np.concatenate([2.0 * q, 10.0 * dq, q, dq, np.full(2, MAX_ACCELERATION)])
+    return spaces.Box(-high, high, dtype=np.float64)

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from fuzzyarm.envs.disturbances import CASES, Disturbance
 from fuzzyarm.envs.dynamics import tip_position
 from fuzzyarm.envs.episode import Episode
+from fuzzyarm.envs.lane_kernels import VECTORS
 from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.task import SLOTS
 
 MAGNIFICATION = 25  # of the tip error in the trace: a millimetre would be less than a pixel
 
@@ -31,6 +31,8 @@ PAPER, REACH, FRAME = (255, 255, 255), (240, 243, 246), (214, 220, 226)
 INK, STEEL, REFERENCE = (38, 50, 62), (178, 194, 208), (156, 166, 176)
 TRACE, FORCE, PAYLOAD = (213, 94, 0), (0, 114, 178), (240, 228, 66)
 SMALL, LARGE = 22, 34  # font heights
+
+TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
 
 
 class View(NamedTuple):
@@ -64,23 +66,23 @@ class Renderer:
             pygame.display.set_caption("FuzzyArm-v0")
             pygame.display.set_mode((WIDTH, HEIGHT))
 
-    def draw(self, episode: Episode, rows: np.ndarray, time: float, parameters: ArmParameters) -> np.ndarray | None:
+    def draw(self, episode: Episode, trace: np.ndarray, time: float, parameters: ArmParameters) -> np.ndarray | None:
         """Draw the present instant and the trace up to it; return a new array (720, 720, 3) of uint8.
 
         In mode ``human`` the picture goes to the window instead, and nowhere once the user has closed it: then None.
 
         Args:
             episode: the episode under way.
-            rows: (k + 1, 25), what `task.measure` found at t_0..t_k.
+            trace: (k + 1, 9, 2), the `VECTORS` at t_0..t_k.
             time: t_k [s].
             parameters: the arm.
         """
         if not self._human:
-            paint(self._canvas, episode, rows, time, parameters)
+            paint(self._canvas, episode, trace, time, parameters)
             return np.ascontiguousarray(pygame.surfarray.array3d(self._canvas.picture()).transpose(1, 0, 2))
         window = self._window()
         if window is not None:
-            paint(self._canvas, episode, rows, time, parameters)
+            paint(self._canvas, episode, trace, time, parameters)
             window.blit(self._canvas.picture(), (0, 0))
             pygame.display.flip()
             self._clock.tick(self._fps)
@@ -147,10 +149,10 @@ class Canvas:
         self.surface.blit(glyphs, glyphs.get_rect(**{anchor: position}))
 
 
-def paint(canvas: Canvas, episode: Episode, rows: np.ndarray, time: float, parameters: ArmParameters) -> None:
+def paint(canvas: Canvas, episode: Episode, trace: np.ndarray, time: float, parameters: ArmParameters) -> None:
     """Paint the whole picture; arguments as in `Renderer.draw`."""
     length = parameters.length
-    q = np.concatenate([episode.references[:, :2], rows[:, SLOTS.link][:, :2]])
+    q = np.concatenate([episode.references[:, :2], trace[:, LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)
     # The view holds the base, the reference and every pose so far: it widens only if the arm strays.
     view = View.fit(np.concatenate([np.zeros((1, 2)), elbow, tip]))
@@ -158,18 +160,20 @@ def paint(canvas: Canvas, episode: Episode, rows: np.ndarray, time: float, param
     canvas.surface.fill(PAPER)
     canvas.disc(view.base, view.scale * sum(length), REACH)
     canvas.disc(view.base, view.scale * abs(length[0] - length[1]), PAPER)
-    canvas.line(view.pixels(episode.targets[:, :2, 0]), 5.0, REFERENCE)
+    canvas.line(view.pixels(episode.targets[:, :2]), 5.0, REFERENCE)
     _paint_arm(canvas, joints, 0.032 * view.scale * sum(length))
     payload = episode.disturbance.payload
     if payload.mass > 0.0:
         along = 1.0 if payload.at == "tip" else parameters.mass_center[1] / length[1]
         _paint_payload(canvas, joints[1] + along * (joints[2] - joints[1]), payload.mass)
-    _paint_force(canvas, joints[2], rows[-1, SLOTS.external_force], np.linalg.norm(episode.forces, axis=1).max())
-    trace = view.pixels(magnified(rows))
+    _paint_force(canvas, joints[2], trace[-1, FORCE_ROW], np.linalg.norm(episode.forces, axis=1).max())
+    errors = view.pixels(magnified(trace))
     for rim, colour in ((1.5, PAPER), (0.0, TRACE)):
-        canvas.line(trace, 3.0 + 2.0 * rim, colour)
-        canvas.disc(trace[-1], 6.0 + rim, colour)
-    _paint_header(canvas, case_title(episode.disturbance), time, rows[-1, SLOTS.tip_error])
+        canvas.line(errors, 3.0 + 2.0 * rim, colour)
+        canvas.disc(errors[-1], 6.0 + rim, colour)
+    _paint_header(
+        canvas, case_title(episode.disturbance), time, float(np.hypot(*(trace[-1, TIP] - trace[-1, TIP_REFERENCE])))
+    )
     _paint_footer(canvas, view.scale)
 
 
@@ -181,9 +185,9 @@ def thinned(points: np.ndarray) -> np.ndarray:
     return points[keep]
 
 
-def magnified(rows: np.ndarray) -> np.ndarray:
-    """Return reference + 25 (tip - reference), (n, 2) [m], of rows as `task.measure` writes them."""
-    tip, reference = rows[:, SLOTS.tip], rows[:, SLOTS.tip_reference]
+def magnified(trace: np.ndarray) -> np.ndarray:
+    """Return reference + 25 (tip - reference), (n, 2) [m], of a trace (n, 9, 2) of the `VECTORS`."""
+    tip, reference = trace[:, TIP], trace[:, TIP_REFERENCE]
     return np.asarray(reference + MAGNIFICATION * (tip - reference))
 
 

@@ -1,141 +1,138 @@
-"""One control step of the tracking task, for one arm or a batch: advance the plant, then measure and reward.
+"""The tracking task at one instant: where the tip is, how far off, what that is worth, and whether the episode goes on.
 
-The single environment and a batch run this same kernel, one lane or many.
+Elementwise source, see `elementwise`: one arm, a batch and tensors are measured by the same lines.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
 from numba.extending import register_jitable
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from fuzzyarm.envs.compiled import kernel
 from fuzzyarm.envs.dynamics import Arm, State, joint_torque
+from fuzzyarm.envs.elementwise import root, sine_cosine
 from fuzzyarm.envs.friction import friction_torque
-from fuzzyarm.envs.integrator import hold
 
 TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
+BEYOND_MEASURE = 1e13  # rad, rad/s; from about here on `sine_cosine` is nonsense and products overflow
 EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
+REASONS = (
+    "",
+    "a joint angle left the domain (25)",
+    "a joint velocity left the domain (25)",
+    "the state is not finite",
+)
 
 
-class Slots(NamedTuple):
-    """Where each measured quantity stands in a row of `measure`'s output."""
+class Target(NamedTuple):
+    """What the tip is compared with: its reference [m], the curve's unit normal, the circle's center and radius [m].
 
-    tip: slice = slice(0, 2)
-    tip_reference: slice = slice(2, 4)
-    motor: slice = slice(4, 8)  # q_a (2), dq_a (2), noise-free
-    link: slice = slice(8, 12)  # q_b (2), dq_b (2)
-    torque: slice = slice(12, 14)
-    friction_torque: slice = slice(14, 16)
-    external_force: slice = slice(16, 18)
-    tip_error: int = 18
-    circularity_error: int = 19
-    circularity_error_motor: int = 20
-    in_domain: int = 21
-    reward_tracking: int = 22
-    reward_effort: int = 23
-    reward: int = 24
+    The radius is 0 for a curve that is no circle.
+    """
+
+    x: Any
+    y: Any
+    normal_x: Any
+    normal_y: Any
+    center_x: Any
+    center_y: Any
+    radius: Any
 
 
-SLOTS = Slots()
-WIDTH = 25
+class Limits(NamedTuple):
+    """Limits of the joint angles [rad], of their velocities [rad/s] and of the motor torques [N m]."""
+
+    angle1: Any
+    angle2: Any
+    velocity1: Any
+    velocity2: Any
+    torque1: Any
+    torque2: Any
 
 
-@register_jitable
-def _tip_and_deviation(q1: float, q2: float, arm: Arm, target: np.ndarray) -> tuple[float, float, float]:
-    """Return the tip (x, y) [m] at joint angles [rad] and its signed distance from the curve [m], see `measure`."""
-    x = arm.length1 * np.cos(q1) + arm.length2 * np.cos(q1 + q2)
-    y = arm.length1 * np.sin(q1) + arm.length2 * np.sin(q1 + q2)
-    if target[6] > 0.0:
-        return x, y, np.hypot(x - target[4], y - target[5]) - target[6]
-    return x, y, (x - target[0]) * target[2] + (y - target[1]) * target[3]
+class Measured(NamedTuple):
+    """What `measured` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
+
+    tip_x: Any
+    tip_y: Any
+    friction_torque1: Any
+    friction_torque2: Any
+    tip_error: Any
+    circularity_error: Any
+    circularity_error_motor: Any
+    reward_tracking: Any
+    reward_effort: Any
+    reward: Any
+    angles_inside: Any
+    velocities_inside: Any
 
 
-@register_jitable
-def _inside(state: State, limits: np.ndarray) -> bool:
-    """Return whether motors and links are within the box (25); a NaN is outside."""
-    within = abs(state.motor1) <= limits[0] and abs(state.link1) <= limits[0]
-    within = within and abs(state.motor2) <= limits[1] and abs(state.link2) <= limits[1]
-    within = within and abs(state.motor_velocity1) <= limits[2] and abs(state.link_velocity1) <= limits[2]
-    return bool(within and abs(state.motor_velocity2) <= limits[3] and abs(state.link_velocity2) <= limits[3])
-
-
-@kernel
-def measure(
-    state: np.ndarray,
-    torque: np.ndarray,
-    bias: np.ndarray,
-    force: np.ndarray,
-    arm: np.ndarray,
-    limits: np.ndarray,
-    target: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Measure every lane after its step and reward it, into the rows of `out`.
+@register_jitable(forceinline=True)
+def measured(
+    state: State, torque1: Any, torque2: Any, bias1: Any, bias2: Any, arm: Arm, limits: Limits, target: Target
+) -> Measured:
+    """Measure an arm under the controller's (clipped) torques and the biases that act beside them [N m].
 
     reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm),
     effort = ((Γ_1/Γ_1max)² + (Γ_2/Γ_2max)²) / 2.
-
-    Args:
-        state: (8, lanes), the rows of `State`, after the step.
-        torque: (2, lanes) motor torque of the controller, clipped [N m].
-        bias: (2, lanes) torque bias [N m].
-        force: (4, lanes) mean tip force of the step and its change over it [N], see `hold`.
-        arm: (20, lanes), the rows of `Arm`.
-        limits: (6, lanes), joint [rad], velocity [rad/s] and torque [N m] limits.
-        target: (7, lanes): reference tip (x, y) [m]; unit normal (x, y) of the curve; circle center (x, y) and
-            radius [m], radius 0 for a curve that is no circle.
-        out: (lanes, 25), laid out as `Slots`.
     """
-    for lane in range(state.shape[1]):
-        constants = Arm(*to_fixed_tuple(arm[:, lane], 20))
-        now = State(*to_fixed_tuple(state[:, lane], 8))
-        row = out[lane]
-        row[0], row[1], row[19] = _tip_and_deviation(now.link1, now.link2, constants, target[:, lane])
-        _, _, row[20] = _tip_and_deviation(now.motor1, now.motor2, constants, target[:, lane])
-        row[2], row[3] = target[0, lane], target[1, lane]
-        row[4], row[5], row[6], row[7] = now.motor1, now.motor2, now.motor_velocity1, now.motor_velocity2
-        row[8], row[9], row[10], row[11] = now.link1, now.link2, now.link_velocity1, now.link_velocity2
-        row[12], row[13] = torque[0, lane], torque[1, lane]
-        joint1, joint2 = joint_torque(now, constants)
-        row[14] = friction_torque(
-            now.motor_velocity1,
-            torque[0, lane] + bias[0, lane] - joint1,
-            constants.coulomb1,
-            constants.static1,
-            constants.stribeck_velocity,
-        )
-        row[15] = friction_torque(
-            now.motor_velocity2,
-            torque[1, lane] + bias[1, lane] - joint2,
-            constants.coulomb2,
-            constants.static2,
-            constants.stribeck_velocity,
-        )
-        row[16], row[17] = force[0, lane], force[1, lane]
-        row[18] = np.hypot(row[0] - row[2], row[1] - row[3])
-        row[21] = 1.0 if _inside(now, limits[:, lane]) else 0.0
-        effort1, effort2 = torque[0, lane] / limits[4, lane], torque[1, lane] / limits[5, lane]
-        row[22] = 1.0 / (1.0 + row[18] / TRACKING_LENGTH)
-        row[23] = 0.5 * (effort1 * effort1 + effort2 * effort2)
-        row[24] = row[22] * (1.0 - EFFORT_WEIGHT * row[23])
+    tip_x, tip_y, deviation = _tip_and_deviation(state.link1, state.link2, arm, target)
+    _, _, motor_deviation = _tip_and_deviation(state.motor1, state.motor2, arm, target)
+    joint1, joint2 = joint_torque(state, arm)
+    net1, net2 = torque1 + bias1 - joint1, torque2 + bias2 - joint2
+    error = _norm(tip_x - target.x, tip_y - target.y)
+    effort1, effort2 = torque1 / limits.torque1, torque2 / limits.torque2
+    tracking, effort = 1.0 / (1.0 + error / TRACKING_LENGTH), 0.5 * (effort1 * effort1 + effort2 * effort2)
+    inside1 = (abs(state.motor1) <= limits.angle1) & (abs(state.link1) <= limits.angle1)
+    inside2 = (abs(state.motor2) <= limits.angle2) & (abs(state.link2) <= limits.angle2)
+    slow1 = (abs(state.motor_velocity1) <= limits.velocity1) & (abs(state.link_velocity1) <= limits.velocity1)
+    slow2 = (abs(state.motor_velocity2) <= limits.velocity2) & (abs(state.link_velocity2) <= limits.velocity2)
+    return Measured(
+        tip_x,
+        tip_y,
+        friction_torque(state.motor_velocity1, net1, arm.coulomb1, arm.static1, arm.stribeck_velocity),
+        friction_torque(state.motor_velocity2, net2, arm.coulomb2, arm.static2, arm.stribeck_velocity),
+        error,
+        deviation,
+        motor_deviation,
+        tracking,
+        effort,
+        tracking * (1.0 - EFFORT_WEIGHT * effort),
+        1.0 * (inside1 & inside2),
+        1.0 * (slow1 & slow2),
+    )
 
 
-@kernel
-def control_step(
-    state: np.ndarray,
-    torque: np.ndarray,
-    bias: np.ndarray,
-    force: np.ndarray,
-    arm: np.ndarray,
-    limits: np.ndarray,
-    target: np.ndarray,
-    h: float,
-    substeps: int,
-    out: np.ndarray,
-) -> None:
-    """Advance every lane in place under torque + bias, then `measure` it; arguments as there and in `hold`."""
-    hold(state, torque + bias, force, arm, h, substeps)
-    measure(state, torque, bias, force, arm, limits, target, out)
+@register_jitable(forceinline=True)
+def clipped(torque: Any, limit: Any) -> Any:
+    """Return the torque within ± limit; exact."""
+    return torque * (abs(torque) <= limit) + limit * (torque > limit) - limit * (torque < -limit)
+
+
+@register_jitable(forceinline=True)
+def finite(state: State) -> Any:
+    """Return 1.0 if the numbers of the state are finite, and small enough that whatever is measured is; else 0.0."""
+    motors = abs(state.motor1) + abs(state.motor2) + abs(state.motor_velocity1) + abs(state.motor_velocity2)
+    links = abs(state.link1) + abs(state.link2) + abs(state.link_velocity1) + abs(state.link_velocity2)
+    return 1.0 * (motors + links < BEYOND_MEASURE)
+
+
+@register_jitable(forceinline=True)
+def _tip_and_deviation(q1: Any, q2: Any, arm: Arm, target: Target) -> tuple[Any, Any, Any]:
+    """Return the tip (x, y) [m] at joint angles [rad] and its signed distance from the curve [m].
+
+    Outwards positive for a circle, else the component along the curve's left normal.
+    """
+    sin1, cos1 = sine_cosine(q1)
+    sin12, cos12 = sine_cosine(q1 + q2)
+    x = arm.length1 * cos1 + arm.length2 * cos12
+    y = arm.length1 * sin1 + arm.length2 * sin12
+    is_circle = 1.0 * (target.radius > 0.0)
+    outwards = _norm(x - target.center_x, y - target.center_y) - target.radius
+    sideways = (x - target.x) * target.normal_x + (y - target.y) * target.normal_y
+    return x, y, is_circle * outwards + (1.0 - is_circle) * sideways
+
+
+@register_jitable(forceinline=True)
+def _norm(x: Any, y: Any) -> Any:
+    return root(x * x + y * y)

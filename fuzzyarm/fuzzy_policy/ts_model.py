@@ -239,7 +239,8 @@ def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tup
     """Return c1..c5 of (3) in a number type."""
     p = parameters
     length, mass, center, inertia = (tuple(map(number, pair)) for pair in (p.length, p.mass, p.mass_center, p.inertia))
-    return inertia_and_gravity(length, mass, center, inertia, number(p.gravity))
+    constants: tuple[Any, ...] = inertia_and_gravity(length, mass, center, inertia, number(p.gravity))
+    return constants
 
 
 def _products(omega: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Each disturbance reaches the channel it names, at its size, onset and seed, and no other."""
 
+import dataclasses
 import math
 from typing import NamedTuple
 
@@ -67,9 +68,19 @@ def plant(start, torques, forces=NO_FORCES, payload=None):
     return np.array(states)
 
 
-def sampled(disturbance, reference=None, seed=0):
+def sampled(disturbance, reference=None):
     """The tables of an episode."""
-    return Episode.build(reference or JointReference(), disturbance, 1e-3, np.random.default_rng(seed))
+    return Episode.build(reference or JointReference(), disturbance, 1e-3)
+
+
+def encoder_noise(disturbance, steps, seed):
+    """What is read (steps + 1, 4) of motors that dry friction keeps exactly at zero: the noise alone."""
+    clamped = dataclasses.replace(ArmParameters(), static_friction=(1e6, 1e6), coulomb_friction=(1e6, 1e6))
+    env = FuzzyArmEnv(disturbance=disturbance, parameters=clamped)
+    results = [env.reset(seed=seed, options={"initial_state": np.zeros(8)})]
+    results += [env.step((0.0, 0.0)) for _ in range(steps)]
+    assert not any(result[-1][name].any() for result in results for name in ("q_motor", "dq_motor"))
+    return np.array([result[0][:4] for result in results])
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +150,7 @@ def test_a_force_of_the_wrong_shape_never_reaches_the_kernel():
 def machining():
     """Middles of the control steps, reference tip velocity there, and mean force."""
     middles, reference = (np.arange(1500) + 0.5) * 1e-3, JointReference()
-    forces = sampled(CASES["machining"].disturbance, reference).forces[:, :2, 0]
+    forces = sampled(CASES["machining"].disturbance, reference).forces[:, :2]
     return middles, reference.tip(middles).velocity, forces
 
 
@@ -176,7 +187,7 @@ def test_machining_force_takes_one_instant_like_many():
 
 
 def test_machining_case_reports_the_mean_force_it_applies():
-    disturbed, lines = run(CASES["machining"].disturbance), sampled(CASES["machining"].disturbance).forces[:STEPS, :, 0]
+    disturbed, lines = run(CASES["machining"].disturbance), sampled(CASES["machining"].disturbance).forces[:STEPS]
     assert np.array_equal(disturbed.signal("external_force")[1:], lines[:, :2])
     assert np.array_equal(disturbed.states, plant(disturbed.states[0], TORQUES, lines))
 
@@ -188,7 +199,7 @@ def test_force_lines_keep_the_impulse_and_the_trend_of_a_smooth_force():
         def at(self, time, tip_velocity):
             return np.stack([3.0 + 5e3 * time + 7e5 * time**2, np.zeros_like(time)], axis=-1)
 
-    lines = sampled(Disturbance(tip_force=Quadratic())).forces[:, :, 0]
+    lines = sampled(Disturbance(tip_force=Quadratic())).forces
     begin, end = 1e-3 * np.arange(1500), 1e-3 * np.arange(1, 1501)
     mean = 3.0 + 2.5e3 * (begin + end) + 7e5 * (end**3 - begin**3) / 3e-3
     np.testing.assert_allclose(lines[:, 0], mean, rtol=1e-3, atol=0.01)
@@ -243,7 +254,7 @@ def test_encoder_noise_of_zero_is_no_noise(undisturbed):
 
 
 def test_encoder_noise_has_the_set_deviation_and_is_white():
-    noise, n = sampled(Disturbance(encoder_noise=NOISE), seed=1).noise, 1501
+    noise, n = encoder_noise(Disturbance(encoder_noise=NOISE), 1500, seed=1), 1501
     deviation = np.array([NOISE.position] * 2 + [NOISE.velocity] * 2)
     assert noise.shape == (n, 4)
     white = noise / deviation
@@ -253,6 +264,20 @@ def test_encoder_noise_has_the_set_deviation_and_is_white():
     between = white.T @ white / n
     assert (np.abs(between - np.diag(np.diag(between))) < 5.0 / math.sqrt(n)).all()
     assert (np.abs(white[1:].T @ white[:-1] / n) < 5.0 / math.sqrt(n)).all()
+
+
+def test_readings_stay_in_the_observation_space_however_large_the_noise():
+    boundless = EncoderNoise(position=1e308, velocity=1e308)
+    readings = encoder_noise(Disturbance(encoder_noise=boundless), 200, seed=2)
+    assert (np.abs(readings) == np.array([2.0 * np.pi] * 2 + [150.0] * 2)).all()
+
+
+def test_encoder_noise_of_angles_leaves_velocities_alone_and_the_other_way_round():
+    both, position, velocity = (
+        encoder_noise(Disturbance(encoder_noise=EncoderNoise(*deviations)), 20, seed=6)
+        for deviations in ((2e-4, 3e-2), (2e-4, 0.0), (0.0, 3e-2))
+    )
+    assert np.array_equal(position, both * [1, 1, 0, 0]) and np.array_equal(velocity, both * [0, 0, 1, 1])
 
 
 def test_encoder_noise_is_the_seeds():
@@ -278,8 +303,8 @@ def test_all_parts_together_are_each_part_in_its_channel(undisturbed):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_a_part_does_not_shift_the_noise_of_the_same_seed(part):
-    with_part = sampled(Disturbance(**{"encoder_noise": NOISE, part: PARTS[part]}), seed=3)
-    assert np.array_equal(with_part.noise, sampled(Disturbance(encoder_noise=NOISE), seed=3).noise)
+    with_part = encoder_noise(Disturbance(**{"encoder_noise": NOISE, part: PARTS[part]}), STEPS, seed=3)
+    assert np.array_equal(with_part, encoder_noise(Disturbance(encoder_noise=NOISE), STEPS, seed=3))
 
 
 # --- the paper's cases -------------------------------------------------------------------------------------------
@@ -309,7 +334,7 @@ def test_an_unknown_case_names_the_choices():
 
 def test_targets_carry_the_reference_tip_and_the_unit_normal_on_the_left():
     reference = JointReference(path=Line((0.4, 0.5), (0.5, 0.4)))
-    targets, times = sampled(Disturbance(), reference).targets[:, :, 0], np.arange(1501) * 1e-3
+    targets, times = sampled(Disturbance(), reference).targets, np.arange(1501) * 1e-3
     assert np.array_equal(targets[:, :2], reference.tip(times).position)
     np.testing.assert_allclose(targets[:, 2:4], np.full((1501, 2), math.sqrt(0.5)), rtol=1e-14)
     assert not targets[:, 4:].any()  # no circle
@@ -317,16 +342,26 @@ def test_targets_carry_the_reference_tip_and_the_unit_normal_on_the_left():
 
 def test_targets_of_a_circle_carry_center_and_radius():
     circle = Circle(center=(0.35, 0.6), radius=0.15)
-    targets = sampled(Disturbance(), JointReference(path=circle)).targets[:, :, 0]
+    targets = sampled(Disturbance(), JointReference(path=circle)).targets
     assert (targets[:, 4:] == [0.35, 0.6, 0.15]).all()
 
 
 @pytest.mark.parametrize(("period", "steps"), [(1e-3, 1500), (5e-4, 3000), (2e-3, 750), (7e-4, 2143), (0.1, 15)])
 def test_an_episode_covers_the_reference(period, steps):
-    episode = Episode.build(JointReference(), Disturbance(), period, np.random.default_rng(0))
+    episode = Episode.build(JointReference(), Disturbance(), period)
     last = JointReference().sample(1.5)
     assert episode.steps == steps and len(episode.references) == len(episode.targets) == steps + 1
+    assert len(episode.forces) == len(episode.biases) == steps
     assert np.array_equal(episode.references[-1], np.concatenate(last))
+
+
+def test_the_tables_of_an_episode_are_one_table_side_by_side():
+    bias = TorqueBias(BIAS, start=1.0)
+    episode = sampled(Disturbance(tip_force=MachiningForce(), torque_bias=bias))
+    table = np.hstack([episode.references[:-1], episode.targets[:-1], episode.forces, episode.biases])
+    assert np.array_equal(table, episode.table[:-1]) and table.shape == (1500, 19)
+    assert not episode.table[-1, 13:].any()  # nothing acts once the reference has ended
+    assert np.array_equal(episode.biases, (np.arange(1500)[:, None] >= 1000) * np.array(BIAS))
 
 
 # --- messages ----------------------------------------------------------------------------------------------------

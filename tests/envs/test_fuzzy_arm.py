@@ -322,6 +322,18 @@ def test_no_global_generator_is_read_or_written():
     assert digests[0] == digests[1]
 
 
+def test_a_generator_of_the_users_own_seeds_the_episodes():
+    """Gymnasium knows no seed of a generator that was put in place of its own."""
+
+    def starts(generator):
+        env = FuzzyArmEnv(disturbance=NOISY)
+        env.np_random = generator
+        return [env.reset()[0] for _ in range(2)]
+
+    first, again, other = (starts(np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
 # --- ends --------------------------------------------------------------------------------------------------------
 
 
@@ -354,7 +366,8 @@ def test_leaving_the_joint_box_terminates_with_the_reason(way):
     assert (terminated, truncated, info["in_domain"]) == (True, False, False)
     assert q > np.pi or dq > 15.0
     assert ("angle" in way) <= (q > np.pi) and ("velocity" in way) <= (dq > 15.0)
-    assert info["reason"] == f"left the joint domain: max |q| = {q:.3g} rad, max |dq| = {dq:.3g} rad/s"
+    left = "angle" if q > np.pi else "velocity"
+    assert info["reason"] == f"a joint {left} left the domain (25)"
     assert info.keys() == {*SHAPES, "reason"} and reward > 0.0 and env.observation_space.contains(observation)
     assert all(step[-1]["in_domain"] and not step[2] and "reason" not in step[-1] for step in before)
 
@@ -367,11 +380,11 @@ def test_leaving_the_box_at_the_last_step_is_no_truncation():
     assert list(play(env, [(0.0, 0.0)], options=fast))[-1][2:4] == (True, False)
 
 
-def test_a_state_that_is_not_finite_terminates_with_finite_numbers(monkeypatch):
+def test_a_state_that_is_not_finite_terminates_with_finite_numbers():
     env = FuzzyArmEnv(case="machining")
     list(play(env, random_torques(0, 5)))
     too_fast = np.r_[STILL[:4], 1e200, 0.0, 1e200, 0.0]  # the Coriolis torque overflows
-    monkeypatch.setattr(env, "_state", too_fast[:, None])
+    env._lanes._values[:8, 0] = too_fast
     observation, reward, terminated, truncated, info = env.step([0.0, 0.0])
     assert (reward, terminated, truncated, info["in_domain"]) == (0.0, True, False, False)
     assert info["reason"] == "the state is not finite" and env.observation_space.contains(observation)
@@ -385,6 +398,18 @@ def test_a_plant_that_blows_up_ends_on_its_last_finite_state():
     assert np.array_equal(observation[:4], start[0][:4]) and np.isfinite(observation).all()
     assert all(np.isfinite(value).all() for key, value in info.items() if key != "reason")
     assert info["torque"].tolist() == [1.0, 2.0] and info["external_force"].any() and info["time"] == 0.01
+
+
+@pytest.mark.parametrize("period", [2e-4, 1e-3, 2e-3, 0.01, 0.1])
+@pytest.mark.parametrize("stiffness", [1e8, 1e10, 1e11, 1e12])
+def test_however_far_a_plant_blows_up_what_it_returns_is_finite(stiffness, period):
+    """Far too stiff for the sub-step: the state grows by powers of ten and passes 1e13, 1e70 or the largest float."""
+    env = FuzzyArmEnv(parameters=dataclasses.replace(TABLE_1, stiffness=(stiffness, stiffness)), control_period=period)
+    *_, (observation, reward, terminated, _, info) = play(env, [(100.0, 20.0)] * 100)
+    assert terminated and info["reason"]
+    assert 0.0 <= reward <= 1.0 and env.observation_space.contains(observation)
+    assert all(np.isfinite(value).all() for key, value in info.items() if key != "reason")
+    assert info["tip_error"] <= 2.0 * sum(TABLE_1.length)  # nowhere but within reach
 
 
 @pytest.mark.parametrize("make", [FuzzyArmEnv, lambda: gym.make("FuzzyArm-v0")], ids=["class", "make"])
@@ -624,6 +649,17 @@ def test_a_case_and_a_disturbance_exclude_each_other_and_each_must_be_its_kind(g
         FuzzyArmEnv(**given)
     with pytest.raises(ValueError, match=message):
         FuzzyArmEnv().reset(options=given)
+
+
+def test_reference_is_that_of_the_episode_under_way():
+    env = FuzzyArmEnv()
+    assert env.reference == JointReference()  # before the first episode
+    env.reset(options={"reference": OTHER_PATH})
+    assert env.reference is OTHER_PATH
+    with pytest.raises(ValueError, match="must be a"):
+        env.reset(options={"reference": Circle()})
+    env.reset()
+    assert env.reference == JointReference()
 
 
 def test_unknown_render_mode_names_the_choices():

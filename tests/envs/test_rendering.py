@@ -12,6 +12,7 @@ from gymnasium.error import ResetNeeded
 from fuzzyarm.envs.disturbances import CASES, ConstantForce, Disturbance, TorqueBias
 from fuzzyarm.envs.dynamics import Payload
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.lane_kernels import VECTORS
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.reference import JointReference, joint_angles
 from fuzzyarm.envs.rendering import (
@@ -92,7 +93,7 @@ def test_no_render_mode_records_and_loads_nothing():
     plain.reset()
     for _ in range(5):
         plain.step(np.zeros(2))
-    assert len(plain._trace) == 1
+    assert plain._trace == []
     assert plain._renderer is None
 
 
@@ -162,11 +163,12 @@ def test_trace_shows_the_magnified_error(env, offset):
 
 
 def test_magnified_is_the_reference_without_error():
-    rows = np.zeros((3, 25))
-    rows[:, 0:2] = rows[:, 2:4] = np.arange(6.0).reshape(3, 2)
-    np.testing.assert_array_equal(magnified(rows), rows[:, 2:4])
-    rows[1, 0] += 0.001
-    np.testing.assert_allclose(magnified(rows)[1] - rows[1, 2:4], [0.025, 0.0], atol=1e-12)
+    tip, reference = VECTORS.index("tip"), VECTORS.index("tip_reference")
+    trace = np.random.default_rng(0).normal(size=(3, len(VECTORS), 2))
+    trace[:, tip] = trace[:, reference]
+    np.testing.assert_array_equal(magnified(trace), trace[:, reference])
+    trace[1, tip, 0] += 0.001
+    np.testing.assert_allclose(magnified(trace)[1] - trace[1, reference], [0.025, 0.0], atol=1e-12)
 
 
 def test_trace_holds_every_step_even_if_drawn_once(env):
@@ -270,6 +272,21 @@ def test_window_shows_the_arm_and_closes_twice(window):
     window.close()
     assert not pygame.display.get_init()
     window.close()
+
+
+def test_window_follows_a_control_slower_than_its_frames(monkeypatch):
+    """A control period of 0.1 s against frames of 0.02 s: each step is drawn."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    slow = FuzzyArmEnv(control_period=0.1, render_mode="human")
+    try:
+        slow.reset()
+        pictures = [pygame.surfarray.array3d(pygame.display.get_surface())]
+        for _ in range(2):
+            slow.step(np.zeros(2))
+            pictures.append(pygame.surfarray.array3d(pygame.display.get_surface()))
+    finally:
+        slow.close()
+    assert (pictures[0] != pictures[1]).any() and (pictures[1] != pictures[2]).any()
 
 
 def test_window_shows_what_the_array_shows(window, env):

@@ -5,50 +5,40 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.dynamics import Payload, State, arm_constants, joint_torque, rigid_inverse_dynamics, tip_position
+from fuzzyarm.envs.dynamics import (
+    Arm,
+    Payload,
+    State,
+    arm_constants,
+    joint_torque,
+    rigid_inverse_dynamics,
+    tip_position,
+)
 from fuzzyarm.envs.friction import stribeck_magnitude
 from fuzzyarm.envs.integrator import hold
+from fuzzyarm.envs.lane_kernels import ROWS, SCALARS, VECTORS, WIDTH, advance, split
 from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.task import SLOTS, WIDTH, control_step, measure
+from fuzzyarm.envs.task import Limits, Target, clipped, finite, measured
 
 TABLE_1 = ArmParameters()
 STATIC = np.array(TABLE_1.static_friction)
 LIMITS = np.array([*TABLE_1.joint_limit, *TABLE_1.velocity_limit, *TABLE_1.torque_limit])
 RESTING = np.array([0.7, 0.9, 0.7, 0.9, 0.0, 0.0, 0.0, 0.0])
 NOTHING = (0.0, 0.0)
+PERIOD, SUBSTEPS = 1e-3, 10
+
+
+def measure(state, torque=NOTHING, bias=NOTHING, target=None, limits=LIMITS):
+    """One arm of Table 1, measured."""
+    target = circle_target(RESTING) if target is None else target
+    return measured(State(*state), *torque, *bias, arm_constants(TABLE_1), Limits(*limits), Target(*target))
 
 
 def circle_target(state, distance=0.0):
     """A target with the tip of `state` `distance` beside the reference, on a circle with center (0.1, 0.2)."""
-    tip = tip_position(state[2:4], TABLE_1.length)
-    radius = np.hypot(tip[0] - 0.1, tip[1] - 0.2)
-    return np.array([tip[0] + distance, tip[1], 1.0, 0.0, 0.1, 0.2, radius])
-
-
-def measured(state, torque=NOTHING, bias=NOTHING, force=NOTHING, target=None, limits=LIMITS):
-    """One lane through `measure`; returns the row of quantities."""
-    state = np.array(state, float)
-    target = circle_target(RESTING) if target is None else target
-    columns = [
-        np.array(x, float)[:, None] for x in (state, torque, bias, force, arm_constants(TABLE_1), limits, target)
-    ]
-    out = np.full((1, WIDTH), np.nan)
-    measure(*columns, out)
-    return out[0]
-
-
-def batch(lanes, seed=0):
-    """Different states, torques, biases, forces, arms, limits and references; a third of the motors at rest."""
-    rng = np.random.default_rng(seed)
-    state = rng.uniform(-1.0, 1.0, (8, lanes)) * np.array([2, 2, 0, 0, 1, 1, 1, 1])[:, None]
-    state[2:4] = state[:2] + 1e-3 * rng.uniform(-1.0, 1.0, (2, lanes))
-    state[4:6, ::3] = 0.0
-    torque, bias = (scale * rng.normal(size=(2, lanes)) for scale in (50.0, 5.0))
-    force = 100.0 * rng.normal(size=(4, lanes))
-    arms = [random_arm(rng) for _ in range(lanes)]
-    limits = LIMITS[:, None] * rng.uniform(0.1, 1.0, (6, lanes))
-    target = rng.uniform(-0.7, 0.7, (7, lanes))  # a radius below zero is no circle either
-    return state, torque, bias, force, np.array(arms).T.copy(), limits, target
+    found = measure(state, target=np.zeros(7))
+    radius = np.hypot(found.tip_x - 0.1, found.tip_y - 0.2)
+    return np.array([found.tip_x + distance, found.tip_y, 1.0, 0.0, 0.1, 0.2, radius])
 
 
 def random_arm(rng):
@@ -61,89 +51,189 @@ def random_arm(rng):
     return arm_constants(dataclasses.replace(TABLE_1, **scaled), Payload(float(rng.uniform(0.0, 5.0))))
 
 
-def one_lane(arrays, lane):
-    return [np.ascontiguousarray(x[:, lane : lane + 1]) for x in arrays]
+def batch(lanes, seed=0):
+    """Different states, torques, biases, forces, arms, limits and references; a third of the motors at rest."""
+    rng = np.random.default_rng(seed)
+    state = rng.uniform(-1.0, 1.0, (8, lanes)) * np.array([2, 2, 0, 0, 1, 1, 1, 1])[:, None]
+    state[2:4] = state[:2] + 1e-3 * rng.uniform(-1.0, 1.0, (2, lanes))
+    state[4:6, ::3] = 0.0
+    torque, bias = (scale * rng.normal(size=(2, lanes)) for scale in (50.0, 5.0))
+    force = 100.0 * rng.normal(size=(4, lanes))
+    arms = np.array([random_arm(rng) for _ in range(lanes)]).T.copy()
+    limits = LIMITS[:, None] * rng.uniform(0.1, 1.0, (6, lanes))
+    target = rng.uniform(-0.7, 0.7, (7, lanes))  # a radius below zero is no circle either
+    return state, torque, bias, force, arms, limits, target
 
 
-def test_every_slot_has_its_own_place():
-    taken = np.zeros(WIDTH, dtype=int)
-    for slot in SLOTS:
-        taken[slot] += 1
-    assert (taken == 1).all()
+def lanes_of(state, torque, bias, force, arm, limits, target, rows=2):
+    """The arguments of `advance` for lanes that hold the same torque, bias and force in every row of their table."""
+    lanes = state.shape[1]
+    values = np.concatenate([state, arm, limits, np.ones((1, lanes)), np.zeros((2, lanes))])
+    reference = 0.01 * np.arange(6.0 * lanes).reshape(6, lanes)
+    table = np.repeat(np.concatenate([reference, target, force, bias]).T, rows, axis=0)
+    first = rows * np.arange(lanes)
+    clock = np.stack([first, first, first + rows - 1, np.zeros(lanes, dtype=np.int64)])
+    return values, clock, table, np.ascontiguousarray(torque.T)
 
 
-def test_measure_writes_every_entry_and_leaves_its_arguments_alone():
-    arrays, out = batch(5), np.full((5, WIDTH), np.nan)
-    before = [x.copy() for x in arrays]
-    measure(*arrays, out)
-    assert np.isfinite(out).all()
-    assert all(np.array_equal(x, y) for x, y in zip(arrays, before, strict=True))
+def step(values, clock, table, action):
+    """Advance every lane by one control step; returns observations, vectors and scalars by name."""
+    out = np.full(WIDTH * len(action), np.nan)
+    assert advance(values, clock, table, PERIOD, SUBSTEPS, action, 0, len(action), out) == -1
+    observations, vectors, scalars = split(out)
+    return observations, dict(zip(VECTORS, vectors, strict=True)), dict(zip(SCALARS, scalars, strict=True))
 
 
-def test_measured_quantities_are_the_plants():
+# --- the layout of the results -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lanes", [1, 5])
+def test_every_result_has_its_own_place(lanes):
+    places = np.concatenate([part.ravel() for part in split(np.arange(WIDTH * lanes))])
+    assert np.array_equal(np.sort(places), np.arange(WIDTH * lanes))
+    assert len({*VECTORS, *SCALARS}) == len(VECTORS) + len(SCALARS)
+
+
+def test_advance_writes_every_entry_and_leaves_table_and_action_alone():
+    values, clock, table, action = lanes_of(*batch(5))
+    kept = [values[8:].copy(), clock[1:].copy(), table.copy(), action.copy()]
+    observations, vectors, scalars = step(values, clock, table, action)
+    assert np.isfinite(observations).all()
+    assert all(np.isfinite(part).all() for part in (*vectors.values(), *scalars.values()))
+    assert all(map(np.array_equal, kept, [values[8:], clock[1:], table, action]))
+    assert np.array_equal(clock[0], kept[1][0] + 1) and len(values) == ROWS
+
+
+def test_each_result_is_reported_under_its_name():
+    """Every quantity that is simply passed on, from distinct numbers."""
+    state, torque, bias, force, arm, limits, target = batch(5)
+    values, clock, table, action = lanes_of(state, torque, bias, force, arm, 10.0 * limits, target)
+    factors = values[34] = np.linspace(0.5, 1.5, 5)
+    observations, vectors, scalars = step(values, clock, table, action)
+    after = values[:8].T
+    assert np.array_equal(vectors["q_motor"], after[:, :2]) and np.array_equal(vectors["q_link"], after[:, 2:4])
+    assert np.array_equal(vectors["dq_motor"], after[:, 4:6]) and np.array_equal(vectors["dq_link"], after[:, 6:])
+    assert np.array_equal(vectors["tip_reference"], target[:2].T)
+    assert np.array_equal(vectors["torque"], torque.T)  # the controller's, without the bias
+    assert np.array_equal(vectors["external_force"], (factors * force[:2]).T)
+    assert np.array_equal(observations, np.hstack([after[:, [0, 1, 4, 5]], table[::2, :6]]))
+    assert (scalars["time"] == PERIOD).all() and (scalars["truncated"] == 1.0).all()
+
+
+# --- what is measured --------------------------------------------------------------------------------------------
+
+
+def test_measured_tip_and_error_are_the_plants():
     rng = np.random.default_rng(1)
     state, target = rng.uniform(-1.0, 1.0, 8), rng.uniform(0.2, 0.5, 7)
-    row = measured(state, (1.0, 2.0), (3.0, 4.0), (5.0, 6.0), target)
-    tip = tip_position(state[2:4], TABLE_1.length)
-    np.testing.assert_allclose(row[SLOTS.tip], tip, rtol=1e-15)
-    assert row[SLOTS.tip_error] == pytest.approx(np.linalg.norm(tip - target[:2]))
-    assert row[SLOTS.tip_reference].tolist() == target[:2].tolist()
-    assert row[SLOTS.motor].tolist() == state[[0, 1, 4, 5]].tolist()
-    assert row[SLOTS.link].tolist() == state[[2, 3, 6, 7]].tolist()
-    assert row[SLOTS.torque].tolist() == [1.0, 2.0]  # the controller's, without the bias
-    assert row[SLOTS.external_force].tolist() == [5.0, 6.0]
+    found, tip = measure(state, (1.0, 2.0), (3.0, 4.0), target), tip_position(state[2:4], TABLE_1.length)
+    np.testing.assert_allclose([found.tip_x, found.tip_y], tip, rtol=0.0, atol=5e-16)
+    assert found.tip_error == pytest.approx(np.linalg.norm(tip - target[:2]), rel=1e-14)
 
 
 @pytest.mark.parametrize(
-    ("slot", "angles"), [("circularity_error", slice(2, 4)), ("circularity_error_motor", slice(2))]
+    ("name", "angles"), [("circularity_error", slice(2, 4)), ("circularity_error_motor", slice(2))]
 )
-def test_circularity_error_is_the_distance_to_the_center_less_the_radius(slot, angles):
+def test_circularity_error_is_the_distance_to_the_center_less_the_radius(name, angles):
     state, target = np.random.default_rng(2).uniform(-1.0, 1.0, 8), np.array([0.3, 0.4, 0.6, 0.8, 0.35, 0.65, 0.2])
     distance = np.linalg.norm(tip_position(state[angles], TABLE_1.length) - target[4:6])
-    assert measured(state, target=target)[getattr(SLOTS, slot)] == pytest.approx(distance - 0.2, abs=1e-15)
+    assert getattr(measure(state, target=target), name) == pytest.approx(distance - 0.2, abs=1e-15)
 
 
 @pytest.mark.parametrize(
-    ("slot", "angles"), [("circularity_error", slice(2, 4)), ("circularity_error_motor", slice(2))]
+    ("name", "angles"), [("circularity_error", slice(2, 4)), ("circularity_error_motor", slice(2))]
 )
-def test_without_a_circle_it_is_the_component_along_the_normal(slot, angles):
-    state, target = np.random.default_rng(2).uniform(-1.0, 1.0, 8), np.array([0.3, 0.4, 0.6, 0.8, 9.0, 9.0, 0.0])
+@pytest.mark.parametrize("radius", [0.0, -0.1])
+def test_without_a_circle_it_is_the_component_along_the_normal(name, angles, radius):
+    state, target = np.random.default_rng(2).uniform(-1.0, 1.0, 8), np.array([0.3, 0.4, 0.6, 0.8, 9.0, 9.0, radius])
     component = (tip_position(state[angles], TABLE_1.length) - target[:2]) @ target[2:4]
-    assert measured(state, target=target)[getattr(SLOTS, slot)] == pytest.approx(component, abs=1e-15)
+    assert getattr(measure(state, target=target), name) == pytest.approx(component, abs=1e-15)
 
 
 def test_on_the_reference_without_torque_the_reward_is_exactly_one():
-    row = measured(RESTING)
-    assert (row[SLOTS.reward_tracking], row[SLOTS.reward_effort], row[SLOTS.reward]) == (1.0, 0.0, 1.0)
+    found = measure(RESTING)
+    assert (found.reward_tracking, found.reward_effort, found.reward) == (1.0, 0.0, 1.0)
 
 
 def test_the_tracking_reward_halves_at_five_millimetres():
-    assert measured(RESTING, target=circle_target(RESTING, 0.005))[SLOTS.reward] == pytest.approx(0.5, rel=1e-12)
+    assert measure(RESTING, target=circle_target(RESTING, 0.005)).reward == pytest.approx(0.5, rel=1e-12)
 
 
 def test_full_torque_costs_a_tenth_of_the_reward():
-    row = measured(RESTING, (-500.0, 250.0))
-    assert (row[SLOTS.reward_effort], row[SLOTS.reward]) == (1.0, pytest.approx(0.9))
+    found = measure(RESTING, (-500.0, 250.0))
+    assert (found.reward_effort, found.reward) == (1.0, pytest.approx(0.9))
+
+
+def test_the_bias_costs_no_reward():
+    assert measure(RESTING, bias=(100.0, 100.0)).reward == 1.0
 
 
 def test_the_reward_is_positive_and_falls_with_error_and_with_torque():
     errors, torques = np.geomspace(1e-6, 2.0, 30), np.linspace(0.0, 500.0, 30)
-    by_error = [measured(RESTING, target=circle_target(RESTING, e))[SLOTS.reward] for e in errors]
-    by_torque = [measured(RESTING, (t, 0.0))[SLOTS.reward] for t in torques]
+    by_error = [measure(RESTING, target=circle_target(RESTING, e)).reward for e in errors]
+    by_torque = [measure(RESTING, (t, 0.0)).reward for t in torques]
     for rewards in (by_error, by_torque):
         assert (np.diff(rewards) < 0.0).all() and rewards[-1] > 0.0 and rewards[0] <= 1.0
+
+
+# --- the domain --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("entry", range(8))
 def test_the_domain_is_closed_and_every_state_entry_counts(entry):
     limits, state = np.array([1.0, 1.1, 2.0, 2.1, 500.0, 250.0]), np.zeros(8)
     border = limits[entry % 2] if entry < 4 else limits[2 + entry % 2]
+    flags = ("angles_inside", "velocities_inside")
+    flag, other = flags if entry < 4 else flags[::-1]
     for value in (border, -border):
         state[entry] = value
-        assert measured(state, limits=limits)[SLOTS.in_domain] == 1.0
+        found = measure(state, limits=limits)
+        assert (getattr(found, flag), getattr(found, other)) == (1.0, 1.0)
     for value in (np.nextafter(border, 9.0), -np.nextafter(border, 9.0), np.nan, np.inf, -np.inf):
         state[entry] = value
-        assert measured(state, limits=limits)[SLOTS.in_domain] == 0.0
+        with np.errstate(invalid="ignore"):
+            found = measure(state, limits=limits)
+        assert (getattr(found, flag), getattr(found, other)) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("entry", "reason"), [(k, 1.0 if k < 4 else 2.0) for k in range(8)])
+def test_each_way_out_of_the_domain_is_told_by_its_number(entry, reason):
+    limits, inside = np.array([1.0, 1.0, 1.0, 1.0, 500.0, 250.0]), np.zeros(8)
+    state = inside.copy()
+    state[entry] = 1.5
+    lanes = np.stack([inside, state], axis=-1)
+    constants = np.tile(np.array(arm_constants(TABLE_1))[:, None], 2)
+    rows = lanes_of(lanes, *(np.zeros((n, 2)) for n in (2, 2, 4)), constants, np.tile(limits[:, None], 2), lanes[:7])
+    values, clock, table, action = rows
+    out = np.empty(2 * WIDTH)
+    assert advance(values, clock, table, 1e-12, 1, action, 0, 2, out) == -1  # too short a step to move
+    scalars = dict(zip(SCALARS, split(out)[2], strict=True))
+    assert scalars["reason"].tolist() == [0.0, reason]
+    assert scalars["truncated"].tolist() == [1.0, 0.0]  # the last row, but a lane that left is not truncated
+
+
+@pytest.mark.parametrize("entry", range(8))
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e13])
+def test_a_number_that_is_not_finite_or_beyond_measure_is_noticed_in_every_entry(entry, value):
+    state = RESTING.copy()
+    assert finite(State(*state)) == 1.0
+    state[entry] = value
+    with np.errstate(invalid="ignore"):
+        assert finite(State(*state)) == 0.0
+        state[(entry + 1) % 8] = -value
+        assert finite(State(*state)) == 0.0  # nor do two such numbers make up for each other
+
+
+def test_clipped_is_exact():
+    torque = np.array([-501.0, -500.0, np.nextafter(-500.0, 0.0), -0.3, 0.0, 0.1, 500.0, np.nextafter(500.0, 501.0)])
+    assert np.array_equal(clipped(torque, 500.0), np.clip(torque, -500.0, 500.0))
+
+
+# --- friction ----------------------------------------------------------------------------------------------------
+
+
+def friction(found):
+    return np.array([found.friction_torque1, found.friction_torque2])
 
 
 @pytest.mark.parametrize("share", [-1.0, -0.3, 0.0, 0.999, 1.0])
@@ -152,50 +242,70 @@ def test_friction_of_stuck_joints_balances_the_net_torque(share):
     spring = np.array(joint_torque(State(*state), arm_constants(TABLE_1)))
     torque = spring - bias + share * STATIC
     net = torque + bias - spring
-    reported = measured(state, torque, bias)[SLOTS.friction_torque]
+    reported = friction(measure(state, torque, bias))
     assert np.array_equal(reported, -np.clip(net, -STATIC, STATIC))
     np.testing.assert_allclose(reported, -share * STATIC, rtol=0.0, atol=1e-12)
 
 
 def test_friction_at_rest_holds_no_more_than_the_static_torque():
-    assert measured(RESTING, (100.0, -100.0))[SLOTS.friction_torque].tolist() == [-STATIC[0], STATIC[1]]
+    assert friction(measure(RESTING, (100.0, -100.0))).tolist() == [-STATIC[0], STATIC[1]]
 
 
 def test_friction_of_slipping_joints_is_the_stribeck_curve_against_the_motion():
     velocity = np.array([0.02, -0.3])
-    row = measured(RESTING + np.r_[np.zeros(4), velocity, np.zeros(2)], (30.0, 30.0))
+    found = measure(RESTING + np.r_[np.zeros(4), velocity, np.zeros(2)], (30.0, 30.0))
     coulomb, speed = np.array(TABLE_1.coulomb_friction), TABLE_1.stribeck_velocity
     expected = -stribeck_magnitude(velocity, coulomb, STATIC, speed) * np.sign(velocity)
-    np.testing.assert_allclose(row[SLOTS.friction_torque], expected, rtol=1e-15)
+    np.testing.assert_allclose(friction(found), expected, rtol=1e-15)
 
 
 def test_an_arm_held_by_friction_stays_put_and_balanced():
     gravity = rigid_inverse_dynamics(RESTING[2:4], np.zeros(2), np.zeros(2), arm_constants(TABLE_1))
     state = (RESTING + np.r_[gravity / np.array(TABLE_1.stiffness), np.zeros(6)])[:, None]
-    torque, zero, out = (gravity + [0.9, -0.9] * STATIC)[:, None], np.zeros((2, 1)), np.empty((1, WIDTH))
+    torque, zero = (gravity + [0.9, -0.9] * STATIC)[:, None], np.zeros((2, 1))
     arm, limits, target = (x[:, None] for x in (np.array(arm_constants(TABLE_1)), LIMITS, circle_target(RESTING)))
+    lane = lanes_of(state, torque, zero, np.zeros((4, 1)), arm, limits, target, rows=201)
     for _ in range(200):
-        control_step(state, torque, zero, np.zeros((4, 1)), arm, limits, target, 1e-4, 10, out)
-    assert np.array_equal(state[4:6], zero)
-    np.testing.assert_allclose(out[0, SLOTS.friction_torque], [-0.9, 0.9] * STATIC, rtol=0.0, atol=1e-9)
+        _, vectors, _ = step(*lane)
+    assert np.array_equal(lane[0][4:6], zero)
+    np.testing.assert_allclose(vectors["friction_torque"][0], [-0.9, 0.9] * STATIC, rtol=0.0, atol=1e-9)
 
 
-def test_control_step_is_hold_under_torque_and_bias_then_measure():
-    state, torque, bias, *rest = batch(20)
-    stepped, out, expected = state.copy(), np.empty((20, WIDTH)), np.empty((20, WIDTH))
-    control_step(stepped, torque, bias, *rest, 1e-4, 10, out)
-    hold(state, torque + bias, rest[0], rest[1], 1e-4, 10)
-    measure(state, torque, bias, *rest, expected)
-    assert np.array_equal(stepped, state) and np.array_equal(out, expected)
+# --- the step ----------------------------------------------------------------------------------------------------
+
+
+def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
+    state, torque, bias, force, arm, limits, target = batch(20)
+    torque[:, 5:10] *= 20.0
+    applied = np.clip(torque, -limits[4:], limits[4:])
+    values, clock, table, action = lanes_of(state, torque, bias, force, arm, limits, target)
+    _, vectors, scalars = step(values, clock, table, action)
+    hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
+    expected = measured(State(*state), *applied, *bias, Arm(*arm), Limits(*limits), Target(*target))
+    assert np.array_equal(values[:8], state) and np.array_equal(vectors["torque"], applied.T)
+    assert np.array_equal(vectors["tip"], np.stack([expected.tip_x, expected.tip_y], axis=-1))
+    assert np.array_equal(vectors["friction_torque"], friction(expected).T)
+    for name in SCALARS[1:7]:
+        assert np.array_equal(scalars[name], getattr(expected, name)), name
+    assert np.array_equal(scalars["torque_clipped"], np.any(applied != torque, axis=0))
+    assert 0 < scalars["torque_clipped"].sum() < 20
+    inside = (expected.angles_inside == 1.0) & (expected.velocities_inside == 1.0)
+    assert np.array_equal(scalars["reason"] == 0.0, inside) and 0 < inside.sum() < 20
 
 
 def test_each_lane_is_the_lane_alone_bit_for_bit():
-    lanes, together = 37, batch(37)
-    alone = [one_lane(together, k) for k in range(lanes)]
-    rows, row = np.empty((lanes, WIDTH)), np.empty((1, WIDTH))
+    lanes, arrays = 37, batch(37)
+    together = lanes_of(*arrays, rows=21)
+    alone = [lanes_of(*(np.ascontiguousarray(x[:, k : k + 1]) for x in arrays), rows=21) for k in range(lanes)]
+    for lane in alone:
+        lane[2][:, :6] = 0.0
+    together[2][:, :6] = 0.0
     for _ in range(20):
-        control_step(*together, 1e-4, 10, rows)
-        for k, arrays in enumerate(alone):
-            control_step(*arrays, 1e-4, 10, row)
-            assert np.array_equal(together[0][:, k], arrays[0][:, 0]) and np.array_equal(rows[k], row[0])
-    assert 0.0 < rows[:, SLOTS.in_domain].mean() < 1.0  # the batch holds lanes inside and outside
+        observations, vectors, scalars = step(*together)
+        for k, lane in enumerate(alone):
+            one_observation, one_vectors, one_scalars = step(*lane)
+            assert np.array_equal(together[0][:, k], lane[0][:, 0])
+            assert np.array_equal(observations[k], one_observation[0])
+            assert all(np.array_equal(vectors[name][k], one_vectors[name][0]) for name in VECTORS)
+            assert all(scalars[name][k] == one_scalars[name][0] for name in SCALARS)
+    assert 0.0 < (scalars["reason"] == 0.0).mean() < 1.0  # the batch holds lanes inside and outside

@@ -1,0 +1,270 @@
+"""Arms in the middle of their episodes, one per lane: the single and the batched environment are shells around this."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fuzzyarm.envs.compiled import announced_compilation, direct
+from fuzzyarm.envs.disturbances import Disturbance
+from fuzzyarm.envs.dynamics import plant_of
+from fuzzyarm.envs.episode import Episode
+from fuzzyarm.envs.integrator import BLOCK
+from fuzzyarm.envs.lane_kernels import KEY, ROWS, WIDTH, advance, begin
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.randomness import key_of
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.variation import Draw, Variation
+
+MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
+LANES_PER_THREAD = 1024  # from about here on a thread is worth the handing over
+
+# A disturbance and a reference; None: a reference drawn from the variation's family.
+Task = tuple[Disturbance, JointReference | None]
+Item = TypeVar("Item")
+
+
+class Lanes:
+    """A batch of arms, each with its own plant, task and random stream.
+
+    Args:
+        plants: one arm for all lanes, or one per lane.
+        tasks: one for all lanes, or one per lane. Lanes with the same task share its table.
+        count: number of lanes.
+        control_period: [s].
+        substeps: in a control period.
+        variation: what each episode draws.
+        threads: how many a step may use; None: one per 1024 lanes, at most one per core.
+
+    Raises:
+        ValueError: a reference does not fit the plant of its lane.
+    """
+
+    def __init__(
+        self,
+        plants: Sequence[ArmParameters],
+        tasks: Sequence[Task],
+        count: int,
+        *,
+        control_period: float,
+        substeps: int,
+        variation: Variation,
+        threads: int | None = None,
+    ) -> None:
+        """Lay out the lanes; no episode begins before `reset`."""
+        # A float and nothing near it: the kernels are compiled for one signature, see `direct`.
+        self.count, self.period, self.substeps, self.variation = count, float(control_period), substeps, variation
+        self.parameters, self._plant_of = distinct(plants, count)
+        self._plants = np.array([np.hstack(plant_of(arm)) for arm in self.parameters])
+        self._ranges = variation.ranges
+        self._values = np.full((ROWS, count), np.nan)
+        self._clock = np.zeros((4, count), dtype=np.int64)
+        self._clock[KEY] = np.random.SeedSequence().generate_state(count, np.uint64).view(np.int64)
+        self.drawn = np.empty((len(Draw._fields), count if variation.varies else 0))
+        self._own_tasks, self._own_task_of = distinct(tasks, count)
+        self._lay_tables(self._own_tasks, self._own_task_of)
+        self.threads = threads or max(1, min(_cores(), count // LANES_PER_THREAD))
+        self._pool: ThreadPoolExecutor | None = None
+        self._pool_owner = 0
+
+    def reset(
+        self,
+        seeds: Sequence[int | None] | None = None,
+        tasks: Sequence[Task] | None = None,
+        initial: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Begin an episode in every lane and return the results (38 count,), see `lane_kernels.split`.
+
+        Args:
+            seeds: of each lane's random stream; None: it goes on.
+            tasks: what to do this time in place of the lanes' own tasks; one for all lanes, or one per lane.
+            initial: states (count, 8) to start from; None: at rest on the reference.
+
+        Raises:
+            ValueError: a reference does not fit the plant of its lane.
+        """
+        if tasks is not None:
+            self._lay_tables(*distinct(tasks, self.count))
+        elif self._laid is not self._own_tasks:
+            self._lay_tables(self._own_tasks, self._own_task_of)
+        for lane, seed in enumerate(seeds or ()):
+            if seed is not None:
+                self._clock[KEY, lane] = key_of(seed).view(np.int64)
+        return self.restart(np.arange(self.count), initial)
+
+    def close(self) -> None:
+        """End the threads; a later step begins new ones."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def restart(self, which: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
+        """Begin an episode in the lanes `which` (n,), in the tasks of the last `reset`; return their results."""
+        results = np.empty(WIDTH * len(which))
+        if initial is None:
+            initial = np.full((len(which), 8), np.nan)
+        with announced_compilation():
+            begin(
+                which,
+                self._plants,
+                self._plant_of,
+                self._starts,
+                self._start_of[which],
+                self._ranges,
+                initial,
+                self._values,
+                self._clock,
+                self.drawn,
+                self._table,
+                self.period,
+                results,
+            )
+            if not advance.signatures:
+                self.advance(np.empty((0, 2)), 0, 0, results)  # compiled now, so that no step has to wait for it
+        self._bind()
+        return results
+
+    def step(self, action: np.ndarray) -> np.ndarray:
+        """Hold torques for one control period and return the results (38 count,), see `lane_kernels.split`.
+
+        Args:
+            action: (count, 2) [N m], an array of this call's own; clipped to the plants' limits.
+
+        Raises:
+            ValueError: a torque is not finite; no lane has moved then.
+        """
+        results = np.empty(WIDTH * self.count)
+        if self.threads == 1:
+            bad = self.advance(action, 0, self.count, results)
+        else:
+            share = -(-self.count // (self.threads * BLOCK)) * BLOCK  # whole blocks to each thread
+            starts = range(0, self.count, share)
+            parts = [
+                self._workers().submit(self.advance, action, start, min(start + share, self.count), results)
+                for start in starts
+            ]
+            bad = max(part.result() for part in parts)
+        if bad >= 0:
+            raise ValueError(f"action {action[bad].tolist()} N m of lane {bad} is not finite")
+        return results
+
+    def variation_info(self) -> dict[str, np.ndarray]:
+        """Return what the episodes drew, by quantity: (count, 2) for one value per joint, else (count,)."""
+        d = Draw(*self.drawn.copy())
+        return {
+            "mass": np.stack([d.mass1, d.mass2], axis=-1),
+            "motor_inertia": np.stack([d.motor_inertia1, d.motor_inertia2], axis=-1),
+            "stiffness": np.stack([d.stiffness1, d.stiffness2], axis=-1),
+            "damping": np.stack([d.damping1, d.damping2], axis=-1),
+            "dry_friction": np.stack([d.dry_friction1, d.dry_friction2], axis=-1),
+            "viscous_friction": np.stack([d.viscous_friction1, d.viscous_friction2], axis=-1),
+            "payload": d.payload,
+            "force": d.force,
+            "angle": np.stack([d.angle1, d.angle2], axis=-1),
+            "reference": d.reference,
+        }
+
+    def episode(self, lane: int) -> tuple[JointReference, Episode]:
+        """Return the reference and the tables of the episode that a lane is in."""
+        place = int(self._start_of[lane])
+        if self._starts[place, 6] > 0.0:
+            place += int(self.drawn[-1, lane])
+        return self._references[place], self._episodes[place]
+
+    def _lay_tables(self, tasks: list[Task], task_of: np.ndarray) -> None:
+        """Tabulate every episode the tasks may need, and where each lane's begins."""
+        family, starts = self.variation.references, []
+        episodes: list[Episode] = []
+        references: list[JointReference] = []
+        firsts, row = np.empty(len(tasks), dtype=np.int64), 0
+        for number, (disturbance, reference) in enumerate(tasks):
+            choice = family if reference is None else (reference,)
+            for plant in np.unique(self._plant_of[task_of == number]):
+                for member in choice:
+                    check_reference(member, self.parameters[plant])
+            firsts[number] = len(episodes)
+            payload, noise = disturbance.payload, disturbance.encoder_noise
+            for member in choice:
+                built = Episode.build(member, disturbance, self.period)
+                load = (payload.mass, float(payload.at == "tip"))
+                spread = (0.0, 0.0) if noise is None else (noise.position, noise.velocity)
+                starts.append((row, row + built.steps, *load, *spread, float(reference is None)))
+                episodes.append(built)
+                references.append(member)
+                row += len(built.table)
+        self._references, self._episodes, self._starts, self._start_of = (
+            references,
+            episodes,
+            np.array(starts),
+            firsts[task_of],
+        )
+        self._laid = tasks
+        self._table = np.concatenate([built.table for built in episodes])
+        self._bind()
+
+    def _bind(self) -> None:
+        """Make `advance(action, start, stop, results)`, which steps the lanes from `start` to `stop`."""
+        entry = direct(advance) if advance.signatures else advance
+        self.advance = functools.partial(entry, self._values, self._clock, self._table, self.period, self.substeps)
+
+    def _workers(self) -> ThreadPoolExecutor:
+        # Threads do not survive a fork: a forked process makes its own.
+        if self._pool is None or self._pool_owner != os.getpid():
+            self._pool, self._pool_owner = ThreadPoolExecutor(self.threads), os.getpid()
+        return self._pool
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave the threads behind when copied or pickled."""
+        return {**self.__dict__, "_pool": None, "advance": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the state and bind anew."""
+        self.__dict__.update(state)
+        self._bind()
+
+
+def _cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]:
+    """Return the distinct items, by identity, and the place of each lane's among them; one item is for all lanes."""
+    if len(items) == 1:
+        return list(items), np.zeros(count, dtype=np.int64)
+    places: dict[object, int] = {}
+    kinds: list[Item] = []
+    place_of = np.empty(count, dtype=np.int64)
+    for lane, item in enumerate(items):
+        key = tuple(map(id, item)) if isinstance(item, tuple) else id(item)
+        if key not in places:
+            places[key] = len(kinds)
+            kinds.append(item)
+        place_of[lane] = places[key]
+    return kinds, place_of
+
+
+def check_reference(reference: JointReference, parameters: ArmParameters) -> None:
+    """Raise ValueError unless the plant can follow the reference, which was validated for its own arm."""
+    if reference.parameters.length != parameters.length:
+        raise ValueError(
+            f"reference was made for links of {reference.parameters.length} m, the plant has "
+            f"{parameters.length} m: build it with parameters=..."
+        )
+    motion = reference.sample(np.linspace(0.0, reference.duration, 501))
+    for name, unit, values, limit in (
+        ("angle", "rad", motion.q, parameters.joint_limit),
+        ("velocity", "rad/s", motion.dq, parameters.velocity_limit),
+        ("acceleration", "rad/s²", motion.ddq, (MAX_ACCELERATION, MAX_ACCELERATION)),
+    ):
+        peak = np.abs(values).max(axis=0)
+        if np.any(peak > limit):
+            raise ValueError(
+                f"reference {name} reaches {peak.tolist()} {unit}; this plant allows {limit} {unit}: "
+                "raise its duration or move its path"
+            )
