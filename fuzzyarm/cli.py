@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -56,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_evaluate(commands)
     _add_design(commands)
     _add_verify(commands)
+    _add_bench(commands)
     return parser
 
 
@@ -154,6 +156,39 @@ def _add_verify(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="controller file (.json)")
     parser.add_argument("--json", action="store_true", help="print the claims as JSON")
     parser.set_defaults(run=_verify)
+
+
+def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "bench",
+        help="measure steps per second beside the peers that are installed",
+        description="Measure environment steps per second, this project's environments and their peers in turns; "
+        "print a table. About two minutes. The peers come with: pip install 'fuzzyarm[bench]', torch with [rl].",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=0.5, metavar="S", help="wall time of each turn [s] (default: 0.5)"
+    )
+    parser.add_argument(
+        "--rounds", type=int, default=5, metavar="N", help="turns of each contestant, odd and at least 5 (default: 5)"
+    )
+    parser.add_argument(
+        "--lanes", type=int, nargs="+", default=(64, 1024), metavar="N", help="sizes of the batches (default: 64 1024)"
+    )
+    parser.add_argument(
+        "--threads",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="threads a batch may use (default: one per core)",
+    )
+    parser.add_argument(
+        "--lanes-sweep",
+        action="store_true",
+        help="measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; a few minutes, needs --out",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.json and the figure (default: none)")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON instead of the table")
+    parser.set_defaults(run=_bench)
 
 
 def _evaluate(options: argparse.Namespace) -> int:
@@ -263,6 +298,41 @@ def _verify(options: argparse.Namespace) -> int:
     else:
         print("\n\n".join(report.to_text() for report in reports))
     return 0 if all(report.certificate.proven for report in reports) else 1
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from fuzzyarm.eval.bench import BenchConfig, bench, write_document
+    from fuzzyarm.eval.speed_table import print_speeds
+
+    config = BenchConfig(
+        seconds=options.seconds,
+        rounds=options.rounds,
+        lanes=tuple(options.lanes),
+        threads=options.threads,
+        sweep=options.lanes_sweep,
+    )
+    if config.sweep and options.out is None:
+        raise UsageError("--lanes-sweep draws throughput.png: say where with --out DIR")
+    if options.out is not None:
+        _make_folder(options.out)
+    stderr = Console(stderr=True)
+    columns = (BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    # Drawn between the turns: nothing else runs while one is timed.
+    silent = not stderr.is_terminal
+    with Progress(*columns, console=stderr, disable=silent, transient=True, auto_refresh=False) as bar:
+        turns = bar.add_task("", total=config.turns())
+        document = bench(config, lambda text: bar.update(turns, advance=1, description=text, refresh=True))
+    written = write_document(document, options.out) if options.out is not None else []
+    if options.json:
+        print(json.dumps(document, indent=1))
+    else:
+        print_speeds(document, Console() if sys.stdout.isatty() else Console(width=220))
+        if written:
+            print(f"\n{', '.join(path.name for path in written)} in {options.out}")
+    return 0
 
 
 def _make_folder(folder: Path) -> None:

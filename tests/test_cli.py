@@ -59,7 +59,9 @@ def test_evaluate_bad_usage_is_one_line_and_exit_code_2(tmp_path, capsys, argume
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("arguments", [[], ["fly"], ["evaluate", "--seeds", "x"], ["design"], ["evaluate", "--nope"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["fly"], ["evaluate", "--seeds", "x"], ["design"], ["evaluate", "--nope"], ["bench", "x"]]
+)
 def test_argument_errors_exit_with_2(arguments):
     with pytest.raises(SystemExit) as caught:
         main(arguments)
@@ -118,7 +120,7 @@ def test_an_episode_that_fails_gives_exit_code_1(tmp_path, capsys):
         str(tmp_path / "o"),
     ]
     assert main(["evaluate", *arguments]) == 1
-    assert "left the joint domain" in capsys.readouterr().err
+    assert "left the domain (25)" in capsys.readouterr().err
 
 
 def test_design_writes_a_controller_that_evaluate_takes(tmp_path, capsys):
@@ -234,3 +236,58 @@ def test_design_objectives(tmp_path, capsys):
     assert "smallest L2 gain" in capsys.readouterr().out
     assert main(["design", "--rules", "1", "--alpha", "max", "--gain-bound", "2e5", "--out", path]) == 0
     assert "largest decay rate" in capsys.readouterr().out
+
+
+@pytest.fixture
+def quick_bench(monkeypatch):
+    """Let `fuzzyarm bench` measure the one environment only, for as short as it can."""
+    from fuzzyarm.eval import bench
+    from fuzzyarm.eval.contestants import own_single
+
+    entry = dataclasses.replace(own_single(), tip_error=None)
+    monkeypatch.setattr(bench, "WARM_UP", 0.0)
+    monkeypatch.setattr(bench.BenchConfig, "groups", lambda self: {"one environment": [entry]})
+    monkeypatch.setattr(bench.BenchConfig, "sweep_groups", lambda self: {"sweep": [entry]} if self.sweep else {})
+    monkeypatch.setattr(bench, "memory_per_lane", lambda: {"bytes": 321.0, "reason": None})
+    return ["bench", "--seconds", "1e-4"]
+
+
+def test_bench_prints_a_table_and_writes_nothing(tmp_path, capsys, monkeypatch, quick_bench):
+    monkeypatch.chdir(tmp_path)
+    assert main(quick_bench) == 0
+    out = capsys.readouterr().out
+    for part in ("FuzzyArm-v0, Numba", "steps/s [thousand]", "5 rounds of 0.0001 s", "321 bytes"):
+        assert part in out
+    assert "\x1b" not in out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bench_json_is_the_file(tmp_path, capsys, quick_bench):
+    assert main([*quick_bench, "--json", "--lanes-sweep", "--out", str(tmp_path / "new")]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "new" / "bench.json").read_text())
+    assert printed["rows"][0]["steps_per_s"]["median"] > 0.0
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"bench.json", "throughput.png"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--seconds", "-1"], "seconds = -1.0"),
+        (["--rounds", "6"], "rounds = 6 must be odd"),
+        (["--rounds", "3"], "at least 5"),
+        (["--threads", "0"], "threads = 0"),
+        (["--lanes", "64", "0"], "lanes = [64, 0]"),
+        (["--lanes-sweep"], "say where with --out DIR"),
+        (["--out", "file/sub"], "file/sub"),
+    ],
+)
+def test_bench_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monkeypatch, arguments, expected):
+    def never(*_):
+        raise AssertionError("something ran")
+
+    monkeypatch.setattr("fuzzyarm.eval.bench.bench", never)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    assert main(["bench", *arguments]) == 2
+    assert expected in one_line_error(capsys)

@@ -1,0 +1,271 @@
+"""The arm in MuJoCo is our arm: its matrices, its motion, its stick, and the accuracy its speed is compared at."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.rollout import Rollout
+
+from fuzzyarm.envs.dynamics import (
+    Payload,
+    State,
+    arm_constants,
+    coriolis_torque,
+    gravity_torque,
+    joint_torque,
+    mass_matrix,
+)
+from fuzzyarm.envs.event_integrator import integrate
+from fuzzyarm.envs.parameters import ArmParameters
+
+PATH = Path(__file__).parents[2] / "benchmarks" / "mujoco_arm.py"
+SPEC = importlib.util.spec_from_file_location("mujoco_arm", PATH)
+peer = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(peer)
+
+START = np.array([0.51, 0.82, 0.5, 0.8, 1.5, -2.0, 1.4, -1.8])
+TORQUE = np.array([60.0, -25.0])
+INTEGRATORS = tuple(peer.STICK_RATE)
+
+
+def random_case(seed):
+    rng = np.random.default_rng(seed)
+    length, friction = rng.uniform(0.2, 1.5, 2), tuple(rng.uniform(0.5, 5.0, 2).tolist())
+    parameters = ArmParameters(
+        length=tuple(length.tolist()),
+        mass=tuple(rng.uniform(0.5, 20.0, 2).tolist()),
+        inertia=tuple(rng.uniform(0.01, 1.0, 2).tolist()),
+        mass_center=tuple((length * rng.uniform(0.1, 1.0, 2)).tolist()),
+        gravity=float(rng.uniform(1.0, 20.0)),
+        viscous_friction=tuple(rng.uniform(0.1, 1.0, 2).tolist()),
+        motor_inertia=tuple(rng.uniform(0.1, 3.0, 2).tolist()),
+        stiffness=tuple(rng.uniform(1e3, 1e5, 2).tolist()),
+        damping=tuple(rng.uniform(1.0, 30.0, 2).tolist()),
+        static_friction=friction,
+        coulomb_friction=friction,
+    )
+    payload = Payload(float(rng.uniform(0.5, 8.0)), "tip" if seed % 2 else "link") if seed >= 2 else Payload()
+    state = np.concatenate([rng.uniform(-np.pi, np.pi, 4), rng.uniform(-10.0, 10.0, 4)])
+    return parameters, payload, state
+
+
+def forward(parameters, payload, state):
+    arm = peer.MujocoArm(parameters, peer.Method("Euler"), 1e-4, payload)
+    arm.load(state)
+    mujoco.mj_forward(arm.model, arm.data)
+    return arm
+
+
+def after(arm, steps, torque=TORQUE, **force):
+    state = START
+    for _ in range(steps):
+        state = arm.advance(state, torque, **force)
+    return state
+
+
+def errors(method, substeps, parameters=peer.FRICTIONLESS, force=(0.0, 0.0), payload=None, steps=30):
+    """Largest difference of an angle to the event integrator after 30 ms, by time step."""
+    exact = integrate(START, TORQUE, lambda _: force, parameters, payload or Payload(), 0.0, steps * 1e-3)
+    arms = [peer.MujocoArm(parameters, method, 1e-3 / n, payload) for n in substeps]
+    return np.array([np.abs(after(arm, steps, force=force) - exact)[:4].max() for arm in arms])
+
+
+def order(method, substeps, **case):
+    return -np.polyfit(np.log(substeps), np.log(errors(method, substeps, **case)), 1)[0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_mass_matrix_is_ours_with_the_motors(seed):
+    parameters, payload, state = random_case(seed)
+    arm, theirs = forward(parameters, payload, state), np.zeros((4, 4))
+    mujoco.mj_fullM(arm.model, arm.data, theirs)
+    m11, m12, m22 = mass_matrix(np.cos(state[3]), arm_constants(parameters, payload))
+    ours = np.diag([*parameters.motor_inertia, m11, m22])
+    ours[2, 3] = ours[3, 2] = m12
+    np.testing.assert_allclose(peer.TO_HINGES.T @ theirs @ peer.TO_HINGES, ours, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_coriolis_and_gravity_are_ours(seed):
+    parameters, payload, state = random_case(seed)
+    arm, constants = forward(parameters, payload, state), arm_constants(parameters, payload)
+    _, _, q1, q2, _, _, dq1, dq2 = state
+    coriolis = coriolis_torque(np.sin(q2), dq1, dq2, constants)
+    gravity = gravity_torque(np.sin(q1), np.sin(q1 + q2), constants)
+    ours = np.concatenate([np.zeros(2), np.add(coriolis, gravity)])
+    np.testing.assert_allclose(arm.data.qfrc_bias @ peer.TO_HINGES, ours, rtol=1e-9, atol=1e-9 * np.abs(ours).max())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_springs_dampers_and_viscous_friction_are_ours(seed):
+    parameters, payload, state = random_case(seed)
+    arm = forward(parameters, payload, state)
+    between = np.array(joint_torque(State(*state), arm_constants(parameters, payload)))
+    ours = np.concatenate([-between - np.array(parameters.viscous_friction) * state[4:6], between])
+    theirs = arm.data.qfrc_passive @ peer.TO_HINGES
+    np.testing.assert_allclose(theirs, ours, rtol=1e-9)
+
+
+@pytest.mark.parametrize("sign", [(1, 1), (-1, 1), (1, -1)])
+def test_a_slipping_motor_feels_coulomb_friction_and_no_other_joint_does(sign):
+    parameters, payload, state = random_case(3)
+    state[:2], state[4:6] = state[2:4] + 1e-4, np.array(sign) * (2.0, 3.0)
+    friction = forward(parameters, payload, state).data.qfrc_constraint @ peer.TO_HINGES
+    expected = [*(-np.array(sign) * parameters.coulomb_friction), 0.0, 0.0]
+    np.testing.assert_allclose(friction, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_motors_stick_below_coulomb_friction_and_slip_above(integrator):
+    arm, rest = peer.MujocoArm(peer.COULOMB, peer.Method(integrator), 2e-4), np.zeros(8)
+    moved = {}
+    for share in (0.95, 1.05):
+        state = rest
+        for _ in range(50):
+            state = arm.advance(state, share * np.array(peer.COULOMB.coulomb_friction))
+        moved[share] = np.abs(state[:2])
+    assert np.all(moved[0.95] < 1e-8) and np.all(moved[1.05] > 1e-6)
+
+
+def test_without_friction_runge_kutta_converges_to_the_event_integrator_with_order_four():
+    assert 3.9 < order(peer.Method("RK4"), (2, 4, 8)) < 4.1
+    assert errors(peer.Method("RK4"), (20,)).item() < 1e-10
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS[:3])
+@pytest.mark.parametrize("half_step_back", [False, True])
+def test_without_friction_the_euler_methods_converge_with_order_one(integrator, half_step_back):
+    assert 0.9 < order(peer.Method(integrator, half_step_back), (10, 20, 40)) < 1.1
+
+
+@pytest.mark.parametrize("payload", [Payload(5.0, "tip"), Payload(5.0, "link")])
+def test_a_payload_and_a_tip_force_are_ours(payload):
+    assert errors(peer.Method("RK4"), (20,), payload=payload).item() < 1e-10
+    # The torque of the force is held over a time step: order one.
+    assert 0.9 < order(peer.Method("RK4"), (5, 10, 20), force=(120.0, -80.0), payload=payload) < 1.1
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_with_coulomb_friction_the_difference_shrinks(integrator):
+    coarse, fine = errors(peer.Method(integrator), (5, 50), parameters=peer.COULOMB)
+    assert fine < 0.2 * coarse and fine < 3e-5
+
+
+def test_rotors_on_fixed_tendons_are_the_same_arm():
+    """The form with a body per rotor and a tendon per spring, from its own MJCF."""
+    p, h = peer.COULOMB, 1e-4
+
+    def friction(j):
+        rate = peer.STICK_RATE["RK4"] * peer.IMPEDANCE / h
+        return f"""damping="{p.viscous_friction[j]}" frictionloss="{p.coulomb_friction[j]}"
+          solreffriction="0 {-rate}" solimpfriction="{peer.IMPEDANCE} {peer.IMPEDANCE} 1\""""
+
+    def inertial(x, mass, inertia):
+        return f'<inertial pos="{x} 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>'
+
+    rotors = "".join(
+        f'<body>{inertial(0, 1, p.motor_inertia[j])}<joint name="a{j}" axis="0 0 1" {friction(j)}/></body>'
+        for j in range(2)
+    )
+    links = [
+        inertial(p.mass_center[j], p.mass[j], p.inertia[j]) + f'<joint name="b{j}" axis="0 0 1"/>' for j in range(2)
+    ]
+    springs = "".join(
+        f"""<fixed stiffness="{p.stiffness[j]}" damping="{p.damping[j]}">
+          <joint joint="a{j}" coef="1"/><joint joint="b{j}" coef="-1"/></fixed>"""
+        for j in range(2)
+    )
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>
+      <option timestep="{h}" integrator="RK4" gravity="{p.gravity} 0 0" tolerance="0"><flag refsafe="disable"/></option>
+      <worldbody>{rotors}<body>{links[0]}<body pos="{p.length[0]} 0 0">{links[1]}</body></body></worldbody>
+      <tendon>{springs}</tendon><actuator><motor joint="a0"/><motor joint="a1"/></actuator></mujoco>""")
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = START[:4], START[4:], TORQUE
+    mujoco.mj_step(model, data, nstep=300)
+    ours = after(peer.MujocoArm(p, peer.Method("RK4"), h), 30)
+    np.testing.assert_allclose(ours, np.concatenate([data.qpos, data.qvel]), rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("arm", peer.ARMS)
+def test_the_peer_is_as_accurate_as_our_step_and_would_not_be_with_a_longer_one(arm):
+    parameters, (method, timestep) = peer.ARMS[arm], peer.EQUAL_ACCURACY[arm]
+    substeps = round(1e-3 / timestep)
+    ours = peer.tip_error(peer.our_advance(parameters, peer.OURS), parameters)
+    assert peer.tip_error(peer.MujocoArm(parameters, method, timestep).advance, parameters) <= ours
+    for longer in [n for n in peer.SUBSTEPS if n < substeps][-1:]:
+        assert peer.tip_error(peer.MujocoArm(parameters, method, 1e-3 / longer).advance, parameters) > ours
+
+
+def test_reading_half_a_step_back_divides_the_tip_error_of_euler_by_ten():
+    plain, back = (
+        peer.tip_error(peer.MujocoArm(peer.COULOMB, peer.Method("Euler", back), 2e-4).advance, peer.COULOMB)
+        for back in (False, True)
+    )
+    assert back < 0.1 * plain < 2e-6
+
+
+def test_rollout_gets_the_motion_and_its_torques():
+    arm = peer.MujocoArm(peer.COULOMB, peer.Method("Euler"), 2.5e-4)
+    initial, control = peer.rollout_inputs(3, arm.substeps, peer.COULOMB)
+    states, torques = peer.exact_loop(peer.COULOMB)
+    with Rollout(nthread=0) as pool:
+        recorded, _ = pool.rollout(
+            arm.model, mujoco.MjData(arm.model), initial, control, control_spec=int(peer.TORQUES)
+        )
+    for lane, start in enumerate((0, (len(torques) - 10) // 2, len(torques) - 10)):
+        state = states[start]
+        for k in range(10):
+            state = arm.advance(state, torques[start + k])
+            row = recorded[lane, (k + 1) * arm.substeps - 1]
+            theirs = np.concatenate([peer.FROM_HINGES @ row[1:5], peer.FROM_HINGES @ row[5:9]])
+            np.testing.assert_allclose(theirs, state, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_speed_is_counted_in_control_steps(threads, monkeypatch):
+    """By a clock that gives the measurement three calls, each of 10 control steps of 5 lanes, in 0.75 s."""
+    clock = iter([0.0, 0.25, 0.5, 0.75])
+    monkeypatch.setattr(peer.time, "perf_counter", lambda: next(clock))
+    assert peer.steps_per_second(5, threads, 5e-4, "implicitfast", 0.6) == 3 * 10 * 5 / 0.75
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((peer.COULOMB, peer.Method("Verlet"), 1e-3), "unknown integrator 'Verlet'; choose from: Euler, implicitfast,"),
+        ((ArmParameters(), peer.Method("Euler"), 1e-3), "MuJoCo knows no static peak"),
+        ((peer.COULOMB, peer.Method("RK4", True), 1e-3), "half_step_back is for the Euler methods"),
+        ((peer.COULOMB, peer.Method("Euler"), 3e-4), "timestep = 0.0003 s must be a whole fraction"),
+        ((peer.COULOMB, peer.Method("Euler"), 0.0), "timestep = 0.0 s must be a whole fraction"),
+        ((peer.COULOMB, peer.Method("Euler"), 2e-3), "timestep = 0.002 s must be a whole fraction"),
+        ((peer.COULOMB, peer.Method("Euler"), float("nan")), "timestep = nan s must be a whole fraction"),
+    ],
+)
+def test_wrong_arms_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        peer.MujocoArm(*arguments)
+
+
+@pytest.mark.parametrize(("lanes", "threads", "seconds"), [(0, 1, 0.1), (1, 0, 0.1), (1, 1, 0.0), (1, 1, float("inf"))])
+def test_wrong_speed_arguments_are_named(lanes, threads, seconds):
+    with pytest.raises(ValueError, match=f"lanes = {lanes} and threads = {threads} must be at least 1"):
+        peer.steps_per_second(lanes, threads, 1e-3, "Euler", seconds)
+
+
+def test_main_writes_the_rows(tmp_path, monkeypatch, capsys):
+    """At two time steps, with rates that count, not measure."""
+    monkeypatch.setattr(peer, "SUBSTEPS", (1, 2))
+    monkeypatch.setattr(peer, "steps_per_second", lambda lanes, threads, h, *rest: lanes * threads * h)
+    monkeypatch.setattr(sys, "argv", ["mujoco_arm.py", "--json", str(tmp_path / "out.json")])
+    peer.main()
+    result = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    assert result["versions"]["mujoco"] == mujoco.__version__ and "frictionless arm" in capsys.readouterr().out
+    rows = result["Coulomb"]["mujoco"]
+    assert len(rows) == 2 * len(peer.METHODS) and len(result["speed"]) == 12
+    for row in rows:
+        rivals = [other["tip_error_um"] for other in rows if other["ms"] >= row["ms"]]
+        assert row["best"] == (row["tip_error_um"] == min(rivals))
