@@ -16,7 +16,7 @@ from fuzzyarm.envs.elementwise import gaussian, positive_part, sign, smaller
 @register_jitable
 def stribeck_magnitude(velocity: Any, coulomb: Any, static: Any, stribeck_velocity: Any) -> Any:
     """Return F(v) = Γ_fc + (Γ_fs - Γ_fc) exp(-(v/v_s)²) [N m], the friction magnitude; F(0) is the static torque."""
-    return coulomb + (static - coulomb) * gaussian(velocity / stribeck_velocity)
+    return coulomb + (static - coulomb) * gaussian(velocity * (1.0 / stribeck_velocity))
 
 
 @register_jitable

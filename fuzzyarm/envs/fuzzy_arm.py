@@ -12,7 +12,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
 from fuzzyarm.envs.disturbances import Disturbance, find_case
-from fuzzyarm.envs.lane_kernels import WIDTH
+from fuzzyarm.envs.lane_kernels import INFO, VECTORS, split
 from fuzzyarm.envs.lanes import MAX_ACCELERATION, Lanes, Task
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.reference import JointReference
@@ -114,10 +114,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             substeps=self.substeps,
             variation=drawn,
         )
-        self._varies = drawn.varies
+        self._extras = drawn.varies or render_mode is not None
         self.action_space = action_space([self.parameters])
         self.observation_space = observation_space([self.parameters])
-        self._torque = np.empty((1, 2))
         self._ended, self._begun = True, False
         self._renderer: Any = None
         self._trace: list[np.ndarray] = []  # the vectors since the reset, for the renderer
@@ -148,23 +147,55 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             seeds = [int(self.np_random.integers(2**63))]
         results = self._lanes.reset(seeds, [task] if options else None, initial)
         self._begun = True
-        observation, _, _, _, info = self._outcome(results)
-        self._ended = False  # a start outside the box ends with the first step
-        return observation, info
+        observations, vectors, scalars = split(results)
+        inside = bool(scalars[-1, 0] == 0.0)  # a start outside the box ends with the first step
+        info = dict(zip(INFO, (*vectors[:, 0], *scalars[:6, 0].tolist(), inside, False), strict=True))
+        self._ended = False
+        if self._extras:
+            self._complete(info)
+        return observations[0], info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Hold the torques `action` [N m] for one control period."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        torque, results = self._torque, np.empty(WIDTH)
+        observation, vectors = np.empty(10), np.empty((9, 2))
         try:
-            torque[0, 0], torque[0, 1] = action.tolist()
-        except (AttributeError, TypeError, ValueError):  # not a plain array of two numbers
-            torque[0] = self._two_numbers(action)
-        if self._lanes.advance(torque, 0, 1, results) >= 0:
+            torque1, torque2 = action.tolist()
+            scalars = self._lanes.advance_one(torque1, torque2, observation, vectors)
+        except (AttributeError, TypeError, ValueError):  # no array of two numbers
+            torque1, torque2 = self._two_numbers(action)
+            scalars = self._lanes.advance_one(torque1, torque2, observation, vectors)
+        if scalars[-1] < 0:
             limit = list(self.parameters.torque_limit)
-            raise ValueError(f"action = {torque[0].tolist()} N m is not finite; allowed: ±{limit} N m")
-        return self._outcome(results)
+            raise ValueError(f"action = {[torque1, torque2]} N m is not finite; allowed: ±{limit} N m")
+        # Written out for speed: this is half of a step's time.
+        time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
+        self._ended = truncated or reason > 0
+        info = {
+            "time": time,
+            "tip": vectors[0],
+            "tip_reference": vectors[1],
+            "tip_error": error,
+            "circularity_error": circularity,
+            "circularity_error_motor": motor,
+            "q_link": vectors[4],
+            "dq_link": vectors[5],
+            "q_motor": vectors[2],
+            "dq_motor": vectors[3],
+            "torque": vectors[6],
+            "friction_torque": vectors[7],
+            "external_force": vectors[8],
+            "in_domain": reason == 0,
+            "torque_clipped": clipped,
+            "reward_tracking": tracking,
+            "reward_effort": effort,
+        }
+        if reason:
+            info["reason"] = REASONS[reason]
+        if self._extras:
+            self._complete(info)
+        return observation, reward, reason > 0, truncated, info
 
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` the window follows by itself."""
@@ -181,52 +212,26 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer = None
 
     @staticmethod
-    def _two_numbers(action: Any) -> np.ndarray:
-        """Return what was given for an action as an array of two numbers, or raise ValueError."""
+    def _two_numbers(action: Any) -> list[float]:
+        """Return what was given for an action as two numbers, or raise ValueError."""
         array = np.asarray(action)
         if array.shape != (2,):
             raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
         if array.dtype.kind not in "fiub":
             raise ValueError(f"action = {action!r} must be two real numbers, the motor torques [N m]")
-        return array
+        return [float(array[0]), float(array[1])]
 
-    def _outcome(self, results: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Return what `step` returns, from results as in `lane_kernels.split`."""
-        time, error, circularity, motor, tracking, effort, reward, clipped, over, reason = results[28:].tolist()
-        vectors = results[10:28].reshape(9, 2)
-        inside, truncated = reason == 0.0, over != 0.0
-        self._ended = truncated or not inside
-        info = {
-            "time": time,
-            "tip": vectors[0],
-            "tip_reference": vectors[1],
-            "tip_error": error,
-            "circularity_error": circularity,
-            "circularity_error_motor": motor,
-            "q_link": vectors[4],
-            "dq_link": vectors[5],
-            "q_motor": vectors[2],
-            "dq_motor": vectors[3],
-            "torque": vectors[6],
-            "friction_torque": vectors[7],
-            "external_force": vectors[8],
-            "in_domain": inside,
-            "torque_clipped": clipped != 0.0,
-            "reward_tracking": tracking,
-            "reward_effort": effort,
-        }
-        if not inside:
-            info["reason"] = REASONS[int(reason)]
-        if self._varies:
+    def _complete(self, info: dict[str, Any]) -> None:
+        """Add what the episode drew, and let the renderer follow."""
+        if self._lanes.variation.varies:
             info["variation"] = {name: value[0] for name, value in self._lanes.variation_info().items()}
         if self.render_mode is not None:
-            self._follow(time, vectors)
-        return results[:10], reward, not inside, truncated, info
+            self._follow(info["time"], np.array([info[name] for name in VECTORS]))
 
     def _follow(self, time: float, vectors: np.ndarray) -> None:
         """Remember what the renderer draws, and draw it if a frame of the window is due."""
         self._time = time
-        self._trace.append(vectors.copy())
+        self._trace.append(vectors)
         if self.render_mode == "human" and (self._ended or (len(self._trace) - 1) % self._steps_per_frame() == 0):
             self._render_frame()
 

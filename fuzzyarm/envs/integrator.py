@@ -11,6 +11,7 @@ stick is exact. The torque is held over the control step; the tip force is linea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -52,22 +53,21 @@ def kick(
         The four velocities [rad/s] in the order of `State`, and the angles the motors travelled [rad].
     """
     joint1, joint2 = joint_torque(middle, arm)
+    inverse1, inverse2 = 1.0 / arm.motor_inertia1, 1.0 / arm.motor_inertia2  # products cost less than quotients
     coriolis1, coriolis2 = coriolis_torque(sin2, middle.link_velocity1, middle.link_velocity2, arm)
     acceleration1, acceleration2 = solve_mass_matrix(
         cos2, joint1 + outer1 - coriolis1, joint2 + outer2 - coriolis2, arm
     )
     motor_velocity1, travelled1 = stick_slip(
         start.motor_velocity1,
-        (torque1 - joint1 - arm.viscous1 * middle.motor_velocity1) / arm.motor_inertia1,
-        stribeck_magnitude(middle.motor_velocity1, arm.coulomb1, arm.static1, arm.stribeck_velocity)
-        / arm.motor_inertia1,
+        (torque1 - joint1 - arm.viscous1 * middle.motor_velocity1) * inverse1,
+        stribeck_magnitude(middle.motor_velocity1, arm.coulomb1, arm.static1, arm.stribeck_velocity) * inverse1,
         duration,
     )
     motor_velocity2, travelled2 = stick_slip(
         start.motor_velocity2,
-        (torque2 - joint2 - arm.viscous2 * middle.motor_velocity2) / arm.motor_inertia2,
-        stribeck_magnitude(middle.motor_velocity2, arm.coulomb2, arm.static2, arm.stribeck_velocity)
-        / arm.motor_inertia2,
+        (torque2 - joint2 - arm.viscous2 * middle.motor_velocity2) * inverse2,
+        stribeck_magnitude(middle.motor_velocity2, arm.coulomb2, arm.static2, arm.stribeck_velocity) * inverse2,
         duration,
     )
     link_velocity1 = start.link_velocity1 + duration * acceleration1
@@ -107,16 +107,20 @@ def step(state: State, torque1: Any, torque2: Any, force_x: Any, force_y: Any, a
     )
 
 
+def held(state: State, torque: Sequence[Any], force: Sequence[Any], arm: Arm, h: float, substeps: int) -> State:
+    """Advance arrays or tensors of lanes over one control step; arguments as in `hold`, each a row of lanes."""
+    for substep in range(substeps):
+        share = (substep + 0.5) / substeps - 0.5
+        force_x, force_y = force[0] + share * force[2], force[1] + share * force[3]
+        state = step(state, torque[0], torque[1], force_x, force_y, arm, h)
+    return state
+
+
 def hold_numpy(
     state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarray, h: float, substeps: int
 ) -> np.ndarray:
     """Plain NumPy twin of `hold`, the reference back end of the tests: returns the new states."""
-    lanes, constants = State(*state), Arm(*arm)
-    for substep in range(substeps):
-        share = (substep + 0.5) / substeps - 0.5
-        force_x, force_y = force[0] + share * force[2], force[1] + share * force[3]
-        lanes = step(lanes, torque[0], torque[1], force_x, force_y, constants, h)
-    return np.stack(lanes)
+    return np.stack(held(State(*state), tuple(torque), tuple(force), Arm(*arm), h, substeps))
 
 
 @register_jitable(forceinline=True)

@@ -13,9 +13,9 @@ import numpy as np
 from fuzzyarm.envs.compiled import announced_compilation, direct
 from fuzzyarm.envs.disturbances import Disturbance
 from fuzzyarm.envs.dynamics import plant_of
-from fuzzyarm.envs.episode import Episode
+from fuzzyarm.envs.episode import COLUMNS, Episode
 from fuzzyarm.envs.integrator import BLOCK
-from fuzzyarm.envs.lane_kernels import KEY, ROWS, WIDTH, advance, begin
+from fuzzyarm.envs.lane_kernels import KEY, ROWS, VECTORS, WIDTH, advance, advance_one, begin
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.randomness import key_of
 from fuzzyarm.envs.reference import JointReference
@@ -124,8 +124,7 @@ class Lanes:
                 self.period,
                 results,
             )
-            if not advance.signatures:
-                self.advance(np.empty((0, 2)), 0, 0, results)  # compiled now, so that no step has to wait for it
+            self._compile()
         self._bind()
         return results
 
@@ -207,10 +206,22 @@ class Lanes:
         self._table = np.concatenate([built.table for built in episodes])
         self._bind()
 
+    def _compile(self) -> None:
+        """Have the step compiled now: no step has to wait for it, and it is for floats, whatever torques come first."""
+        if (advance_one if self.count == 1 else advance).signatures:
+            return
+        anything = np.zeros((ROWS, 1)), np.zeros((4, 1), dtype=np.int64), np.zeros((2, COLUMNS))
+        if self.count == 1:
+            outcome = np.empty(10), np.empty((len(VECTORS), 2))
+            advance_one(*anything, self.period, self.substeps, 0.0, 0.0, *outcome)
+        else:
+            advance(*anything, self.period, self.substeps, np.empty((0, 2)), 0, 0, np.empty(0))
+
     def _bind(self) -> None:
-        """Make `advance(action, start, stop, results)`, which steps the lanes from `start` to `stop`."""
-        entry = direct(advance) if advance.signatures else advance
-        self.advance = functools.partial(entry, self._values, self._clock, self._table, self.period, self.substeps)
+        """Make `advance(action, start, stop, results)` and `advance_one(torque1, torque2, observation, vectors)`."""
+        own = self._values, self._clock, self._table, self.period, self.substeps
+        self.advance = functools.partial(direct(advance), *own)
+        self.advance_one = functools.partial(direct(advance_one), *own)
 
     def _workers(self) -> ThreadPoolExecutor:
         # Threads do not survive a fork: a forked process makes its own.
@@ -220,11 +231,13 @@ class Lanes:
 
     def __getstate__(self) -> dict[str, object]:
         """Leave the threads behind when copied or pickled."""
-        return {**self.__dict__, "_pool": None, "advance": None}
+        return {**self.__dict__, "_pool": None, "advance": None, "advance_one": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take the state and bind anew."""
         self.__dict__.update(state)
+        with announced_compilation():
+            self._compile()
         self._bind()
 
 

@@ -1,0 +1,272 @@
+"""Thousands of arms at once: the batched form of ``FuzzyArm-v0``, a `gymnasium.vector.VectorEnv`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from fuzzyarm.envs.disturbances import Disturbance
+from fuzzyarm.envs.fuzzy_arm import (
+    action_space,
+    check_options,
+    chosen_disturbance,
+    chosen_reference,
+    chosen_task,
+    initial_state,
+    observation_space,
+    whole_substeps,
+)
+from fuzzyarm.envs.lane_kernels import INFO, SCALARS, split
+from fuzzyarm.envs.lanes import Lanes, Task
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.variation import Variation, find_variation
+
+REWARD, CLIPPED, OVER, REASON = map(SCALARS.index, ("reward", "torque_clipped", "truncated", "reason"))
+
+
+class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """A batch of `FuzzyArmEnv`: lane i is the single environment with the same seed, bit for bit, whatever the batch.
+
+    ``gym.make_vec("FuzzyArm-v0", num_envs=1024)`` gives it. Spaces, reward, episode ends and the keys of `info` are
+    those of `FuzzyArmEnv`; every value of `info` is an array with a row per lane, beside a mask ``_key`` as Gymnasium
+    has it. A lane that ends begins its next episode within the same step (``AutoresetMode.SAME_STEP``): the
+    observation and `info` are then the new episode's first, and those of the last instant are in
+    ``info["final_obs"]`` (an array of objects) and ``info["final_info"]``, masked by ``_final_obs``, ``_final_info``.
+
+    Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference` and `parameters` may each be one for all
+    lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
+    ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is how many threads share a step
+    (default: one per 1024 lanes, at most one per core); results do not depend on it.
+
+    ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets a lane's stream
+    go on.
+
+    Raises:
+        ValueError: a value is unknown or out of range, or a sequence has not one entry per lane; the message names
+            the lane if there are several.
+        gymnasium.error.ResetNeeded: `step` before `reset`.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  Gymnasium's name and type
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        case: str | Sequence[str] = "nominal",
+        *,
+        disturbance: Disturbance | Sequence[Disturbance] | None = None,
+        reference: JointReference | Sequence[JointReference] | None = None,
+        parameters: ArmParameters | Sequence[ArmParameters] | None = None,
+        control_period: float = 1e-3,
+        substep: float | None = None,
+        variation: str | Variation = "nominal",
+        threads: int | None = None,
+        render_mode: None = None,
+    ) -> None:
+        """Build the environment; arguments as in the class docstring."""
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise ValueError(f"num_envs = {num_envs!r} is out of range; allowed: 1, 2, 3, ...")
+        if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+            raise ValueError(f"threads = {threads!r} is out of range; allowed: 1, 2, 3, ... or None")
+        if render_mode is not None:
+            raise ValueError(f"render_mode = {render_mode!r}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)")
+        self.num_envs = int(num_envs)
+        self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
+        plants = _each(_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
+        self._variation = find_variation(variation, plants[0])
+        self._disturbances = _each(
+            chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
+        )
+        self._references = self._own_references(reference, plants)
+        self._lanes = Lanes(
+            plants,
+            _each(lambda *task: task, self._disturbances, self._references),
+            self.num_envs,
+            control_period=control_period,
+            substeps=self.substeps,
+            variation=self._variation,
+            threads=threads,
+        )
+        self._plants = plants
+        self.single_action_space = action_space(plants)
+        self.single_observation_space = observation_space(plants)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._everywhere = np.ones(self.num_envs, dtype=bool)
+        self._share_mask()
+        self._begun = False
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode in every lane; seeds and options as in the class docstring."""
+        self._begun = False  # until the end of this method: a reset that raises leaves no half-made episodes to step
+        options = options or {}
+        check_options(options)
+        given = options.get("initial_state")
+        initial = None if given is None else self._initial_states(given)
+        tasks = self._tasks({name: value for name, value in options.items() if name != "initial_state"})
+        observation, vectors, scalars = split(self._lanes.reset(self._seeds(seed), tasks, initial))
+        self._begun = True
+        return observation, self._info(vectors, scalars)
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Hold the torques `actions` (num_envs, 2) [N m] for one control period."""
+        if not self._begun:
+            raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
+        torque = np.array(actions, dtype=np.float64, order="C")
+        if torque.shape != (self.num_envs, 2):
+            raise ValueError(f"actions have shape {torque.shape}; needed: {(self.num_envs, 2)}, motor torques [N m]")
+        observation, vectors, scalars = split(self._lanes.step(torque))
+        reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
+        ended = terminated | truncated
+        if not ended.any():
+            return observation, reward, terminated, truncated, self._info(vectors, scalars)
+        final, reward = self._final(observation, vectors, scalars, ended), reward.copy()
+        which = np.flatnonzero(ended)
+        observation[which], vectors[:, which], scalars[:, which] = split(self._lanes.restart(which))
+        return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads."""
+        self._lanes.close()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the state of a copy; arrays lose their write protection on the way."""
+        self.__dict__.update(state)
+        self._share_mask()
+
+    def _share_mask(self) -> None:
+        self._everywhere.flags.writeable = False  # one mask serves every key of every info
+        self._masks = {f"_{key}": self._everywhere for key in INFO}
+
+    def _info(self, vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
+        """Return info of every lane."""
+        info = _values(vectors, scalars) | self._masks
+        if self._variation.varies:
+            drawn = _masked(self._lanes.variation_info(), self._everywhere)
+            info.update(_masked({"variation": drawn}, self._everywhere))
+        return info
+
+    def _final(
+        self, observation: np.ndarray, vectors: np.ndarray, scalars: np.ndarray, ended: np.ndarray
+    ) -> dict[str, Any]:
+        """Return what the episodes that ended showed last; as Gymnasium has it, the other lanes' rows hold zeros."""
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        for lane in np.flatnonzero(ended):
+            final_obs[lane] = observation[lane].copy()
+        final_info = _values(np.where(ended[:, np.newaxis], vectors, 0.0), np.where(ended, scalars, 0.0))
+        final_info["in_domain"] &= ended
+        if self._variation.varies:
+            drawn = self._lanes.variation_info()
+            for values in drawn.values():
+                values[~ended] = 0.0
+            final_info["variation"] = _masked(drawn, ended)
+        final_info = _masked(final_info, ended)
+        terminated = scalars[REASON] != 0.0
+        if terminated.any():
+            reasons = np.full(self.num_envs, None, dtype=object)
+            reasons[terminated] = np.array(REASONS, dtype=object)[scalars[REASON, terminated].astype(int)]
+            final_info.update(_masked({"reason": reasons}, terminated))
+        return _masked({"final_obs": final_obs, "final_info": final_info}, ended)
+
+    def _per_lane(self, name: str, value: Any) -> list[Any]:
+        """Return a list of one entry for all lanes, or of one per lane."""
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            return [value]
+        if len(value) != self.num_envs:
+            raise ValueError(f"{name} has {len(value)} entries for {self.num_envs} lanes; give one, or one per lane")
+        return list(value)
+
+    def _own_references(self, given: Any, plants: list[ArmParameters]) -> list[JointReference | None]:
+        """Return the given references, or the paper's circle: one object for all plants with the same links."""
+        circles: dict[Any, JointReference] = {}
+
+        def chosen(one: Any, arm: ArmParameters) -> JointReference | None:
+            if one is not None or self._variation.references:
+                return chosen_reference(one, self._variation, arm)
+            links = arm.length, arm.joint_limit, arm.velocity_limit
+            circles[links] = circles.get(links) or JointReference(parameters=arm)
+            return circles[links]
+
+        return _each(chosen, self._per_lane("reference", given), plants)
+
+    def _tasks(self, options: dict[str, Any]) -> list[Task] | None:
+        """Return the tasks that reset options ask for, None if they ask for none."""
+        if not options:
+            return None
+
+        def chosen(disturbance: Disturbance, reference: JointReference | None, *values: Any) -> Task:
+            return chosen_task(dict(zip(options, values, strict=True)), (disturbance, reference))
+
+        given = [self._per_lane(name, value) for name, value in options.items()]
+        return _each(chosen, self._disturbances, self._references, *given)
+
+    def _initial_states(self, given: Any) -> np.ndarray:
+        """Return checked starts (num_envs, 8) from one (8,) or one per lane."""
+        states = np.array(given, dtype=np.float64)
+        if states.shape not in ((8,), (self.num_envs, 8)):
+            raise ValueError(f"initial_state has shape {states.shape}; allowed: (8,) or {(self.num_envs, 8)}")
+        rows = [states] if states.ndim == 1 else list(states)
+        checked = _each(initial_state, rows, self._plants)
+        return np.array(checked * self.num_envs if len(checked) == 1 else checked)
+
+    def _seeds(self, seed: Any) -> list[int | None] | None:
+        """Return a seed per lane; None for all, or for one, lets the random stream go on."""
+        if seed is None:
+            return None
+        if isinstance(seed, Sequence | np.ndarray):
+            if len(seed) != self.num_envs:
+                raise ValueError(f"{len(seed)} seeds for {self.num_envs} lanes; give one, or one per lane")
+            return _each(_seed, list(seed))
+        first = _seed(seed)
+        super().reset(seed=first)
+        return [first + lane for lane in range(self.num_envs)]
+
+
+def _each(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
+    """Return make(*row) for each lane's row of the columns; a column of one entry is for all lanes.
+
+    A ValueError names its lane, if there are several.
+    """
+    count = max(map(len, columns))
+    rows = zip(*(list(column) * count if len(column) == 1 else column for column in columns), strict=True)
+    made = []
+    for lane, row in enumerate(rows):
+        try:
+            made.append(make(*row))
+        except ValueError as error:
+            raise ValueError(f"lane {lane}: {error}" if count > 1 else str(error)) from None
+    return made
+
+
+def _arm(given: Any) -> ArmParameters:
+    if not isinstance(given, ArmParameters):
+        raise ValueError(f"parameters = {given!r} must be a fuzzyarm.envs.parameters.ArmParameters")
+    return given
+
+
+def _seed(given: Any) -> Any:
+    if given is None:
+        return None
+    if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 0:
+        raise ValueError(f"seed = {given!r} is out of range; allowed: 0, 1, 2, ...")
+    return int(given)
+
+
+def _values(vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
+    """Return the numbers of `info` by name."""
+    values = (*vectors, *scalars[:REWARD], scalars[REASON] == 0.0, scalars[CLIPPED] != 0.0)
+    return dict(zip(INFO, values, strict=True))
+
+
+def _masked(values: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+    """Return the values with the mask of lanes that have them beside each, as Gymnasium's vector infos do."""
+    return {**values, **{f"_{key}": mask for key in values}}
