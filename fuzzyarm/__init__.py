@@ -19,6 +19,7 @@ __version__ = version("fuzzyarm")
 register(
     id="FuzzyArm-v0",
     entry_point="fuzzyarm.envs.fuzzy_arm:FuzzyArmEnv",
+    vector_entry_point="fuzzyarm.envs.vector:FuzzyArmVectorEnv",
     order_enforce=False,
     disable_env_checker=True,
 )

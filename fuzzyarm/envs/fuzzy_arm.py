@@ -13,9 +13,10 @@ from gymnasium.error import ResetNeeded
 
 from fuzzyarm.envs.disturbances import Disturbance, find_case
 from fuzzyarm.envs.lane_kernels import INFO, VECTORS, split
-from fuzzyarm.envs.lanes import MAX_ACCELERATION, Lanes, Task
+from fuzzyarm.envs.lanes import MAX_ACCELERATION, Lanes
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.tables import Task
 from fuzzyarm.envs.task import REASONS
 from fuzzyarm.envs.variation import Variation, find_variation
 

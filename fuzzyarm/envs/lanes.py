@@ -11,21 +11,19 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fuzzyarm.envs.compiled import announced_compilation, direct
-from fuzzyarm.envs.disturbances import Disturbance
 from fuzzyarm.envs.dynamics import plant_of
 from fuzzyarm.envs.episode import COLUMNS, Episode
 from fuzzyarm.envs.integrator import BLOCK
-from fuzzyarm.envs.lane_kernels import KEY, ROWS, VECTORS, WIDTH, advance, advance_one, begin
+from fuzzyarm.envs.lane_kernels import KEY, LIMITS, ROWS, VECTORS, WIDTH, advance, advance_one, begin
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.randomness import key_of
 from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.tables import Tables, Task
 from fuzzyarm.envs.variation import Draw, Variation
 
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
 LANES_PER_THREAD = 1024  # from about here on a thread is worth the handing over
 
-# A disturbance and a reference; None: a reference drawn from the variation's family.
-Task = tuple[Disturbance, JointReference | None]
 Item = TypeVar("Item")
 
 
@@ -66,8 +64,10 @@ class Lanes:
         self._clock = np.zeros((4, count), dtype=np.int64)
         self._clock[KEY] = np.random.SeedSequence().generate_state(count, np.uint64).view(np.int64)
         self.drawn = np.empty((len(Draw._fields), count if variation.varies else 0))
-        self._own_tasks, self._own_task_of = distinct(tasks, count)
-        self._lay_tables(self._own_tasks, self._own_task_of)
+        self._drawn_info: dict[str, np.ndarray] = {}
+        self._own, self._own_start_of = self._tabulated(tasks)
+        self._tables, self._start_of = self._own, self._own_start_of.copy()
+        self._bind()
         self.threads = threads or max(1, min(_cores(), count // LANES_PER_THREAD))
         self._pool: ThreadPoolExecutor | None = None
         self._pool_owner = 0
@@ -88,14 +88,22 @@ class Lanes:
         Raises:
             ValueError: a reference does not fit the plant of its lane.
         """
-        if tasks is not None:
-            self._lay_tables(*distinct(tasks, self.count))
-        elif self._laid is not self._own_tasks:
-            self._lay_tables(self._own_tasks, self._own_task_of)
+        if tasks is None:
+            self._tables, self._start_of = self._own, self._own_start_of.copy()
+        else:
+            extra, start_of = self._tabulated(tasks)
+            # Below the lanes' own: lanes that begin anew by themselves are back at those.
+            self._tables, self._start_of = self._own.followed_by(extra), start_of + len(self._own.episodes)
+        self._bind()
         for lane, seed in enumerate(seeds or ()):
             if seed is not None:
                 self._clock[KEY, lane] = key_of(seed).view(np.int64)
-        return self.restart(np.arange(self.count), initial)
+        return self._begin(np.arange(self.count), initial)
+
+    def restart(self, which: np.ndarray) -> np.ndarray:
+        """Begin an episode in the lanes `which` (n,), each in its own task; return their results (38 n,)."""
+        self._start_of[which] = self._own_start_of[which]
+        return self._begin(which)
 
     def close(self) -> None:
         """End the threads; a later step begins new ones."""
@@ -103,8 +111,7 @@ class Lanes:
             self._pool.shutdown()
             self._pool = None
 
-    def restart(self, which: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
-        """Begin an episode in the lanes `which` (n,), in the tasks of the last `reset`; return their results."""
+    def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
         results = np.empty(WIDTH * len(which))
         if initial is None:
             initial = np.full((len(which), 8), np.nan)
@@ -113,19 +120,21 @@ class Lanes:
                 which,
                 self._plants,
                 self._plant_of,
-                self._starts,
+                self._tables.starts,
                 self._start_of[which],
                 self._ranges,
                 initial,
                 self._values,
                 self._clock,
                 self.drawn,
-                self._table,
+                self._tables.table,
                 self.period,
                 results,
             )
             self._compile()
         self._bind()
+        if self.variation.varies:
+            self._drawn_info = _described(Draw(*self.drawn.copy()))
         return results
 
     def step(self, action: np.ndarray) -> np.ndarray:
@@ -149,62 +158,30 @@ class Lanes:
             ]
             bad = max(part.result() for part in parts)
         if bad >= 0:
-            raise ValueError(f"action {action[bad].tolist()} N m of lane {bad} is not finite")
+            limit = self._values[LIMITS + 4 : LIMITS + 6, bad].tolist()
+            raise ValueError(f"action {action[bad].tolist()} N m of lane {bad} is not finite; allowed: ±{limit} N m")
         return results
 
     def variation_info(self) -> dict[str, np.ndarray]:
-        """Return what the episodes drew, by quantity: (count, 2) for one value per joint, else (count,)."""
-        d = Draw(*self.drawn.copy())
-        return {
-            "mass": np.stack([d.mass1, d.mass2], axis=-1),
-            "motor_inertia": np.stack([d.motor_inertia1, d.motor_inertia2], axis=-1),
-            "stiffness": np.stack([d.stiffness1, d.stiffness2], axis=-1),
-            "damping": np.stack([d.damping1, d.damping2], axis=-1),
-            "dry_friction": np.stack([d.dry_friction1, d.dry_friction2], axis=-1),
-            "viscous_friction": np.stack([d.viscous_friction1, d.viscous_friction2], axis=-1),
-            "payload": d.payload,
-            "force": d.force,
-            "angle": np.stack([d.angle1, d.angle2], axis=-1),
-            "reference": d.reference,
-        }
+        """Return what the episodes drew, by quantity: (count, 2) for one value per joint, else (count,); read-only."""
+        return self._drawn_info
 
     def episode(self, lane: int) -> tuple[JointReference, Episode]:
         """Return the reference and the tables of the episode that a lane is in."""
         place = int(self._start_of[lane])
-        if self._starts[place, 6] > 0.0:
+        if self._tables.starts[place, 6] > 0.0:
             place += int(self.drawn[-1, lane])
-        return self._references[place], self._episodes[place]
+        return self._tables.references[place], self._tables.episodes[place]
 
-    def _lay_tables(self, tasks: list[Task], task_of: np.ndarray) -> None:
-        """Tabulate every episode the tasks may need, and where each lane's begins."""
-        family, starts = self.variation.references, []
-        episodes: list[Episode] = []
-        references: list[JointReference] = []
-        firsts, row = np.empty(len(tasks), dtype=np.int64), 0
-        for number, (disturbance, reference) in enumerate(tasks):
-            choice = family if reference is None else (reference,)
+    def _tabulated(self, tasks: Sequence[Task]) -> tuple[Tables, np.ndarray]:
+        """Return the tables of the tasks, and the episode that each lane begins with."""
+        kinds, task_of = distinct(tasks, self.count)
+        for number, (_, reference) in enumerate(kinds):
             for plant in np.unique(self._plant_of[task_of == number]):
-                for member in choice:
+                for member in self.variation.references if reference is None else (reference,):
                     check_reference(member, self.parameters[plant])
-            firsts[number] = len(episodes)
-            payload, noise = disturbance.payload, disturbance.encoder_noise
-            for member in choice:
-                built = Episode.build(member, disturbance, self.period)
-                load = (payload.mass, float(payload.at == "tip"))
-                spread = (0.0, 0.0) if noise is None else (noise.position, noise.velocity)
-                starts.append((row, row + built.steps, *load, *spread, float(reference is None)))
-                episodes.append(built)
-                references.append(member)
-                row += len(built.table)
-        self._references, self._episodes, self._starts, self._start_of = (
-            references,
-            episodes,
-            np.array(starts),
-            firsts[task_of],
-        )
-        self._laid = tasks
-        self._table = np.concatenate([built.table for built in episodes])
-        self._bind()
+        tables = Tables.build(kinds, self.variation.references, self.period)
+        return tables, tables.firsts[task_of]
 
     def _compile(self) -> None:
         """Have the step compiled now: no step has to wait for it, and it is for floats, whatever torques come first."""
@@ -219,7 +196,7 @@ class Lanes:
 
     def _bind(self) -> None:
         """Make `advance(action, start, stop, results)` and `advance_one(torque1, torque2, observation, vectors)`."""
-        own = self._values, self._clock, self._table, self.period, self.substeps
+        own = self._values, self._clock, self._tables.table, self.period, self.substeps
         self.advance = functools.partial(direct(advance), *own)
         self.advance_one = functools.partial(direct(advance_one), *own)
 
@@ -239,6 +216,25 @@ class Lanes:
         with announced_compilation():
             self._compile()
         self._bind()
+
+
+def _described(d: Draw) -> dict[str, np.ndarray]:
+    """Return the draws of all lanes by quantity."""
+    described = {
+        "mass": np.stack([d.mass1, d.mass2], axis=-1),
+        "motor_inertia": np.stack([d.motor_inertia1, d.motor_inertia2], axis=-1),
+        "stiffness": np.stack([d.stiffness1, d.stiffness2], axis=-1),
+        "damping": np.stack([d.damping1, d.damping2], axis=-1),
+        "dry_friction": np.stack([d.dry_friction1, d.dry_friction2], axis=-1),
+        "viscous_friction": np.stack([d.viscous_friction1, d.viscous_friction2], axis=-1),
+        "payload": d.payload,
+        "force": d.force,
+        "angle": np.stack([d.angle1, d.angle2], axis=-1),
+        "reference": d.reference,
+    }
+    for array in described.values():
+        array.flags.writeable = False  # every step's info shows the same arrays
+    return described
 
 
 def _cores() -> int:

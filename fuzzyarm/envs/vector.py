@@ -22,9 +22,10 @@ from fuzzyarm.envs.fuzzy_arm import (
     whole_substeps,
 )
 from fuzzyarm.envs.lane_kernels import INFO, SCALARS, split
-from fuzzyarm.envs.lanes import Lanes, Task
+from fuzzyarm.envs.lanes import Lanes
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.tables import Task
 from fuzzyarm.envs.task import REASONS
 from fuzzyarm.envs.variation import Variation, find_variation
 
@@ -166,9 +167,11 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         final_info["in_domain"] &= ended
         if self._variation.varies:
             drawn = self._lanes.variation_info()
-            for values in drawn.values():
-                values[~ended] = 0.0
-            final_info["variation"] = _masked(drawn, ended)
+            last = {
+                name: np.where(ended if rows.ndim == 1 else ended[:, np.newaxis], rows, 0.0)
+                for name, rows in drawn.items()
+            }
+            final_info["variation"] = _masked(last, ended)
         final_info = _masked(final_info, ended)
         terminated = scalars[REASON] != 0.0
         if terminated.any():

@@ -364,6 +364,12 @@ def test_the_tables_of_an_episode_are_one_table_side_by_side():
     assert np.array_equal(episode.biases, (np.arange(1500)[:, None] >= 1000) * np.array(BIAS))
 
 
+@pytest.mark.parametrize(("start", "first"), [(0.9996, 1000), (1.0004, 1000), (1.0006, 1001)])
+def test_a_bias_holds_over_the_steps_whose_middle_it_covers(start, first):
+    biases = sampled(Disturbance(torque_bias=TorqueBias(BIAS, start=start))).biases
+    assert np.flatnonzero(biases[:, 0])[0] == first
+
+
 # --- messages ----------------------------------------------------------------------------------------------------
 
 WRONG = [

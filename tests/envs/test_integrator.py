@@ -17,7 +17,7 @@ from fuzzyarm.envs.dynamics import (
     tip_position,
 )
 from fuzzyarm.envs.event_integrator import integrate
-from fuzzyarm.envs.integrator import hold, hold_numpy, step
+from fuzzyarm.envs.integrator import held, hold, hold_numpy
 from fuzzyarm.envs.parameters import ArmParameters
 
 TABLE_1 = ArmParameters()
@@ -165,9 +165,7 @@ def test_torch_is_numpy_to_the_last_digits():
     torch = pytest.importorskip("torch")
     state, torque, force, arms = random_lanes(50)
     lanes, constants = State(*torch.tensor(state)), Arm(*torch.tensor(arms))
-    for _ in range(10):
-        lanes = step(lanes, *torch.tensor(torque), *torch.tensor(force[:2]), constants, 1e-4)
-    force[2:] = 0.0
+    lanes = held(lanes, torch.tensor(torque), torch.tensor(force), constants, 1e-4, 10)
     hold(state, torque, force, arms, 1e-4, 10)
     np.testing.assert_allclose(torch.stack(lanes).numpy(), state, rtol=0.0, atol=1e-12)
 
