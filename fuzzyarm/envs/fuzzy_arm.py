@@ -119,6 +119,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self.action_space = action_space([self.parameters])
         self.observation_space = observation_space([self.parameters])
         self._ended, self._begun = True, False
+        self._drawn: dict[str, Any] = {}
         self._renderer: Any = None
         self._trace: list[np.ndarray] = []  # the vectors since the reset, for the renderer
 
@@ -148,6 +149,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             seeds = [int(self.np_random.integers(2**63))]
         results = self._lanes.reset(seeds, [task] if options else None, initial)
         self._begun = True
+        self._drawn = {name: value[0] for name, value in self._lanes.variation_info().items()}
         observations, vectors, scalars = split(results)
         inside = bool(scalars[-1, 0] == 0.0)  # a start outside the box ends with the first step
         info = dict(zip(INFO, (*vectors[:, 0], *scalars[:6, 0].tolist(), inside, False), strict=True))
@@ -225,7 +227,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     def _complete(self, info: dict[str, Any]) -> None:
         """Add what the episode drew, and let the renderer follow."""
         if self._lanes.variation.varies:
-            info["variation"] = {name: value[0] for name, value in self._lanes.variation_info().items()}
+            info["variation"] = self._drawn.copy()
         if self.render_mode is not None:
             self._follow(info["time"], np.array([info[name] for name in VECTORS]))
 

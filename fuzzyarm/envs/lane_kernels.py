@@ -28,17 +28,8 @@ CURSOR, FIRST, LAST, KEY = 0, 1, 2, 3
 # Words of an episode's stream: the key of the lane's next episode, what the episode draws, from 32 on its noise.
 NEXT, DRAWN, NOISY = np.uint64(0), np.uint64(1), np.uint64(32)
 # Rows of `work` after those of `hold_block`.
-W_LIMITS, W_TARGET, W_COMMAND, W_BIAS, W_BEFORE, W_MEASURED, W_FINITE, W_CLIPPED, W_ROWS = (
-    34,
-    40,
-    47,
-    49,
-    51,
-    59,
-    71,
-    72,
-    73,
-)
+W_LIMITS, W_TARGET, W_COMMAND, W_BIAS = 34, 40, 47, 49
+W_BEFORE, W_MEASURED, W_FINITE, W_CLIPPED, W_ROWS = 51, 59, 71, 72, 73
 # What a control step leaves behind: `vectors` (9, lanes, 2) and `scalars` (10, lanes), named as in the env's info.
 VECTORS = (
     "tip",
