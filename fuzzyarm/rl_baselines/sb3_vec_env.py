@@ -1,0 +1,145 @@
+"""The batched environment as stable-baselines3 wants it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.wrappers.vector import RescaleAction
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+
+
+def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
+    """Return ``FuzzyArm-v0`` in `num_envs` lanes with actions in [-1, 1], for stable-baselines3.
+
+    Args:
+        num_envs: number of lanes.
+        arguments: those of `FuzzyArmVectorEnv`, say ``case="machining"`` or ``variation="robust"``.
+    """
+    return StableBaselinesVecEnv(RescaleAction(FuzzyArmVectorEnv(num_envs, **arguments), -1, 1))
+
+
+class StableBaselinesVecEnv(VecEnv):
+    """A Gymnasium vector environment with same-step autoreset, for the algorithms of stable-baselines3.
+
+    A step costs the batch one call; only lanes whose episode ends are looked at one by one. Those have, in their
+    info: ``terminal_observation``, ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l``, seconds ``t``
+    since the start, what `Monitor` would give) and, if the episode was terminated, ``reason``. The running lanes share
+    one empty info; what the batch knows of them is in `vector_info`.
+
+    Args:
+        envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, or that in wrappers, say
+            ``gymnasium.wrappers.vector.RescaleAction(envs, -1, 1)``.
+
+    Raises:
+        ValueError: the environment does not reset itself within the step.
+
+    Attributes:
+        vector_info: info of the last step or reset as Gymnasium's vector environments give it, arrays by name.
+    """
+
+    def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
+        """Wrap `envs`, which stays usable but should not be stepped beside."""
+        mode = envs.metadata.get("autoreset_mode")
+        if mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(f"autoreset_mode = {mode}; stable-baselines3 needs {AutoresetMode.SAME_STEP}")
+        self.envs = envs
+        self.vector_info: dict[str, Any] = {}
+        self._returns, self._lengths = np.zeros(envs.num_envs), np.zeros(envs.num_envs, dtype=np.int64)
+        self._start = time.perf_counter()
+        self._actions: np.ndarray | None = None
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every lane, with the seeds and options set before."""
+        seeds: Any = None if all(seed is None for seed in self._seeds) else list(self._seeds)
+        observation, self.vector_info = self.envs.reset(seed=seeds, options=self._joint_options())
+        self._reset_seeds()
+        self._reset_options()
+        self._returns[:], self._lengths[:] = 0.0, 0
+        self.reset_infos: list[dict[str, Any]] = [{}] * self.num_envs
+        return np.asarray(observation)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions (lanes, 2) for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Step every lane; return observations, rewards (float32), dones and infos."""
+        observation, rewards, terminated, truncated, self.vector_info = self.envs.step(self._actions)
+        dones = terminated | truncated
+        self._returns += rewards
+        self._lengths += 1
+        infos: list[dict[str, Any]] = [{}] * self.num_envs
+        for lane in np.flatnonzero(dones).tolist():
+            infos[lane] = self._final_info(lane, bool(truncated[lane] and not terminated[lane]))
+        self._returns[dones], self._lengths[dones] = 0.0, 0
+        return observation, rewards.astype(np.float32), dones, infos
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.envs.close()
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Return an attribute of the batch, which all lanes share, once per lane asked for."""
+        return [_attribute(self.envs, attr_name)] * len(self._chosen(indices))
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Refuse: lanes have no attributes of their own."""
+        raise NotImplementedError(f"cannot set {attr_name!r}: lanes differ by the arguments of gym.make_vec only")
+
+    def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
+        """Refuse: there is no environment object per lane to call."""
+        raise NotImplementedError(f"cannot call {method_name!r}: there is no environment object per lane")
+
+    def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
+        """Return whether lanes are in a wrapper: in `Monitor`, whose ``episode`` infos they have, and no other."""
+        return [issubclass(Monitor, wrapper_class)] * len(self._chosen(indices))
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """Return no pictures: a batch draws nothing."""
+        return [None] * self.num_envs
+
+    def _final_info(self, lane: int, out_of_time: bool) -> dict[str, Any]:
+        episode = {
+            "r": float(self._returns[lane]),
+            "l": int(self._lengths[lane]),
+            "t": round(time.perf_counter() - self._start, 6),
+        }
+        info = {
+            "terminal_observation": self.vector_info["final_obs"][lane],
+            "TimeLimit.truncated": out_of_time,
+            "episode": episode,
+        }
+        reasons = self.vector_info["final_info"].get("reason")
+        if reasons is not None and reasons[lane] is not None:
+            info["reason"] = reasons[lane]
+        return info
+
+    def _joint_options(self) -> dict[str, Any] | None:
+        """Return the lanes' reset options as one mapping of sequences."""
+        if not any(self._options):
+            return None
+        names = set(self._options[0])
+        if any(set(options) != names for options in self._options):
+            raise ValueError("reset options must name the same things in every lane")
+        return {name: [options[name] for options in self._options] for name in names}
+
+    def _chosen(self, indices: VecEnvIndices) -> list[int]:
+        lanes = range(self.num_envs)
+        return [lanes[index] for index in self._get_indices(indices)]
+
+
+def _attribute(envs: VectorEnv[Any, Any, Any], name: str) -> Any:
+    """Find an attribute on the outermost wrapper that has it."""
+    while not hasattr(envs, name) and hasattr(envs, "env"):
+        envs = envs.env
+    return getattr(envs, name)

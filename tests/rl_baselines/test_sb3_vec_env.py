@@ -1,0 +1,429 @@
+"""The adapter for stable-baselines3: what its own loop over monitored single environments gives, without the loop."""
+
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import RescaleAction
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.disturbances import Disturbance, EncoderNoise
+from fuzzyarm.envs.paths import Lemniscate, Line
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.task import REASONS
+
+sb3 = pytest.importorskip("stable_baselines3")
+from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402
+from stable_baselines3.common.monitor import Monitor  # noqa: E402
+from stable_baselines3.common.vec_env import (  # noqa: E402
+    DummyVecEnv,
+    VecCheckNan,
+    VecEnv,
+    VecFrameStack,
+    VecMonitor,
+    VecNormalize,
+    is_vecenv_wrapped,
+)
+
+from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv  # noqa: E402
+
+NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
+SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
+LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.05), duration=0.4)
+STILL = np.array([0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0])
+LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box within a few steps
+LANES = 4
+
+
+def vector(lanes=LANES, **arguments):
+    """The batched environment."""
+    return gym.make_vec("FuzzyArm-v0", num_envs=lanes, **arguments)
+
+
+def adapted(lanes=LANES, rescaled=False, **arguments):
+    """The adapter under test."""
+    envs = vector(lanes, **arguments)
+    return StableBaselinesVecEnv(RescaleAction(envs, -1, 1) if rescaled else envs)
+
+
+def monitored(lanes=LANES, rescaled=False, **arguments):
+    """What it must equal: stable-baselines3's own loop."""
+
+    def make():
+        env = gym.make("FuzzyArm-v0", **arguments)
+        return Monitor(gym.wrappers.RescaleAction(env, -1, 1) if rescaled else env)
+
+    return DummyVecEnv([make] * lanes)
+
+
+def torques(steps, lanes=LANES, seed=0):
+    """Torques (steps, lanes, 2) that throw arms out of the box now and then."""
+    generator = np.random.default_rng(seed)
+    signs = np.repeat(generator.choice([-1.0, 1.0], (steps // 300 + 1, lanes, 2)), 300, axis=0)[:steps]
+    return signs * generator.uniform(0.5, 1.0, signs.shape) * [500.0, 250.0]
+
+
+def both(wrap=lambda venv: venv, seed=3, **arguments):
+    """The adapter and the loop with the same seeds, reset."""
+    pair = wrap(adapted(**arguments)), wrap(monitored(**arguments))
+    for venv in pair:
+        venv.seed(seed)
+    first, second = (venv.reset() for venv in pair)
+    assert same_array(first, second)
+    return pair
+
+
+def same_array(first, second):
+    """Whether two arrays are the same bit for bit."""
+    same_kind = (first.dtype, first.shape) == (second.dtype, second.shape)
+    return same_kind and first.tobytes() == second.tobytes()
+
+
+def assert_same_step(results, others):
+    """Compare what two environments return; return why the lanes that ended did."""
+    for one, other in zip(results[:3], others[:3], strict=True):
+        assert same_array(one, other)
+    ends = []
+    for lane, (info, expected) in enumerate(zip(results[3], others[3], strict=True)):
+        if not results[2][lane]:
+            assert info == {}
+            continue
+        ends.append(expected.get("reason", "truncated"))
+        assert same_array(info["terminal_observation"], expected["terminal_observation"])
+        assert info["TimeLimit.truncated"] is bool(expected["TimeLimit.truncated"])
+        assert info.get("reason") == expected.get("reason")
+        assert info["episode"]["l"] == expected["episode"]["l"]
+        assert info["episode"]["r"] == pytest.approx(expected["episode"]["r"], rel=1e-6, abs=2e-6)
+        assert info["episode"]["t"] > 0.0
+    return ends
+
+
+# --- it is what stable-baselines3 makes of single environments ---------------------------------------------------
+
+
+TRUNCATED, TERMINATED = {"truncated"}, {*REASONS[1:]}
+SETTINGS = {
+    "short": ({"reference": SHORT}, [TRUNCATED]),
+    "machining": ({"case": "machining", "reference": LONGER}, [TRUNCATED, TERMINATED]),
+    "plants": ({"case": "payload", "variation": "plants"}, [TERMINATED]),
+    "robust": ({"disturbance": NOISY, "variation": "robust"}, [TERMINATED]),
+    "rescaled": ({"rescaled": True, "reference": LONGER}, [TRUNCATED, TERMINATED]),
+}
+
+
+@pytest.mark.parametrize(("arguments", "kinds"), SETTINGS.values(), ids=SETTINGS)
+def test_it_equals_the_loop_over_monitored_single_environments(arguments, kinds):
+    venv, loop = both(**arguments)
+    assert (venv.observation_space, venv.action_space) == (loop.observation_space, loop.action_space)
+    ends = []
+    for action in torques(650):
+        action[:2] *= 0.1
+        scaled = (action / [500.0, 250.0]).astype(np.float32) if "rescaled" in arguments else action
+        ends += assert_same_step(venv.step(scaled), loop.step(scaled))
+    assert all(kind & set(ends) for kind in kinds)
+
+
+def test_both_kinds_of_end_are_told_apart():
+    venv = adapted(3, reference=[SHORT, LONGER, LONGER])
+    venv.set_options([{"initial_state": state} for state in (STILL, STILL, LEAVING)])
+    venv.reset()
+    ends = {}
+    for step in range(1, 51):
+        observation, _, dones, infos = venv.step(np.zeros((3, 2)))
+        assert [bool(info) for info in infos] == dones.tolist()
+        for lane in np.flatnonzero(dones).tolist():
+            info = infos[lane]
+            ends[lane] = (info["TimeLimit.truncated"], info.get("reason"), info["episode"]["l"] == step)
+            assert not np.array_equal(info["terminal_observation"], observation[lane])
+            assert observation[lane, 2:4].tolist() == [0.0, 0.0]  # at rest: the next episode
+    assert ends == {0: (True, None, True), 2: (False, REASONS[1], True)}
+
+
+def test_an_end_of_both_kinds_at_once_is_no_truncation():
+    last = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.1)
+    venv = adapted(1, reference=last, control_period=0.1)
+    for start, out_of_time in ((None, True), (LEAVING, False)):
+        venv.set_options({} if start is None else {"initial_state": start})
+        venv.reset()
+        _, _, dones, infos = venv.step(np.zeros((1, 2)))
+        assert dones.all() and infos[0]["TimeLimit.truncated"] is out_of_time
+
+
+def test_a_reset_counts_return_and_length_from_zero():
+    venv, loop = both(reference=SHORT)
+    for _ in range(20):
+        assert_same_step(venv.step(np.zeros((LANES, 2))), loop.step(np.zeros((LANES, 2))))
+    assert same_array(venv.reset(), loop.reset())
+    for _ in range(49):
+        venv.step(np.zeros((LANES, 2)))
+    *_, infos = venv.step(np.zeros((LANES, 2)))
+    assert [info["episode"]["l"] for info in infos] == [50] * LANES
+
+
+def test_running_lanes_share_one_empty_info_and_only_ended_ones_are_looked_at(monkeypatch):
+    venv, asked = adapted(3, reference=[SHORT, LONGER, SHORT]), []
+    look = venv._final_info
+    monkeypatch.setattr(venv, "_final_info", lambda lane, *rest: asked.append(lane) or look(lane, *rest))
+    venv.reset()
+    for step in range(1, 51):
+        *_, infos = venv.step(np.zeros((3, 2)))
+        assert asked == ([] if step < 50 else [0, 2])
+        running = infos if step < 50 else infos[1:2]
+        assert all(info is running[0] and info == {} for info in running)
+    assert infos[0] is not infos[2] and infos[0] and infos[2]
+
+
+def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two():
+    def instructions(lanes):
+        venv, action, count = adapted(lanes, variation="plants"), np.zeros((lanes, 2)), 0
+
+        def trace(frame, event, _):
+            nonlocal count
+            frame.f_trace_opcodes = True
+            count += event == "opcode"
+            return trace
+
+        venv.reset()
+        venv.step(action)
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            venv.step(action)
+        finally:
+            sys.settrace(before)
+        return count
+
+    assert 0 < instructions(2) == instructions(700)
+
+
+def test_what_came_back_stays_as_it_is():
+    venv = adapted(disturbance=NOISY, reference=SHORT)
+    kept = [(venv.reset(),), *(venv.step(action)[:3] for action in torques(120))]
+    copies = [[array.copy() for array in result] for result in kept]
+    finals = venv.step(np.zeros((LANES, 2)))[3]
+    venv.reset()
+    assert all(
+        same_array(a, b) for one, other in zip(kept, copies, strict=True) for a, b in zip(one, other, strict=True)
+    )
+    assert finals == [{}] * LANES
+
+
+def test_step_async_and_step_wait_are_a_step():
+    venv, twin = adapted(), adapted()
+    venv.reset(), twin.reset()
+    venv.step_async(np.full((LANES, 2), 50.0))
+    observation, rewards, dones, infos = venv.step_wait()
+    assert same_array(observation, twin.step(np.full((LANES, 2), 50.0))[0])
+    assert (observation.dtype, rewards.dtype, dones.dtype, type(infos)) == (np.float64, np.float32, np.bool_, list)
+    assert observation.shape == (LANES, 10) and rewards.shape == dones.shape == (LANES,) and len(infos) == LANES
+
+
+def test_the_info_of_the_batch_is_at_hand():
+    venv = adapted(variation="plants")
+    venv.reset()
+    assert venv.vector_info["variation"]["mass"].shape == (LANES, 2) and not venv.vector_info["time"].any()
+    venv.step(np.zeros((LANES, 2)))
+    assert venv.vector_info["time"].tolist() == [1e-3] * LANES
+    assert venv.reset_infos == [{}] * LANES
+
+
+def test_an_environment_that_resets_itself_a_step_later_is_refused_and_any_other_is_taken():
+    later = gym.make_vec("FuzzyArm-v0", num_envs=2, vectorization_mode="sync")
+    with pytest.raises(ValueError, match=r"NEXT_STEP; stable-baselines3 needs .*SAME_STEP"):
+        StableBaselinesVecEnv(later)
+    same = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    venv = StableBaselinesVecEnv(
+        gym.make_vec("FuzzyArm-v0", num_envs=LANES, vectorization_mode="sync", vector_kwargs=same, reference=SHORT)
+    )
+    native = adapted(reference=SHORT)
+    assert same_array(venv.reset(), native.reset())
+    for action in torques(60):
+        results, others = venv.step(action), native.step(action)
+        assert all(map(same_array, results[:3], others[:3]))
+        assert all((a.keys() == b.keys()) for a, b in zip(results[3], others[3], strict=True))
+
+
+# --- seeds and options -------------------------------------------------------------------------------------------
+
+
+def test_seeds_hold_for_the_next_reset_and_the_streams_go_on_after_it():
+    venv, loop = (make(disturbance=NOISY, variation="robust") for make in (adapted, monitored))
+    assert venv.seed(7) == loop.seed(7) == [7, 8, 9, 10]
+    starts = []
+    for _ in range(3):
+        starts.append(venv.reset())
+        assert same_array(starts[-1], loop.reset())
+    assert len(np.unique(np.concatenate(starts), axis=0)) == 3 * LANES
+    venv.seed(7)
+    assert same_array(venv.reset(), starts[0])
+
+
+def test_a_seed_left_to_chance_is_told_and_can_be_used_again():
+    venv, twin = (adapted(disturbance=NOISY, variation="plants") for _ in range(2))
+    seeds = venv.seed()
+    twin.seed(seeds[0])
+    assert same_array(venv.reset(), twin.reset()) and len(set(seeds)) == LANES
+
+
+OPTIONS = {
+    "one for all": {"case": "payload", "initial_state": STILL},
+    "one per lane": [{"case": case} for case in ("payload", "nominal", "machining", "payload")],
+    "references": [{"reference": reference} for reference in (LONGER, SHORT, LONGER, SHORT)],
+}
+
+
+@pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
+def test_options_hold_for_one_episode_of_each_lane(options):
+    venv, loop = both(reference=SHORT)
+    for one in (venv, loop):
+        one.set_options(options)
+    for _ in range(2):  # the second reset knows nothing of them
+        assert same_array(venv.reset(), loop.reset())
+        for action in torques(130):
+            assert_same_step(venv.step(action), loop.step(action))
+
+
+def test_options_that_differ_in_kind_between_lanes_are_refused():
+    venv = adapted(2)
+    venv.set_options([{"case": "payload"}, {}])
+    with pytest.raises(ValueError, match="must name the same things in every lane"):
+        venv.reset()
+    venv.set_options([{"case": "payload"}, {"case": "drilling"}])
+    with pytest.raises(ValueError, match="lane 1: unknown case 'drilling'"):
+        venv.reset()
+    venv.set_options()
+    venv.reset()
+
+
+# --- the rest of the interface -----------------------------------------------------------------------------------
+
+
+def test_attributes_are_found_through_wrappers_and_by_lane():
+    venv = VecFrameStack(adapted(rescaled=True, control_period=2e-3), 2)
+    assert venv.get_attr("control_period") == [2e-3] * LANES
+    assert venv.get_attr("substeps", indices=[0, -1]) == [10, 10] and venv.get_attr("substeps", indices=1) == [10]
+    assert venv.get_attr("single_action_space")[0].high.tolist() == [1.0, 1.0]  # the outermost's
+    assert venv.has_attr("substeps") and not venv.has_attr("gravity")
+    assert venv.get_attr("render_mode") == [None] * LANES and venv.render_mode is None
+    with pytest.raises(AttributeError, match="gravity"):
+        venv.get_attr("gravity")
+    with pytest.raises(IndexError):
+        venv.get_attr("substeps", indices=[LANES])
+
+
+def test_what_has_no_meaning_for_a_batch_is_refused_by_name():
+    venv = VecNormalize(adapted())
+    with pytest.raises(NotImplementedError, match="cannot set 'parameters': lanes differ by the arguments of"):
+        venv.set_attr("parameters", 1, indices=0)
+    with pytest.raises(NotImplementedError, match="cannot call 'reset': there is no environment object per lane"):
+        venv.env_method("reset", indices=[0])
+
+
+def test_it_counts_as_monitored_and_as_nothing_else():
+    class Special(Monitor):
+        pass
+
+    venv, loop = adapted(), monitored()
+    for kind in (Monitor, gym.Wrapper, Special, gym.wrappers.RescaleAction, gym.wrappers.TimeLimit):
+        assert venv.env_is_wrapped(kind) == loop.env_is_wrapped(kind), kind
+        assert venv.env_is_wrapped(kind, indices=[1, 2]) == loop.env_is_wrapped(kind, indices=[1, 2])
+    assert isinstance(venv, VecEnv) and venv.unwrapped is venv and not is_vecenv_wrapped(venv, VecMonitor)
+
+
+def test_it_draws_nothing_and_closes_its_environment():
+    venv = adapted()
+    with pytest.warns(UserWarning, match="no `render_mode`"):
+        assert venv.render() is None
+    assert list(venv.get_images()) == [None] * LANES
+    venv.close()
+    assert venv.envs.closed
+
+
+# --- wrappers, training and evaluation ---------------------------------------------------------------------------
+
+WRAPS = {
+    "VecNormalize": VecNormalize,
+    "VecFrameStack": lambda venv: VecFrameStack(venv, 3),
+    "VecCheckNan": VecCheckNan,
+    "VecNormalize of VecFrameStack": lambda venv: VecNormalize(VecFrameStack(venv, 2)),
+}
+
+
+@pytest.mark.parametrize("name", WRAPS)
+def test_wrappers_of_stable_baselines_work_as_around_their_own_loop(name):
+    venv, loop = both(WRAPS[name], disturbance=NOISY, reference=SHORT)
+    ends = []
+    for action in torques(130):
+        ends += assert_same_step(venv.step(action), loop.step(action))
+    assert len(ends) == 2 * LANES
+
+
+def test_a_second_monitor_is_warned_of_and_agrees():
+    with pytest.warns(UserWarning, match="already wrapped with a `Monitor`"):
+        venv = VecMonitor(adapted(reference=SHORT), info_keywords=("TimeLimit.truncated",))
+    venv.reset()
+    returns = np.zeros(LANES)
+    for _ in range(50):
+        _, rewards, _, infos = venv.step(np.zeros((LANES, 2)))
+        returns += rewards
+    for lane, info in enumerate(infos):
+        assert info["episode"]["r"] == pytest.approx(returns[lane], rel=1e-5)
+        assert info["episode"]["l"] == 50 and info["episode"]["TimeLimit.truncated"] is True
+
+
+def test_ppo_learns_the_same_as_from_the_loop():
+    def trained(make):
+        venv = VecNormalize(make(rescaled=True, disturbance=NOISY, reference=SHORT))
+        model = sb3.PPO("MlpPolicy", venv, n_steps=64, batch_size=64, n_epochs=2, seed=0, device="cpu")
+        model.learn(2 * 64 * LANES)
+        return model
+
+    model, expected = trained(adapted), trained(monitored)
+    assert model.num_timesteps == 512 and len(model.ep_info_buffer) == 2 * LANES
+    assert [info["l"] for info in model.ep_info_buffer] == [50] * 2 * LANES
+    weights, others = (one.policy.state_dict() for one in (model, expected))
+    assert all(weights[key].equal(others[key]) for key in weights)
+    fresh = sb3.PPO("MlpPolicy", model.env, seed=0, device="cpu").policy.state_dict()
+    assert not all(weights[key].equal(fresh[key]) for key in weights)
+
+
+def test_a_replay_buffer_fills_as_from_the_loop():
+    def filled(make):
+        venv = make(rescaled=True, reference=LONGER)
+        venv.set_options([{"initial_state": state} for state in (STILL, LEAVING, STILL, LEAVING)])
+        model = sb3.SAC("MlpPolicy", venv, learning_starts=10_000, buffer_size=10_000, seed=0, device="cpu")
+        model.learn(420 * LANES)
+        return model.replay_buffer
+
+    buffer, expected = filled(adapted), filled(monitored)
+    for name in ("observations", "next_observations", "actions", "rewards", "dones", "timeouts"):
+        assert same_array(getattr(buffer, name)[:420], getattr(expected, name)[:420]), name
+    assert buffer.timeouts.sum() >= 2 and (buffer.dones - buffer.timeouts).sum() >= 2  # ends of both kinds
+
+
+@pytest.mark.parametrize("episodes", [LANES, LANES + 2])
+def test_evaluate_policy_finds_the_returns_of_single_episodes(episodes):
+    def alone(lane):
+        env = gym.make("FuzzyArm-v0", disturbance=NOISY, reference=LONGER)
+        (observation, _), state, total, over, returns = env.reset(seed=5 + lane), None, 0.0, False, []
+        while len(returns) < 2:
+            action, state = policy.predict(observation, state=state)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            total, over = total + reward, terminated or truncated
+            if over:
+                returns.append(total)
+                (observation, _), state, total = env.reset(), None, 0.0
+        return returns
+
+    policy, venv = load_policy("fuzzy-4"), adapted(disturbance=NOISY, reference=LONGER)
+    venv.seed(5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        returns, lengths = evaluate_policy(policy, venv, n_eval_episodes=episodes, return_episode_rewards=True)
+    first, second = zip(*(alone(lane) for lane in range(LANES)), strict=True)
+    surplus = second[2 * LANES - episodes :]  # the episodes beyond one per lane go to the last lanes
+    assert lengths == [400] * episodes and returns == pytest.approx([*first, *surplus], rel=1e-12)
+    assert len(set(returns)) == episodes and np.mean(returns) > 100.0
