@@ -1,0 +1,526 @@
+"""The arm in torch tensors against the NumPy one: physics, episodes, random streams, precision, compilation."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.error import ResetNeeded
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs import integrator, randomness
+from fuzzyarm.envs.disturbances import CASES, ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
+from fuzzyarm.envs.dynamics import Arm, Payload, State, arm_constants, tip_position
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.paths import Line
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.variation import Variation
+from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
+from fuzzyarm.rl_baselines.torch_numbers import Angle, normal_pair, uniform, word
+
+DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
+SHORT = JointReference(Line((0.4, 0.5), (0.402, 0.5)), duration=0.02)  # 20 steps
+DISTURBED = Disturbance(
+    tip_force=MachiningForce(),
+    payload=Payload(2.0, at="link"),
+    torque_bias=TorqueBias((3.0, -1.0)),
+    encoder_noise=EncoderNoise(1e-5, 1e-3),
+)
+SPREAD = Variation(
+    mass=(0.9, 1.1),
+    stiffness=(0.8, 1.2),
+    dry_friction=(0.5, 1.5),
+    payload=(0.0, 5.0),
+    force=(0.0, 1.0),
+    angle=(-0.01, 0.01),
+)
+has_compiler = shutil.which(os.environ.get("CXX", "g++")) is not None
+pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # when torch loads its compiler
+needs_compiler = pytest.mark.skipif(not has_compiler, reason="torch.compile needs a C++ compiler on the CPU")
+
+
+@pytest.fixture(params=DEVICES)
+def device(request):
+    return request.param
+
+
+def vector_env(num_envs, **arguments):
+    return gym.make_vec("FuzzyArm-v0", num_envs=num_envs, vectorization_mode="vector_entry_point", **arguments)
+
+
+def numbers(tensor):
+    return tensor.detach().cpu().double().numpy()
+
+
+def wild_actions(steps, lanes, seed=0):
+    """Torques that throw some lanes out of the domain within a hundred steps."""
+    generator = np.random.default_rng(seed)
+    return generator.uniform(-1.3, 1.3, (1, lanes, 2)) * (500.0, 250.0) + generator.normal(0.0, 60.0, (steps, lanes, 2))
+
+
+def last_info(info, key):
+    """Each lane's value before any reset, of the NumPy environment."""
+    value = np.array(info[key])
+    if "final_info" in info:
+        ended = info["final_info"][f"_{key}"]
+        value[ended] = info["final_info"][key][ended]
+    return value
+
+
+def reasons(info, lanes):
+    """Places in REASONS, of the NumPy environment."""
+    found = info.get("final_info", {}).get("reason", np.full(lanes, None))
+    return np.array([0 if text is None else REASONS.index(text) for text in found])
+
+
+def final_observations(observation, info):
+    """Each lane's observation before any reset, of the NumPy environment."""
+    last = observation.copy()
+    for lane in np.flatnonzero(info.get("_final_obs", [])):
+        last[lane] = info["final_obs"][lane]
+    return last
+
+
+# ---- the physics on tensors ----
+
+
+def test_the_integrator_on_tensors_equals_numpy(device):
+    # Friction may turn an ulp at rest into none: motors at rest, motors about to stop and fast ones alike.
+    generator = np.random.default_rng(1)
+    lanes = 4000
+    state = generator.normal(size=(8, lanes)) * np.array([1.5, 1.5, 1.5, 1.5, 3.0, 3.0, 3.0, 3.0])[:, None]
+    state[:2] = state[2:4] + generator.normal(size=(2, lanes)) * 5e-3
+    state[4:6] *= 10.0 ** generator.integers(-6, 1, (2, lanes))
+    state[4:6, ::7] = 0.0
+    torque = generator.normal(size=(2, lanes)) * np.array([[200.0], [80.0]])
+    force = generator.normal(size=(4, lanes)) * 100.0
+    arm = np.array(arm_constants(ArmParameters(), Payload(3.0)))[:, None] * generator.uniform(0.9, 1.1, (20, lanes))
+    expected = integrator.hold_numpy(state, torque, force, arm, 2e-4, 5)
+
+    def tensors(rows):
+        return [torch.tensor(row, device=device) for row in rows]
+
+    found = integrator.held(State(*tensors(state)), tensors(torque), tensors(force), Arm(*tensors(arm)), 2e-4, 5)
+    assert_allclose(numbers(torch.stack(found)), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+    assert (expected[4:6] == 0.0).any()  # some motors stick
+
+
+def test_an_angle_keeps_what_float32_loses():
+    # Each increment alone is lost: 1e-8 is a sixth of the distance to the next float32 at 1.
+    increments = torch.full((20_000,), 1e-8)
+    angle, plain = Angle(torch.ones(1), torch.zeros(1)), torch.ones(1)
+    for increment in increments:
+        angle, plain = angle + increment, plain + increment
+    total = float(increments.double().sum())
+    assert plain.item() == 1.0
+    assert angle.value.double().item() + angle.rest.double().item() - 1.0 == pytest.approx(total, rel=1e-6)
+    assert (angle - Angle(torch.ones(1), torch.zeros(1))).item() == pytest.approx(total, rel=1e-6)
+    assert angle.value.item() == np.float32(1.0 + total)
+    assert (increments[0] + angle).value.item() == (angle + increments[0]).value.item()
+    with pytest.raises(TypeError):
+        increments[0] * angle
+
+
+# ---- random streams ----
+
+
+def test_streams_are_those_of_numpy_bit_for_bit(device):
+    keys = np.array([0, 1, 2**63 - 1, 2**63, 2**64 - 1, *(randomness.key_of(seed) for seed in range(50))], np.uint64)
+    key = torch.tensor(keys.view(np.int64), device=device)
+    for counter in (0, 1, 32, 2**40):
+        with np.errstate(over="ignore"):
+            expected = randomness.draw(keys, np.uint64(counter))
+            fraction = randomness.uniform(keys, np.uint64(counter))
+            normal = randomness.normal_pair(keys, np.uint64(counter))
+        for given in (counter, torch.full_like(key, counter)):
+            assert_array_equal(word(key, given).cpu().numpy().view(np.uint64), expected)
+            assert_array_equal(uniform(key, given, torch.float64).cpu().numpy(), fraction)
+            cut = uniform(key, given, torch.float32)
+            assert cut.dtype == torch.float32
+            assert_array_equal(numbers(cut), np.floor(fraction * 2**24) / 2**24)
+        pair = normal_pair(key, torch.full_like(key, counter), torch.float64)
+        assert_allclose(np.array([numbers(part) for part in pair]), normal, rtol=1e-14, atol=1e-14)
+
+
+# ---- episodes: the NumPy environment's, lane by lane ----
+
+
+@pytest.mark.parametrize(("case", "substep"), [("nominal", 1e-3), ("machining", None), ("payload", 1e-3)])
+def test_trajectories_of_the_paper_are_the_numpy_ones(case, substep, device):
+    compare_trajectory(case, substep, device, compiled=False)
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("compiled", [False, True])
+def test_trajectories_of_the_paper_with_default_substeps(case, compiled, device):
+    compare_trajectory(case, None, device, compiled)
+
+
+def compare_trajectory(case, substep, device, compiled):
+    # Measured: 2e-15 m, rounding of a float64 angle. Computed torque closes both loops, each on its own observations.
+    ours = TorchFuzzyArm(2, case=case, substep=substep, dtype=torch.float64, device=device, compiled=compiled)
+    theirs = vector_env(2, case=case, substep=substep)
+    policy, state, their_state = load_policy("computed-torque"), None, None
+    observation, (their_observation, _) = numbers(ours.reset(seed=0)), theirs.reset(seed=0)
+    for step in range(1500):
+        action, state = policy.predict(observation, state)
+        their_action, their_state = policy.predict(their_observation, their_state)
+        tensor, reward, terminated, truncated, info = ours.step(torch.tensor(action, device=device))
+        their_observation, their_reward, _, _, their_info = theirs.step(their_action)
+        observation = numbers(tensor)
+        assert_allclose(observation, their_observation, rtol=0.0, atol=1e-11)
+        assert_allclose(numbers(info["tip_error"]), last_info(their_info, "tip_error"), rtol=0.0, atol=1e-12)
+        assert_allclose(numbers(reward), their_reward, rtol=0.0, atol=1e-10)
+        assert not terminated.any()
+        assert truncated.cpu().tolist() == [step == 1499] * 2
+    assert_array_equal(numbers(info["final_obs"])[:, 6:8], 0.0)  # the reference has come to rest
+    assert info["tip_error"].max() > 1e-6  # something was measured
+
+
+@pytest.mark.parametrize("variation", ["nominal", "robust"])
+def test_wild_episodes_are_the_numpy_ones_through_every_reset(variation, device):
+    lanes = 6
+    arguments = {"disturbance": DISTURBED, "variation": variation, "substep": 5e-4}
+    ours = TorchFuzzyArm(lanes, dtype=torch.float64, device=device, compiled=False, **arguments)
+    theirs = vector_env(lanes, **arguments)
+    observation, (their_observation, _) = ours.reset(seed=3), theirs.reset(seed=3)
+    seen = set()
+    for action in wild_actions(250, lanes):
+        assert_allclose(numbers(observation), their_observation, rtol=0.0, atol=1e-10)
+        observation, reward, terminated, truncated, info = ours.step(torch.tensor(action, device=device))
+        their_observation, their_reward, their_terminated, their_truncated, their_info = theirs.step(action)
+        assert_array_equal(terminated.cpu(), their_terminated)
+        assert_array_equal(truncated.cpu(), their_truncated)
+        assert_array_equal(info["reason"].cpu(), reasons(their_info, lanes))
+        assert_array_equal(info["torque_clipped"].cpu(), last_info(their_info, "torque_clipped"))
+        assert_allclose(numbers(reward), their_reward, rtol=0.0, atol=1e-10)
+        for key in ("tip_error", "reward_tracking", "reward_effort"):
+            assert_allclose(numbers(info[key]), last_info(their_info, key), rtol=0.0, atol=1e-10, err_msg=key)
+        last = final_observations(their_observation, their_info)
+        assert_allclose(numbers(info["final_obs"]), last, rtol=0.0, atol=1e-10)
+        seen |= set(info["reason"].tolist())
+    assert {0, 2} <= seen
+
+
+def test_the_episode_ends_with_its_reference(device):
+    envs = TorchFuzzyArm(3, reference=SHORT, substep=1e-3, device=device, compiled=False)
+    first = envs.reset(seed=0)
+    action = torch.zeros((3, 2), device=device)
+    for episode in range(2):
+        for step in range(20):
+            observation, _, terminated, truncated, info = envs.step(action)
+            assert not terminated.any()
+            assert truncated.tolist() == [step == 19] * 3
+            assert torch.equal(observation, info["final_obs"]) == (step < 19), (episode, step)
+        assert torch.equal(observation, first)  # of the next episode
+        assert_allclose(numbers(info["final_obs"])[0, 4:], [*SHORT.sample(0.02).q, 0, 0, 0, 0], atol=1e-6)
+
+
+def test_an_infinite_action_ends_only_its_lane(device):
+    envs = TorchFuzzyArm(4, device=device, compiled=False)
+    twin = TorchFuzzyArm(4, device=device, compiled=False)
+    envs.reset(seed=0)
+    twin.reset(seed=0)
+    action = torch.full((4, 2), 40.0, device=device)
+    for _ in range(3):
+        envs.step(action)
+        twin.step(action)
+    bad = action.clone()
+    bad[1, 0], bad[2, 1] = float("nan"), float("inf")
+    before = envs.state
+    observation, reward, terminated, truncated, info = envs.step(bad)
+    expected, their_reward, *_ = twin.step(action)
+    assert terminated.tolist() == [False, True, True, False]
+    assert info["reason"].tolist() == [0, 3, 3, 0]
+    assert REASONS[3] == "the state is not finite"
+    assert reward[1:3].tolist() == [0.0, 0.0]
+    assert not truncated.any()
+    for lane in (0, 3):
+        assert torch.equal(observation[lane], expected[lane])
+        assert reward[lane] == their_reward[lane]
+    assert torch.equal(info["final_obs"][1:3, :2], before[1:3, :2])  # their states stayed
+    assert all(part.isfinite().all() for part in (observation, *info.values()))
+    assert torch.equal(observation[1:3], envs.reset(seed=0)[1:3])  # nothing is drawn: every start is the same
+
+
+class Rest:
+    """A path that goes nowhere; it has a direction, which a path needs."""
+
+    def points(self, s):
+        along = np.ones((*np.shape(s), 1))
+        return along * (0.4, 0.5), along * (1e-12, 0.0), along * (0.0, 0.0)
+
+
+def test_a_reference_at_rest_under_a_constant_force(device):
+    # Columns of one value throughout are no tensors of the batch's length.
+    arguments = {
+        "disturbance": Disturbance(tip_force=ConstantForce((5.0, 0.0))),
+        "reference": JointReference(Rest(), duration=0.01),
+    }
+    ours = TorchFuzzyArm(2, dtype=torch.float64, device=device, compiled=False, **arguments)
+    theirs = vector_env(2, **arguments)
+    assert_allclose(numbers(ours.reset(seed=0)), theirs.reset(seed=0)[0], atol=1e-12)
+    for _ in range(12):
+        observation = ours.step(torch.zeros((2, 2), device=device))[0]
+        assert_allclose(numbers(observation), theirs.step(np.zeros((2, 2)))[0], atol=1e-10)
+
+
+# ---- what is drawn ----
+
+
+def test_drawn_plants_are_the_numpy_ones_and_in_range(device):
+    envs = TorchFuzzyArm(200, variation="robust", dtype=torch.float64, device=device, compiled=False)
+    theirs = vector_env(200, variation="robust")
+    envs.reset(seed=7)
+    _, info = theirs.reset(seed=7)
+    drawn = envs.variation_info()
+    assert set(drawn) == {key for key in info["variation"] if not key.startswith("_")}
+    for name, values in drawn.items():
+        assert_array_equal(values.cpu(), info["variation"][name], err_msg=name)
+    for name in ("mass", "stiffness", "dry_friction", "payload", "force", "angle"):
+        low, high = getattr(envs.variation, name)
+        assert low <= drawn[name].min()
+        assert drawn[name].max() < high
+        assert drawn[name].std() == pytest.approx((high - low) / 12**0.5, rel=0.15)  # uniform
+
+
+def test_float32_draws_the_same_episodes():
+    short, long = (
+        TorchFuzzyArm(500, variation="robust", dtype=dtype, compiled=False) for dtype in (torch.float32, torch.float64)
+    )
+    assert_allclose(numbers(short.reset(seed=1)), numbers(long.reset(seed=1)), atol=1e-5)
+    for (name, a), b in zip(short.variation_info().items(), long.variation_info().values(), strict=True):
+        assert a.dtype == torch.float32
+        assert_allclose(numbers(a), numbers(b), rtol=2e-7, atol=3e-7, err_msg=name)
+
+
+def test_seeds_repeat_and_streams_go_on(device):
+    envs = TorchFuzzyArm(5, variation="robust", disturbance=DISTURBED, device=device, compiled=False)
+    first = envs.reset()
+    second = envs.reset()
+    assert not torch.equal(first, second)
+    assert torch.equal(envs.reset(seed=0), first)
+    assert torch.equal(envs.reset(), second)
+    assert len(set(first[:, 0].tolist())) == 5
+    assert torch.equal(envs.reset(seed=2)[:3], first[2:])  # lane i has seed + i
+
+
+def test_nothing_global_changes():
+    before = torch.get_rng_state(), torch.get_default_dtype(), torch.get_num_threads(), torch.is_grad_enabled()
+    envs = TorchFuzzyArm(3, variation="robust", disturbance=DISTURBED, dtype=torch.float64, compiled=False)
+    envs.reset(seed=5)
+    envs.step(torch.zeros(3, 2))
+    assert torch.equal(torch.get_rng_state(), before[0])
+    assert (torch.get_default_dtype(), torch.get_num_threads(), torch.is_grad_enabled()) == before[1:]
+
+
+# ---- tensors ----
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_shapes_and_dtypes(dtype, device):
+    envs = TorchFuzzyArm(3, dtype=dtype, device=device, compiled=False, variation=SPREAD)
+    assert envs.reset(seed=0).shape == (3, 10)
+    action = torch.zeros((3, 2), device=device, requires_grad=True)
+    observation, reward, terminated, truncated, info = envs.step(action)
+    assert observation.shape == info["final_obs"].shape == (3, 10)
+    assert envs.state.shape == (3, 8)
+    for part in (
+        observation,
+        reward,
+        envs.state,
+        *(info[key] for key in info if key not in ("torque_clipped", "reason")),
+    ):
+        assert part.dtype == dtype
+        assert part.device.type == device
+        assert not part.requires_grad
+    for part in (reward, terminated, truncated, *(info[key] for key in info if key != "final_obs")):
+        assert part.shape == (3,)
+    assert terminated.dtype == truncated.dtype == info["torque_clipped"].dtype == torch.bool
+    assert info["reason"].dtype == torch.int64
+    kept = observation.clone(), envs.state
+    envs.step(action)
+    assert torch.equal(observation, kept[0])  # what was returned stays
+    assert not torch.equal(kept[1], envs.state)
+
+
+def test_float32_does_not_follow_the_default_dtype():
+    envs = TorchFuzzyArm(2, compiled=False, variation=SPREAD, disturbance=DISTURBED)
+    torch.set_default_dtype(torch.float64)
+    try:
+        parts = envs.reset(seed=0), *envs.step(torch.ones(2, 2))[:2], envs.state
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert all(part.dtype == torch.float32 for part in parts)
+
+
+def test_inference_mode_within_and_without():
+    with torch.inference_mode():
+        envs = TorchFuzzyArm(2, compiled=False)
+        envs.reset(seed=0)
+        observation = envs.step(torch.ones(2, 2))[0]
+    assert envs.step(observation[:, :2])[0].shape == (2, 10)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_a_step_never_asks_for_a_value(dtype):
+    # Tensors of the meta device have none: to branch on one, or to wait for one, raises.
+    envs = TorchFuzzyArm(4, device="meta", dtype=dtype, compiled=False, variation="robust", disturbance=DISTURBED)
+    assert envs.reset(seed=0).shape == (4, 10)
+    assert envs.step(torch.zeros((4, 2), device="meta"))[0].device.type == "meta"
+
+
+def test_float32_stays_close_to_float64(device):
+    # Reading the tip in float32 rounds two angles of up to 4 rad, their sum, two products and a difference: at most
+    # (0.5 m + 0.5 m) 2.4e-7 + 4 * 6e-8 m = 0.5 µm. The motion itself differs by less: its angles have the digits of
+    # two float32, and torques of at most 500 N m are off by 20 roundings of 6e-8, 6e-4 N m, against a loop stiffness
+    # of some 1e4 N m/rad. Measured: 0.15 µm; with plain float32 angles 3 µm, which the last line sees.
+    tips, errors = [], []
+    for dtype in (torch.float32, torch.float64):
+        envs = TorchFuzzyArm(1, case="machining", dtype=dtype, substep=1e-3, device=device, compiled=False)
+        observation, policy, state = numbers(envs.reset(seed=0)), load_policy("computed-torque"), None
+        error, tip = [], []
+        for _ in range(1499):
+            action, state = policy.predict(observation, state)
+            tensor, _, _, _, info = envs.step(torch.tensor(action, device=device))
+            observation = numbers(tensor)
+            error.append(info["tip_error"].item())
+            tip.append(tip_position(numbers(envs.state)[0, 2:4], (0.5, 0.5)))
+        errors.append(error)
+        tips.append(tip)
+    assert np.abs(np.subtract(*errors)).max() < 5e-7
+    assert np.linalg.norm(np.subtract(*tips), axis=-1).max() < 5e-7
+
+
+# ---- compiled ----
+
+
+def compare_with_eager(dtype, device, lanes=37, **arguments):
+    """Step a compiled and an eager batch through truncations, terminations and bad actions."""
+    ours, theirs = (
+        TorchFuzzyArm(lanes, dtype=dtype, device=device, compiled=how, **arguments) for how in (True, False)
+    )
+    assert torch.equal(ours.reset(seed=1), theirs.reset(seed=1))
+    tolerance = {"rtol": 0.0, "atol": 1e-4 if dtype == torch.float32 else 1e-10}
+    actions = wild_actions(70, lanes)
+    actions[11, 3] = np.nan
+    ended = np.zeros(2, dtype=int)
+    for action in torch.tensor(actions, device=device):
+        observation, reward, terminated, truncated, info = ours.step(action)
+        expected, their_reward, their_terminated, their_truncated, their_info = theirs.step(action)
+        assert torch.equal(terminated, their_terminated)
+        assert torch.equal(truncated, their_truncated)
+        torch.testing.assert_close(observation, expected, **tolerance)
+        torch.testing.assert_close(reward, their_reward, **tolerance)
+        torch.testing.assert_close(info, their_info, **tolerance)
+        torch.testing.assert_close(ours.state, theirs.state, **tolerance)
+        ended += terminated.sum().item(), truncated.sum().item()
+    assert (ended > 0).all()
+    return ours, theirs
+
+
+@needs_compiler
+def test_compiled_is_eager(device):
+    # fullgraph=True: torch raises at any graph break. 37 lanes: whole vectors and a remainder.
+    arguments = {"reference": SHORT, "substep": 1e-3, "disturbance": DISTURBED, "variation": SPREAD}
+    ours, theirs = compare_with_eager(torch.float32, device, **arguments)
+    # Modes that torch would compile anew for.
+    action = torch.ones((37, 2), device=device, requires_grad=True)
+    with torch.inference_mode():
+        torch.testing.assert_close(ours.step(action)[0], theirs.step(action)[0], rtol=0.0, atol=1e-4)
+    assert not ours.step(action)[1].requires_grad
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_compiled_is_eager_with_default_substeps(dtype, device):
+    compare_with_eager(dtype, device, reference=SHORT, disturbance=DISTURBED, variation=SPREAD)
+
+
+@pytest.mark.slow
+@needs_compiler
+def test_many_compiled_batches_at_once():
+    # torch gives up after eight versions of a function; every batch has its own, with its own constants.
+    batches = [TorchFuzzyArm(lanes, control_period=1e-4, substep=1e-4) for lanes in range(2, 12)]
+    plain = [TorchFuzzyArm(lanes, control_period=1e-4, substep=1e-4, compiled=False) for lanes in range(2, 12)]
+    for envs, twin in zip(batches, plain, strict=True):
+        envs.reset(seed=0)
+        twin.reset(seed=0)
+        action = torch.full((envs.num_envs, 2), 50.0)
+        torch.testing.assert_close(envs.step(action)[0], twin.step(action)[0])
+
+
+SMALLEST = """
+import torch
+from fuzzyarm.rl_baselines.torch_env import _compiled
+_compiled(lambda x: x.sin())(torch.zeros(100))
+"""
+WHOLE = """
+import torch
+from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
+for compiled in (False, True):
+    envs = TorchFuzzyArm(2, control_period=1e-4, substep=1e-4, compiled=compiled)
+    envs.reset(seed=0)
+    envs.step(torch.zeros(2, 2))
+    print("stepped")
+"""
+
+
+@pytest.mark.parametrize(
+    ("program", "printed"), [(SMALLEST, ""), pytest.param(WHOLE, "stepped\n", marks=pytest.mark.slow)]
+)
+def test_without_a_compiler_one_line_says_what_to_do(program, printed, tmp_path):
+    environment = {**os.environ, "CXX": "no-such-compiler", "PATH": "", "TORCHINDUCTOR_CACHE_DIR": str(tmp_path)}
+    result = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 1
+    assert result.stdout == printed  # compiled=False works
+    last = result.stderr.strip().splitlines()[-1]
+    assert last.startswith("RuntimeError: compiled=True needs a C++ compiler and found none")
+    assert "compiled=False" in last
+    assert len(result.stderr.splitlines()) < 10
+
+
+# ---- arguments ----
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_envs": 0}, "num_envs = 0 is out of range"),
+        ({"num_envs": 2.0}, "num_envs = 2.0 is out of range"),
+        ({"dtype": torch.float16}, "torch.float16 is unknown; choose torch.float32 or torch.float64"),
+        ({"case": "drilling"}, "unknown case 'drilling'"),
+        ({"case": "payload", "disturbance": Disturbance()}, "not both"),
+        ({"reference": "circle"}, "must be a fuzzyarm.envs.reference.JointReference"),
+        ({"reference": JointReference(), "variation": "robust"}, "not both"),
+        ({"parameters": ArmParameters(length=(0.6, 0.5)), "reference": JointReference()}, "build it with parameters"),
+        ({"substep": 3e-4}, "is no multiple of substep"),
+        ({"variation": "some"}, "unknown variation 'some'"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        TorchFuzzyArm(**{"num_envs": 2, "compiled": False, **arguments})
+
+
+def test_wrong_calls_are_named():
+    envs = TorchFuzzyArm(2, compiled=False)
+    with pytest.raises(ResetNeeded, match="reset"):
+        envs.step(torch.zeros(2, 2))
+    for seed in (-1, 1.5, True):
+        with pytest.raises(ValueError, match="seed = "):
+            envs.reset(seed=seed)
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action has shape \(2,\); needed: \(2, 2\)"):
+        envs.step(torch.zeros(2))
