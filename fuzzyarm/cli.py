@@ -172,7 +172,12 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--rounds", type=int, default=5, metavar="N", help="turns of each contestant, odd and at least 5 (default: 5)"
     )
     parser.add_argument(
-        "--lanes", type=int, nargs="+", default=(64, 1024), metavar="N", help="sizes of the batches (default: 64 1024)"
+        "--lanes",
+        type=int,
+        nargs="+",
+        default=(64, 1024, 65536),
+        metavar="N",
+        help="sizes of the batches (default: 64 1024 65536; peers up to 4096, torch from there on)",
     )
     parser.add_argument(
         "--threads",

@@ -69,6 +69,7 @@ class TorchFuzzyArm:
     | key | what | unit |
     | --- | --- | --- |
     | final_obs | (n, 10) observation before a new episode began; in the other lanes the observation itself | SI |
+    | tip | (n, 2) of the links | m |
     | tip_error | (n,) distance of the tip from its reference | m |
     | reward_tracking, reward_effort | (n,) parts of the reward | |
     | torque_clipped | (n,) bool, whether the action was beyond the torque limits | |
@@ -195,6 +196,7 @@ class TorchFuzzyArm:
                 self._stepped = True
         info = {
             "final_obs": outcome.final_observation.t(),
+            "tip": outcome.tip.t(),
             "tip_error": outcome.tip_error,
             "reward_tracking": outcome.reward_tracking,
             "reward_effort": outcome.reward_effort,
@@ -241,13 +243,14 @@ class _Lanes(NamedTuple):
 
 
 class _Outcome(NamedTuple):
-    """What a step returns; observations (10, n), the others (n,)."""
+    """What a step returns; observations (10, n), tips (2, n), the others (n,)."""
 
     observation: Tensor
     final_observation: Tensor
     reward: Tensor
     terminated: Tensor
     truncated: Tensor
+    tip: Tensor
     tip_error: Tensor
     reward_tracking: Tensor
     reward_effort: Tensor
@@ -321,6 +324,7 @@ def _advance(task: _Task, lanes: _Lanes, action: Tensor) -> _Outcome:
         torch.where(sound, found.reward, 0.0),
         terminated,
         truncated,
+        torch.stack([found.tip_x, found.tip_y]),
         found.tip_error,
         found.reward_tracking,
         found.reward_effort,

@@ -174,7 +174,9 @@ def test_the_document(small):
     assert document == json.loads(json.dumps(document))
     assert {"schema", "command", "date", "commit", "versions", "machine", "method"} < set(document)
     assert {"numpy", "envpool", "mujoco", "torch"} < set(document["versions"])
-    assert document["command"] == "fuzzyarm bench --seconds 0.5 --rounds 5 --lanes 64 1024 --threads 1 --lanes-sweep"
+    assert (
+        document["command"] == "fuzzyarm bench --seconds 0.5 --rounds 5 --lanes 64 1024 65536 --threads 1 --lanes-sweep"
+    )
     assert document["rows"][0] == {
         "group": "one environment",
         "name": "own",
@@ -330,16 +332,22 @@ def test_numbers_are_checked_before_anything_runs(fields, message):
 
 def test_the_default_table():
     groups = BenchConfig(threads=1).groups()
-    assert list(groups) == ["one environment", "64 lanes", "1024 lanes"]
+    assert list(groups) == ["one environment", "64 lanes", "1024 lanes", "65536 lanes"]
     assert [entry.peer for entry in groups["one environment"]] == ["", "Pendulum", "Reacher"]
     batch = groups["1024 lanes"]
     assert {entry.lanes for entry in batch} == {1024}
     assert [entry.peer for entry in batch if entry.peer] == ["Pendulum", "Reacher", *MUJOCO_METHODS]
-    assert {entry.dtype for entry in batch if "torch" in entry.name} == {"float64", "float32"}
+    assert not any("torch" in entry.name for entry in batch)
+    large = groups["65536 lanes"]
+    assert {entry.dtype for entry in large if "torch" in entry.name} == {"float64", "float32"}
+    assert not any(entry.peer for entry in large)
     assert BenchConfig(threads=1).sweep_groups() == {}
     sweep = BenchConfig(threads=1, sweep=True).sweep_groups()
     assert [group[0].lanes for group in sweep.values()] == [4**power for power in range(10)]
     assert not any(entry.peer for group in sweep.values() for entry in group)
+    in_torch = [entry for group in sweep.values() for entry in group if "torch" in entry.name]
+    assert {entry.dtype for entry in in_torch} == {"float32"}
+    assert min(entry.lanes for entry in in_torch) == contestants.TORCH_LANES
 
 
 def test_actions_are_within_the_scale_and_the_same_every_time():
@@ -390,8 +398,9 @@ def test_the_batch_is_made_with_its_threads_and_closed(monkeypatch):
 
 @pytest.mark.parametrize(("lanes", "used"), [(1, 1), (64, 1), (1024, 1), (2048, 2), (100_000, 3)])
 def test_the_batch_uses_as_many_threads_as_help(lanes, used):
-    numba, torch, *_ = contestants.own_batches(lanes, 3)
-    assert (numba.threads, torch.threads) == (used, 3)
+    numba, *in_torch = contestants.own_batches(lanes, 3)
+    assert numba.threads == used
+    assert {torch.threads for torch in in_torch} == ({3} if lanes >= contestants.TORCH_LANES else set())
 
 
 def test_an_episode_that_ends_begins_anew(monkeypatch):
@@ -437,7 +446,7 @@ def torch_env(monkeypatch):
             self.lanes, self.dtype, self.steps = num_envs, dtype, 0
 
         def reset(self, *, seed):
-            return np.zeros((self.lanes, 10), self.dtype).view(Tensor), {}
+            return np.zeros((self.lanes, 10), self.dtype).view(Tensor)
 
         def step(self, action):
             assert isinstance(action, Tensor)
@@ -449,7 +458,7 @@ def torch_env(monkeypatch):
             info = {"tip": np.full((self.lanes, 2), 0.1 * self.steps).view(Tensor)}
             if ended.any():  # of the next episode
                 info = {"tip": np.full((self.lanes, 2), 9.9).view(Tensor)}
-            return self.reset(seed=0)[0], ended, ended & False, ended, info
+            return self.reset(seed=0), ended, ended & False, ended, info
 
     cuda = SimpleNamespace(is_available=lambda: False, synchronize=lambda: log.append("synchronize"))
     torch = SimpleNamespace(
@@ -465,7 +474,7 @@ def torch_env(monkeypatch):
 def torch_entry(device, dtype):
     (entry,) = [
         entry
-        for entry in contestants.own_batches(64, 2)
+        for entry in contestants.own_batches(4096, 2)
         if entry.dtype == dtype and entry.name.endswith({"cpu": "torch.compile, CPU", "cuda": "GPU"}[device])
     ]
     return entry
@@ -474,7 +483,7 @@ def torch_entry(device, dtype):
 def test_the_torch_batch_is_compiled_and_gives_the_threads_back(torch_env):
     with torch_entry("cpu", "float32").open() as measure:
         assert measure(0.0) > 0.0
-        assert torch_env.log == [2, (64, "cpu", np.float32, True), *["step"] * 4]
+        assert torch_env.log == [2, (4096, "cpu", np.float32, True), *["step"] * 4]
     assert torch_env.log[-1] == 7
 
 
