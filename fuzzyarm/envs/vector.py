@@ -128,7 +128,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observation, vectors, scalars = split(self._lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
-        if not ended.any():
+        if np.count_nonzero(ended) == 0:
             return observation, reward, terminated, truncated, self._info(vectors, scalars)
         final, reward = self._final(observation, vectors, scalars, ended), reward.copy()
         which = np.flatnonzero(ended)
@@ -150,7 +150,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _info(self, vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
         """Return info of every lane."""
-        info = _values(vectors, scalars) | self._masks
+        info = _values(vectors, scalars)
+        info.update(self._masks)
         if self._variation.varies:
             drawn = _masked(self._lanes.variation_info(), self._everywhere)
             info.update(_masked({"variation": drawn}, self._everywhere))

@@ -24,7 +24,14 @@ def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
         num_envs: number of lanes.
         arguments: those of `FuzzyArmVectorEnv`, say ``case="machining"`` or ``variation="robust"``.
     """
-    return StableBaselinesVecEnv(RescaleAction(FuzzyArmVectorEnv(num_envs, **arguments), -1, 1))
+    return StableBaselinesVecEnv(_RescaledActions(FuzzyArmVectorEnv(num_envs, **arguments), -1, 1))
+
+
+class _RescaledActions(RescaleAction[Any, Any, Any, Any]):
+    """`RescaleAction` for the whole batch at once: Gymnasium's loop over the lanes takes longer than their step."""
+
+    def actions(self, actions: Any) -> np.ndarray:
+        return np.asarray(self.wrapper.func(np.asarray(actions)), dtype=self.env.action_space.dtype)
 
 
 class StableBaselinesVecEnv(VecEnv):
@@ -36,8 +43,8 @@ class StableBaselinesVecEnv(VecEnv):
     one empty info; what the batch knows of them is in `vector_info`.
 
     Args:
-        envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, or that in wrappers, say
-            ``gymnasium.wrappers.vector.RescaleAction(envs, -1, 1)``.
+        envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, or that in wrappers; `training_envs` makes it with actions
+            in [-1, 1].
 
     Raises:
         ValueError: the environment does not reset itself within the step.

@@ -86,8 +86,8 @@ class TorchFuzzyArm:
         device: of all tensors.
         dtype: torch.float32 or torch.float64, of the state, the physics and all results. Over the paper's episodes the
             tip of the float32 arm stays within 0.1 µm of the float64 one (the sub-step itself costs 0.2 to 0.9 µm).
-        compiled: compile the step with torch.compile, once per process and combination of arguments (tens of
-            seconds; a later process finds most of it in torch's cache on disk). On the CPU this needs a C++ compiler.
+        compiled: compile the step with torch.compile, at the first step (half a minute or more; a later process
+            finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
         case: "nominal", "machining" or "payload".
         disturbance: one of your own in place of the case.
         reference: default: the paper's circle.
@@ -462,7 +462,7 @@ def _compiled(function: Callable[..., _Outcome]) -> Callable[..., _Outcome]:
 @contextlib.contextmanager
 def _announced_compilation() -> Iterator[None]:
     """Say on a terminal what is being waited for, if the call within takes more than a second."""
-    message = "TorchFuzzyArm: compiling the step (about half a minute, less once torch has it on disk) ..."
+    message = "TorchFuzzyArm: compiling the step (up to a minute; a tenth of it once torch has it on disk) ..."
     timer = threading.Timer(1.0, lambda: print(message, file=sys.stderr, flush=True))
     if sys.stderr.isatty():
         timer.start()

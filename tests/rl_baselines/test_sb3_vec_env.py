@@ -28,7 +28,7 @@ from stable_baselines3.common.vec_env import (  # noqa: E402
     is_vecenv_wrapped,
 )
 
-from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv  # noqa: E402
+from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv, training_envs  # noqa: E402
 
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
@@ -176,9 +176,10 @@ def test_running_lanes_share_one_empty_info_and_only_ended_ones_are_looked_at(mo
     assert infos[0] is not infos[2] and infos[0] and infos[2]
 
 
-def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two():
+@pytest.mark.parametrize("make", [adapted, training_envs])
+def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two(make):
     def instructions(lanes):
-        venv, action, count = adapted(lanes, variation="plants"), np.zeros((lanes, 2)), 0
+        venv, action, count = make(lanes, variation="plants"), np.zeros((lanes, 2)), 0
 
         def trace(frame, event, _):
             nonlocal count
@@ -197,6 +198,22 @@ def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two():
         return count
 
     assert 0 < instructions(2) == instructions(700)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_training_envs_have_the_actions_of_gymnasiums_wrapper_bit_for_bit(dtype):
+    venv, expected = training_envs(LANES, disturbance=NOISY), adapted(rescaled=True, disturbance=NOISY)
+    assert venv.action_space == expected.action_space and venv.num_envs == LANES
+    for one in (venv, expected):
+        one.seed(0)
+    assert same_array(venv.reset(), expected.reset())
+    for action in np.random.default_rng(0).uniform(-1.0, 1.0, (40, LANES, 2)).astype(dtype):
+        kept = action.copy()
+        assert_same_step(venv.step(action), expected.step(action))
+        assert np.array_equal(action, kept)
+    corners = venv.step(np.array([[1, -1]] * LANES, dtype))
+    assert venv.vector_info["torque"] == pytest.approx(np.array([[500.0, -250.0]] * LANES), rel=1e-6)
+    assert not venv.vector_info["torque_clipped"].any() and len(corners) == 4
 
 
 def test_what_came_back_stays_as_it_is():
@@ -381,7 +398,8 @@ def test_ppo_learns_the_same_as_from_the_loop():
         model.learn(2 * 64 * LANES)
         return model
 
-    model, expected = trained(adapted), trained(monitored)
+    model = trained(lambda rescaled, **arguments: training_envs(LANES, **arguments))
+    expected = trained(monitored)
     assert model.num_timesteps == 512 and len(model.ep_info_buffer) == 2 * LANES
     assert [info["l"] for info in model.ep_info_buffer] == [50] * 2 * LANES
     weights, others = (one.policy.state_dict() for one in (model, expected))
