@@ -1,6 +1,6 @@
 """Write the README's tables and pictures from fresh measurements, or from the stored ones.
 
-    python benchmarks/readme.py            measure everything anew, then write (a minute or two)
+    python benchmarks/readme.py            measure everything anew, then write (a quarter of an hour)
     python benchmarks/readme.py --stored   only write again from benchmarks/results
 
 Run with a clean checkout, so that the recorded commit is the one that was measured.
@@ -42,6 +42,11 @@ def measure() -> None:
         subprocess.run([sys.executable, "-m", "fuzzyarm", "evaluate", "--out", folder], check=True)
         shutil.copy(Path(folder) / "results.json", RESULTS / "evaluate.json")
         shutil.copy(Path(folder) / "overview.png", ROOT / "docs" / "overview.png")
+        subprocess.run([sys.executable, "-m", "fuzzyarm", "bench", "--lanes-sweep", "--out", folder], check=True)
+        shutil.copy(Path(folder) / "bench.json", RESULTS / "bench.json")
+        shutil.copy(Path(folder) / "throughput.png", ROOT / "docs" / "throughput.png")
+    for name in ("mujoco_arm", "soak"):  # these write their results themselves
+        subprocess.run([sys.executable, str(ROOT / "benchmarks" / f"{name}.py")], check=True)
     extra = {"complexity": ["--figure", str(ROOT / "docs" / "complexity.png")], "synthesis": ["--large"]}
     for name in NAMES:
         script = ROOT / "benchmarks" / f"{name}.py"
@@ -61,12 +66,14 @@ def fill(text: str) -> str:
 
 def sections() -> dict[str, str]:
     """Return the marked sections from the stored results."""
-    evaluation, accuracy, tuning, complexity, synthesis, bounds = (
-        json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8")) for name in ("evaluate", *NAMES)
+    evaluation, bench, soak, mujoco, accuracy, tuning, complexity, synthesis, bounds = (
+        json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+        for name in ("evaluate", "bench", "soak", "mujoco_arm", *NAMES)
     )
     return {
         "results": f"{markdown_table(evaluation['results'])}\n\n"
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {_made_with(evaluation)}",
+        "speed": f"{_speed_table(bench)}\n\n{_peer_line(mujoco)} {_soak_line(soak)}",
         "accuracy": _accuracy_table(accuracy),
         "margins": _margins_table(tuning),
         "complexity": _complexity_table(complexity),
@@ -140,6 +147,49 @@ def _bounds_table(document: dict[str, Any]) -> str:
         "the slowest decay of V and the largest gain over a library of disturbances and the worst found by search. "
         f"`{document['command']}`; {_made_with(document)}"
     )
+
+
+def _speed_table(bench: dict[str, Any]) -> str:
+    headings = ["", "lanes", "threads", "numbers", "thousand steps/s", "tip error [µm]", "times as fast as"]
+    rows = []
+    for row in bench["rows"]:
+        speed, error = row["steps_per_s"], row["tip_error_um"]
+        peers = [f"{peer} {ratio['median']:.3g}" for peer, ratio in row["ratios"].items()]
+        cells = [row["name"], str(row["lanes"]), str(row["threads"]), row["dtype"]]
+        measured = "not measured" if speed is None else f"{1e-3 * speed['median']:.0f}"
+        rows.append([*cells, measured, "" if error is None else f"{error:.2g}", ", ".join(peers)])
+    method = bench["method"]
+    missing = sorted({f"{row['name']}: {row['reason']}" for row in bench["rows"] if row["reason"]})
+    return (
+        f"{_table(headings, rows)}\n\nMedians of {method['rounds']} rounds of {method['seconds']:g} s in which "
+        f"everyone takes turns. {' '.join(f'Not measured: {line}.' for line in missing)} A further lane takes "
+        f"{bench['memory_per_lane']['bytes']:.0f} bytes. `{bench['command']}`; {_made_with(bench)}"
+    )
+
+
+def _peer_line(mujoco: dict[str, Any]) -> str:
+    """Say how the two simulations agree where their friction models are the same."""
+    frictionless, coulomb = mujoco["frictionless"], mujoco["Coulomb"]
+    finest = min(row["tip_error_um"] for row in frictionless["mujoco"])
+    return (
+        "Against the event integrator, without friction / with Coulomb friction alone, our tip error is "
+        f"{frictionless['our_tip_error_um']:.2f} / {coulomb['our_tip_error_um']:.2f} µm, and MuJoCo's goes down to "
+        f"{finest:.1g} / {min(row['tip_error_um'] for row in coulomb['mujoco']):.2g} µm as its step shrinks "
+        f"(`{mujoco['command']}`)."
+    )
+
+
+def _soak_line(soak: dict[str, Any]) -> str:
+    """Say what the soak saw."""
+    parts = []
+    for row in soak["rows"]:
+        memory = [value for value in row["resident_MB"] if value is not None]
+        growth = memory[-1] - memory[len(memory) // 4] if memory else float("nan")
+        parts.append(
+            f"{row['actions']}: {row['env_steps']:.3g} env-steps, {row['episodes']} episodes, {row['seconds']:.0f} s, "
+            f"memory {growth:+.1f} MB over the last three quarters"
+        )
+    return f"Soak, without a number that is not finite: {'; '.join(parts)} (`python benchmarks/soak.py`)."
 
 
 def _accuracy_table(document: dict[str, Any]) -> str:
