@@ -86,7 +86,7 @@ def test_an_early_end_is_reported_not_hidden(tmp_path):
     arm = ArmParameters(velocity_limit=(3.4, 4.42))  # the reference just fits, ringing under the payload does not
     result = evaluate(EvaluationConfig(policies=("computed-torque",), cases=("payload",), parameters=arm))
     assert not result.complete
-    assert "joint domain" in result.rows[0]["reason"]
+    assert "velocity left the domain" in result.rows[0]["reason"]
     assert "ended early in 1 of 1" in table_rows(result.rows)[0][1]
 
 
@@ -112,7 +112,7 @@ class LinkSide:
         self.env, self.policy = env, ComputedTorquePolicy(bandwidth=bandwidth)
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        link = np.concatenate([self.env._state[2:4, 0], self.env._state[6:8, 0]])
+        link = np.concatenate([self.env._lanes._values[2:4, 0], self.env._lanes._values[6:8, 0]])
         return self.policy.predict(np.concatenate([link, observation[4:]]), state)
 
 
