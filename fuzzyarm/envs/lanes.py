@@ -66,7 +66,7 @@ class Lanes:
         self.drawn = np.empty((len(Draw._fields), count if variation.varies else 0))
         self._drawn_info: dict[str, np.ndarray] = {}
         self._own, self._own_start_of = self._tabulated(tasks)
-        self._tables, self._start_of = self._own, self._own_start_of.copy()
+        self._tables, self._start_of = self._own, self._own_start_of
         self._bind()
         self.threads = threads or max(1, min(_cores(), count // LANES_PER_THREAD))
         self._pool: ThreadPoolExecutor | None = None
@@ -89,7 +89,7 @@ class Lanes:
             ValueError: a reference does not fit the plant of its lane.
         """
         if tasks is None:
-            self._tables, self._start_of = self._own, self._own_start_of.copy()
+            self._tables, self._start_of = self._own, self._own_start_of
         else:
             extra, start_of = self._tabulated(tasks)
             # Below the lanes' own: lanes that begin anew by themselves are back at those.
@@ -115,6 +115,7 @@ class Lanes:
         results = np.empty(WIDTH * len(which))
         if initial is None:
             initial = np.full((len(which), 8), np.nan)
+        self.drawn = self.drawn.copy()  # infos given out before show the old one
         with announced_compilation():
             begin(
                 which,
@@ -134,7 +135,7 @@ class Lanes:
             self._compile()
         self._bind()
         if self.variation.varies:
-            self._drawn_info = _described(Draw(*self.drawn.copy()))
+            self._drawn_info = _described(self.drawn)
         return results
 
     def step(self, action: np.ndarray) -> np.ndarray:
@@ -218,19 +219,20 @@ class Lanes:
         self._bind()
 
 
-def _described(d: Draw) -> dict[str, np.ndarray]:
-    """Return the draws of all lanes by quantity."""
+def _described(drawn: np.ndarray) -> dict[str, np.ndarray]:
+    """Return views of the draws (17, lanes) of all lanes by quantity."""
+    row = Draw(*range(len(drawn)))
     described = {
-        "mass": np.stack([d.mass1, d.mass2], axis=-1),
-        "motor_inertia": np.stack([d.motor_inertia1, d.motor_inertia2], axis=-1),
-        "stiffness": np.stack([d.stiffness1, d.stiffness2], axis=-1),
-        "damping": np.stack([d.damping1, d.damping2], axis=-1),
-        "dry_friction": np.stack([d.dry_friction1, d.dry_friction2], axis=-1),
-        "viscous_friction": np.stack([d.viscous_friction1, d.viscous_friction2], axis=-1),
-        "payload": d.payload,
-        "force": d.force,
-        "angle": np.stack([d.angle1, d.angle2], axis=-1),
-        "reference": d.reference,
+        "mass": drawn[row.mass1 : row.mass2 + 1].T,
+        "motor_inertia": drawn[row.motor_inertia1 : row.motor_inertia2 + 1].T,
+        "stiffness": drawn[row.stiffness1 : row.stiffness2 + 1].T,
+        "damping": drawn[row.damping1 : row.damping2 + 1].T,
+        "dry_friction": drawn[row.dry_friction1 : row.dry_friction2 + 1].T,
+        "viscous_friction": drawn[row.viscous_friction1 : row.viscous_friction2 + 1].T,
+        "payload": drawn[row.payload],
+        "force": drawn[row.force],
+        "angle": drawn[row.angle1 : row.angle2 + 1].T,
+        "reference": drawn[row.reference],
     }
     for array in described.values():
         array.flags.writeable = False  # every step's info shows the same arrays

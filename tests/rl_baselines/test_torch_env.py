@@ -1,6 +1,7 @@
 """The arm in torch tensors against the NumPy one: physics, episodes, random streams, precision, compilation."""
 
 import dataclasses
+import itertools
 import os
 import shutil
 import subprocess
@@ -20,9 +21,9 @@ from fuzzyarm.envs.dynamics import Arm, Payload, State, arm_constants
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.paths import Line
 from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.task import REASONS, Measured
 from fuzzyarm.envs.variation import Variation
-from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
+from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm, _reason
 from fuzzyarm.rl_baselines.torch_numbers import Angle, normal_pair, uniform, word
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
@@ -190,7 +191,7 @@ def compare_trajectory(case, substep, device, compiled):
     ("expected_reasons", "arguments"),
     [
         ({0, 2}, {"variation": "robust"}),
-        ({0, 1, 2}, {"parameters": ArmParameters(joint_limit=(0.9, 2.1), velocity_limit=(11.0, 11.0))}),
+        ({0, 1, 2}, {"parameters": ArmParameters(joint_limit=(0.9, 2.1))}),
     ],
 )
 def test_wild_episodes_are_the_numpy_ones_through_every_reset(expected_reasons, arguments, device):
@@ -215,6 +216,17 @@ def test_wild_episodes_are_the_numpy_ones_through_every_reset(expected_reasons, 
         assert_allclose(numbers(info["final_obs"]), last, rtol=0.0, atol=1e-10)
         seen |= set(info["reason"].tolist())
     assert seen == expected_reasons
+
+
+def test_of_several_reasons_the_first_counts_and_not_finite_before_all():
+    angles, velocities, sound = (
+        torch.tensor(list(flags)) for flags in zip(*itertools.product([0.0, 1.0], repeat=3), strict=True)
+    )
+    found = Measured(*[torch.zeros(8)] * 10, angles, velocities)
+    expected = [
+        3 if not s else 1 if not a else 2 if not v else 0 for a, v, s in zip(angles, velocities, sound, strict=True)
+    ]
+    assert _reason(found, sound > 0.0).tolist() == expected
 
 
 def test_the_episode_ends_with_its_reference(device):
