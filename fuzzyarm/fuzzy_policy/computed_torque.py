@@ -37,17 +37,17 @@ class ComputedTorquePolicy(ModelBasedPolicy):
         self.bandwidth = bandwidth
         self._arm = arm_constants(self.parameters)
 
-    def _act(self, observation: np.ndarray, state: np.ndarray, action: np.ndarray) -> None:
-        _computed_torque(observation, state, action, self._arm, self._torque_limit, self.bandwidth, self.control_period)
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Evaluate the law, see `ModelBasedPolicy`."""
+        _computed_torque(observation, memory, torque, self._arm, self.bandwidth, self.control_period)
 
 
 @kernel
 def _computed_torque(
     observation: np.ndarray,
-    state: np.ndarray,
-    action: np.ndarray,
+    integral: np.ndarray,
+    torque: np.ndarray,
     arm: Arm,
-    torque_limit: np.ndarray,
     bandwidth: float,
     period: float,
 ) -> None:
@@ -55,17 +55,19 @@ def _computed_torque(
     for lane in range(len(observation)):
         o = observation[lane]
         wanted1 = o[8] - bandwidth * (
-            3.0 * (o[2] - o[6]) + bandwidth * (3.0 * (o[0] - o[4]) + bandwidth * state[lane, 0])
+            3.0 * (o[2] - o[6]) + bandwidth * (3.0 * (o[0] - o[4]) + bandwidth * integral[lane, 0])
         )
         wanted2 = o[9] - bandwidth * (
-            3.0 * (o[3] - o[7]) + bandwidth * (3.0 * (o[1] - o[5]) + bandwidth * state[lane, 1])
+            3.0 * (o[3] - o[7]) + bandwidth * (3.0 * (o[1] - o[5]) + bandwidth * integral[lane, 1])
         )
         m11, m12, m22 = mass_matrix(np.cos(o[1]), arm)
         coriolis1, coriolis2 = coriolis_torque(np.sin(o[1]), o[2], o[3], arm)
         gravity1, gravity2 = gravity_torque(np.sin(o[0]), np.sin(o[0] + o[1]), arm)
-        torque1 = (m11 + arm.motor_inertia1) * wanted1 + m12 * wanted2 + coriolis1 + gravity1 + arm.viscous1 * o[2]
-        torque2 = m12 * wanted1 + (m22 + arm.motor_inertia2) * wanted2 + coriolis2 + gravity2 + arm.viscous2 * o[3]
-        action[lane, 0] = min(max(torque1, -torque_limit[0]), torque_limit[0])
-        action[lane, 1] = min(max(torque2, -torque_limit[1]), torque_limit[1])
-        state[lane, 0] += period * (o[0] - o[4])
-        state[lane, 1] += period * (o[1] - o[5])
+        torque[lane, 0] = (
+            (m11 + arm.motor_inertia1) * wanted1 + m12 * wanted2 + coriolis1 + gravity1 + arm.viscous1 * o[2]
+        )
+        torque[lane, 1] = (
+            m12 * wanted1 + (m22 + arm.motor_inertia2) * wanted2 + coriolis2 + gravity2 + arm.viscous2 * o[3]
+        )
+        integral[lane, 0] += period * (o[0] - o[4])
+        integral[lane, 1] += period * (o[1] - o[5])

@@ -7,17 +7,23 @@ import math
 
 import numpy as np
 
+from fuzzyarm.envs.compiled import kernel
 from fuzzyarm.envs.parameters import ArmParameters
 
 OBSERVATION_SIZE = 10
 
 
 class ModelBasedPolicy(abc.ABC):
-    """A fixed feedback law with an integral of the position error as its state.
+    """A fixed feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
 
-    The law is u(t_k) from the observation at t_k and x_I(t_k), then x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
     Torques are clipped to the robot's limits.
+
+    Attributes:
+        memory_size: numbers that a lane remembers, all zero when an episode begins. Two, if not said otherwise: the
+            integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
     """
+
+    memory_size = 2
 
     def __init__(self, parameters: ArmParameters, control_period: float) -> None:
         """Keep the robot and the control period T [s]."""
@@ -27,8 +33,11 @@ class ModelBasedPolicy(abc.ABC):
         self._torque_limit = np.array(parameters.torque_limit)
 
     @abc.abstractmethod
-    def _act(self, observation: np.ndarray, state: np.ndarray, action: np.ndarray) -> None:
-        """Fill `action` (lanes, 2) and advance `state` (lanes, 2), both in place."""
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Fill `torque` (lanes, 2), unclipped, and advance `memory` (lanes, memory_size), both in place.
+
+        For `observation` (lanes, 10); nothing is checked, see `predict`.
+        """
 
     def predict(
         self,
@@ -46,7 +55,7 @@ class ModelBasedPolicy(abc.ABC):
             deterministic: ignored, the law is deterministic.
 
         Returns:
-            Torques, (2,) or (lanes, 2), and the state, likewise.
+            Torques, (2,) or (lanes, 2), and the state, (memory_size,) or (lanes, memory_size).
 
         Raises:
             ValueError: an argument has a wrong shape.
@@ -57,16 +66,26 @@ class ModelBasedPolicy(abc.ABC):
         batch = np.ascontiguousarray(given[np.newaxis] if given.ndim == 1 else given)
         lanes = len(batch)
         if state is None:
-            memory = np.zeros((lanes, 2))
+            memory = np.zeros((lanes, self.memory_size))
         else:
             memory = np.array(state, dtype=np.float64, ndmin=2)
-            if memory.shape != (lanes, 2):
-                raise ValueError(f"state has shape {np.shape(state)}; allowed: {(*given.shape[:-1], 2)}")
+            if memory.shape != (lanes, self.memory_size):
+                allowed = (*given.shape[:-1], self.memory_size)
+                raise ValueError(f"state has shape {np.shape(state)}; allowed: {allowed}")
             if episode_start is not None:
                 starts = np.atleast_1d(episode_start)
                 if starts.shape != (lanes,):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0
         action = np.empty((lanes, 2))
-        self._act(batch, memory, action)
+        self.act(batch, memory, action)
+        _clip(action, self._torque_limit)
         return (action[0], memory[0]) if given.ndim == 1 else (action, memory)
+
+
+@kernel
+def _clip(torque: np.ndarray, limit: np.ndarray) -> None:
+    """Bring torques (lanes, 2) within ±limit (2,), in place."""
+    for lane in range(len(torque)):
+        for joint in range(2):
+            torque[lane, joint] = min(max(torque[lane, joint], -limit[joint]), limit[joint])

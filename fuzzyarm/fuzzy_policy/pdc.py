@@ -33,25 +33,24 @@ class FuzzyPolicy(ModelBasedPolicy):
             np.array(model.kept_in_A, dtype=np.int64),
             model.bounds,
             np.array([arm.c2, arm.c4, arm.c5]),
-            self._torque_limit,
             control_period,
         )
 
-    def _act(self, observation: np.ndarray, state: np.ndarray, action: np.ndarray) -> None:
-        _fuzzy_law(observation, state, action, *self._arguments)
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Evaluate (12), see `ModelBasedPolicy`."""
+        _fuzzy_law(observation, memory, torque, *self._arguments)
 
 
 @kernel
 def _fuzzy_law(
     observation: np.ndarray,
-    state: np.ndarray,
-    action: np.ndarray,
+    integral: np.ndarray,
+    torque: np.ndarray,
     gains: np.ndarray,
     feedforward: np.ndarray,
     kept_in_A: np.ndarray,
     bounds: np.ndarray,
     constants: np.ndarray,
-    torque_limit: np.ndarray,
     period: float,
 ) -> None:
     """Evaluate the law for every lane; see `FuzzyPolicy` for the arrays' meaning."""
@@ -71,7 +70,7 @@ def _fuzzy_law(
             omega[index] = min(max((omega[index] - bounds[index, 0]) / span, 0.0), 1.0)
         for joint in range(4):
             error[joint] = o[joint] - o[4 + joint]
-        error[4], error[5] = state[lane, 0], state[lane, 1]
+        error[4], error[5] = integral[lane, 0], integral[lane, 1]
         torque1, torque2 = 0.0, 0.0
         for i in range(gains.shape[0]):
             h = 1.0
@@ -84,10 +83,9 @@ def _fuzzy_law(
                     feedback, forward = error[entry], o[4 + entry]
                     torque1 += h * v * (gains[i, k, 0, entry] * feedback + feedforward[i, k, 0, entry] * forward)
                     torque2 += h * v * (gains[i, k, 1, entry] * feedback + feedforward[i, k, 1, entry] * forward)
-        action[lane, 0] = min(max(torque1, -torque_limit[0]), torque_limit[0])
-        action[lane, 1] = min(max(torque2, -torque_limit[1]), torque_limit[1])
-        state[lane, 0] += period * error[0]
-        state[lane, 1] += period * error[1]
+        torque[lane, 0], torque[lane, 1] = torque1, torque2
+        integral[lane, 0] += period * error[0]
+        integral[lane, 1] += period * error[1]
 
 
 @kernel

@@ -114,13 +114,13 @@ def test_a_loop_over_lanes_would_show_in_the_count():
 @pytest.mark.parametrize("name", ["fuzzy-4", "fuzzy-32", "computed-torque"])
 def test_a_thousand_different_arms_are_tracked_to_the_end(name, monkeypatch):
     policy, calls = load(name), []
-    act = policy._act
+    act = policy.act
 
     def counted(observation, state, action):
         calls.append(observation.shape)
         act(observation, state, action)
 
-    monkeypatch.setattr(policy, "_act", counted)
+    monkeypatch.setattr(policy, "act", counted)
     envs = gym.make_vec("FuzzyArm-v0", num_envs=LANES, variation="plants")
     observation, info = envs.reset(seed=0)
     assert len(np.unique(info["variation"]["mass"], axis=0)) == LANES
