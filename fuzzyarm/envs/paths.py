@@ -27,7 +27,11 @@ MINIMUM_SPACING = 1e-6
 
 @runtime_checkable
 class TipPath(Protocol):
-    """What every curve offers; a class of your own with this one method will do."""
+    """What every curve offers; a class of your own with this one method will do.
+
+    A curve whose second derivative has corners may name them in an attribute `corners`, ascending values of s: what
+    differentiates further (`elastic_reference`) is then exact there too.
+    """
 
     def points(self, s: ArrayLike) -> Points:
         """Return p [m], dp/ds [m] and d²p/ds² [m], each of shape (..., 2), for s of shape (...,) in [0, 1]."""
@@ -183,6 +187,11 @@ class Spline:
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         knots = np.append(0.0, np.cumsum(chords))
         return CubicSpline(knots / knots[-1], points, bc_type="periodic" if self.closed else "not-a-knot")
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Return s at the inner waypoints, where the third derivative jumps."""
+        return np.asarray(self._interpolant.x[1:-1])
 
     def points(self, s: ArrayLike) -> Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
