@@ -11,10 +11,15 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
 
-NAMES = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1", "computed-torque")
+_FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1")
+_MOTOR_SIDE = (*_FUZZY, "computed-torque")
+TIP = "-tip"
+"""Ending of the name, or of the file, of a policy that is told to bring the tip to the reference, not the motors."""
+
+NAMES = (*_MOTOR_SIDE, *(name + TIP for name in _MOTOR_SIDE))
 """Policies by name. More controller files, witnesses of the paper's own form, lie beside those of the fuzzy ones."""
 
-COMPARED = ("fuzzy-4", "computed-torque")
+COMPARED = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip")
 """What `fuzzyarm evaluate` runs if not told otherwise."""
 
 
@@ -27,8 +32,10 @@ def load_policy(
 ) -> ModelBasedPolicy:
     """Return a policy by name, or from the path of a controller file.
 
+    With the ending ``-tip`` the policy compensates the bending of the joints, see `fuzzy_policy.tip`.
+
     Args:
-        name: one of `NAMES`, or the path of a controller file (ending in ``.json``).
+        name: one of `NAMES`, or the path of a controller file (ending in ``.json`` or ``.json-tip``).
         control_period: time between two calls of `predict` [s].
         robot: the arm the policy is for, default Table 1. A controller file must have been designed for it.
         allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
@@ -41,18 +48,26 @@ def load_policy(
     from fuzzyarm.envs.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.computed_torque import ComputedTorquePolicy
     from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+    from fuzzyarm.fuzzy_policy.tip import TipPolicy
 
     robot = robot or ArmParameters()
     text = str(name)
+    known = text in NAMES or text.removesuffix(TIP).endswith(".json")
+    if known and text.endswith(TIP):
+        law = load_policy(
+            text.removesuffix(TIP), control_period=control_period, robot=robot, allow_unproven=allow_unproven
+        )
+        return TipPolicy(law)
     if text == "computed-torque":
         return ComputedTorquePolicy(robot, control_period)
-    if text in NAMES:
+    if text in _FUZZY:
         with resources.as_file(resources.files("fuzzyarm.fuzzy_policy.controllers") / f"{text}.json") as path:
             return FuzzyPolicy(_trusted_controller(path, robot, allow_unproven), control_period)
     if text.endswith(".json"):
         return FuzzyPolicy(_trusted_controller(Path(name), robot, allow_unproven), control_period)
     raise ValueError(
-        f"unknown policy {text!r}; choose from: {', '.join(NAMES)}, or the path of a controller file (.json)"
+        f"unknown policy {text!r}; choose from: {', '.join(NAMES)}, or the path of a controller file (.json, "
+        f".json{TIP})"
     )
 
 

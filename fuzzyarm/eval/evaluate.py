@@ -19,7 +19,9 @@ from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.rollout import Rollout, rollout
 from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.certificate import statement
+from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
 from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.tip import TipPolicy, tip_statement
 from fuzzyarm.policies import COMPARED, load_policy
 
 SCHEMA = "fuzzyarm-evaluation/1"
@@ -121,16 +123,23 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         | metrics(run)
         for run in rollouts
     ]
-    certificates = {
-        name: statement(policy.controller) if isinstance(policy, FuzzyPolicy) else None
-        for name, policy in policies.items()
-    }
+    certificates = {name: certificate_text(policy, reference) for name, policy in policies.items()}
     return Evaluation(config, rollouts, rows, certificates, provenance())
 
 
+def certificate_text(policy: ModelBasedPolicy, reference: JointReference) -> str | None:
+    """Return what is proven of a policy on a reference, and what is not; None without a certificate."""
+    if isinstance(policy, FuzzyPolicy):
+        return statement(policy.controller)
+    # The proof of the paper's form is of the reference model in the loop, which a tip policy replaces.
+    if isinstance(policy, TipPolicy) and isinstance(policy.law, FuzzyPolicy) and policy.law.controller.form != "paper":
+        return f"{statement(policy.law.controller)} {tip_statement(reference)}"
+    return None
+
+
 def _label(policy: str) -> str:
-    """Return what a policy is called in tables and figures: its name, or its file's without folder and ending."""
-    return Path(policy).stem if policy.endswith(".json") else policy
+    """Return what a policy is called in tables and figures: its name, or its file's without folder and ``.json``."""
+    return Path(policy).name.replace(".json", "")
 
 
 def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:

@@ -30,6 +30,7 @@ MAGNIFICATIONS = (20, 10, 5, 2, 1)
 ROOM = 0.5
 # An error panel is scaled to the policies whose peak is within this factor of the best one's.
 FOCUS = 5.0
+LOWEST = 1e-3  # of a logarithmic axis; in mm that is a micrometre, a few times the error of the simulation
 # Strokes and gaps, in line widths; the first is solid. Nine of them beside the style's eight colours: each of eight
 # policies has its own of both, and no two of 72 look alike.
 _STROKES = ((), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (2, 2), (3, 1, 1, 1, 1, 1), (9, 1.5, 3, 1.5), (1, 3))
@@ -53,6 +54,7 @@ class Panel:
         signal: what is drawn of a rollout, (n,) [unit].
         scale: panels of a figure with the same scale share their limits.
         target: what the signal should follow, (n,) [unit]; None if there is no such thing.
+        log: whether the axis is logarithmic; what is below its lowest decade is drawn at its edge.
         is_error: a policy far worse than the best (`FOCUS`) runs off the panel and is named there; it does not
             flatten the others.
     """
@@ -62,15 +64,17 @@ class Panel:
     signal: Signal
     scale: str = ""
     target: Signal | None = None
+    log: bool = False
     is_error: bool = False
 
 
-_CIRCULARITY = (
-    Panel("circularity error,\nmotor side", "mm", lambda r: 1e3 * r.circularity_error_motor, is_error=True),
-    Panel("circularity error,\nlink side", "mm", lambda r: 1e3 * r.circularity_error, is_error=True),
-)
+_CIRCULARITY = Panel("circularity error", "mm", lambda r: 1e3 * r.circularity_error, is_error=True)
 TIME_FIGURES: dict[str, tuple[Panel, ...]] = {
-    "circularity": _CIRCULARITY,
+    "circularity": (
+        _CIRCULARITY,
+        # No error: a policy that brings the tip to the circle leads the motors beside it.
+        Panel("the same of the motors,\nas if joints were rigid", "mm", lambda r: 1e3 * r.circularity_error_motor),
+    ),
     "torque": (
         Panel("motor torque,\njoint 1", "N m", lambda r: r.torque[:, 0], scale="joint 1"),
         Panel("motor torque,\njoint 2", "N m", lambda r: r.torque[:, 1], scale="joint 2"),
@@ -79,16 +83,16 @@ TIME_FIGURES: dict[str, tuple[Panel, ...]] = {
         Panel("motor velocity,\njoint 1", "rad/s", lambda r: r.dq_motor[:, 0], target=lambda r: r.dq_reference[:, 0]),
         Panel("motor velocity,\njoint 2", "rad/s", lambda r: r.dq_motor[:, 1], target=lambda r: r.dq_reference[:, 1]),
     ),
-    "position-error": (
-        Panel("motor angle error,\njoint 1", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 0], is_error=True),
-        Panel("motor angle error,\njoint 2", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 1], is_error=True),
+    "motor-position": (
+        Panel("motor angle less\nreference, joint 1", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 0]),
+        Panel("motor angle less\nreference, joint 2", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 1]),
     ),
     "friction": (
         Panel("friction torque,\njoint 1", "N m", lambda r: r.friction_torque[:, 0], scale="joint 1"),
         Panel("friction torque,\njoint 2", "N m", lambda r: r.friction_torque[:, 1], scale="joint 2"),
     ),
 }
-OVERVIEW = (Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", is_error=True), *_CIRCULARITY)
+OVERVIEW = (Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
 
 
 def write_figures(rollouts: Sequence[Rollout], folder: Path, progress: Callable[[], None] | None = None) -> list[Path]:
@@ -187,6 +191,12 @@ def _limits(columns: Columns, panels: Sequence[Panel]) -> Limits:
         for curve in (panel.signal(episode) for episode in episodes):
             if not panel.is_error or np.abs(curve).max() <= FOCUS * best:
                 low, high = min(low, float(curve.min())), max(high, float(curve.max()))
+    if panels[0].log:
+        finished = [e for episodes in columns.values() for e in _finished(episodes)]
+        typical = min(float(np.sqrt(np.mean(panels[0].signal(e) ** 2))) for e in finished)
+        first = np.floor(np.log10(max(typical, LOWEST)))
+        last = max(first + 1.0, np.ceil(np.log10(max(high, LOWEST))))
+        return float(10.0**first), float(10.0**last)
     margin = 0.06 * (high - low) or 1.0
     return (low - margin if low < 0.0 else 0.0), (high + margin if high > 0.0 or low == 0.0 else 0.0)
 
@@ -196,12 +206,14 @@ def _draw_panel(axes: Axes, panel: Panel, episodes: Sequence[Rollout], styles: S
         axes.plot(_longest(episodes).time, panel.target(_longest(episodes)), **BAND)
     outside = []
     for episode in episodes:
-        values = panel.signal(episode)
+        values = np.maximum(panel.signal(episode), limits[0]) if panel.log else panel.signal(episode)
         axes.plot(episode.time, values, **styles[episode.policy])
         if not episode.completed:
             _cross(axes, episode.time[-1], np.clip(values[-1], *limits), styles[episode.policy])
         if values.min() < limits[0] or values.max() > limits[1]:
             outside.append(f"{episode.policy} up to {np.abs(values).max():.3g} {panel.unit}")
+    if panel.log:
+        axes.set_yscale("log")
     axes.set_ylim(limits)
     if outside:
         text = "\n".join(["off the scale:", *outside])

@@ -13,18 +13,29 @@ import numpy as np
 from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.fuzzy_policy.certificate import Certificate, certify, residual_bound
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.tip import tip_statement
 
 LISTED = 20  # claims in the printed report
 
 
 @dataclasses.dataclass(frozen=True)
 class Verification:
-    """The certificate of one file, the residual bound [N m] on the paper's circle where it applies, the time [s]."""
+    """The certificate of one file, with what depends on the reference on the paper's circle, where it applies.
+
+    Attributes:
+        path: the file.
+        controller: what it holds.
+        certificate: what of it is proven.
+        residual: bound (2,) on the feedforward residual [N m].
+        tip: what holds when it is told to bring the tip to the reference.
+        seconds: time of the proof.
+    """
 
     path: Path
     controller: Controller
     certificate: Certificate
     residual: np.ndarray | None
+    tip: str | None
     seconds: float
 
     def to_text(self) -> str:
@@ -34,10 +45,11 @@ class Verification:
         multipliers = (
             "one multiplier for all of A" if c.common_multiplier else "one multiplier for each dropped premise"
         )
+        pole = "" if c.fastest_pole is None else f", fastest pole = {c.fastest_pole:g} 1/s"
         lines = [
             f"{self.path}: {'PROVEN' if not failed else 'NOT PROVEN'}",
             f"  {c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
-            f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}",
+            f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}{pole}",
             f"  {len(claims) - len(failed)} of {len(claims)} inequalities proven in exact rational arithmetic, "
             f"smallest margin {self.certificate.margin:.2g}, {self.seconds:.2f} s",
         ]
@@ -57,6 +69,8 @@ class Verification:
                 f"({self.residual[0]:.3g}, {self.residual[1]:.3g}) N m along the paper's circle, for any state "
                 "in the box."
             )
+        if self.tip is not None and not failed:
+            lines.append(f"  {self.tip} (Reference: the paper's circle; the policy: this file with the ending -tip.)")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -68,6 +82,7 @@ class Verification:
             "seconds": self.seconds,
             "residual_bound": None if self.residual is None else self.residual.tolist(),
             "statement": self.certificate.statement if self.certificate.proven else None,
+            "tip_statement": self.tip if self.certificate.proven else None,
             "claims": [dataclasses.asdict(claim) for claim in self.certificate.claims],
         }
 
@@ -78,9 +93,10 @@ def verify_file(path: Path) -> Verification:
     begin = time.perf_counter()
     certificate = certify(controller)
     seconds = time.perf_counter() - begin
-    residual = None
+    residual = tip = None
     if controller.form == "consistent":
         # Another arm may not reach the paper's circle; then there is nothing to bound.
         with contextlib.suppress(ValueError):
-            residual = residual_bound(controller.model, JointReference(parameters=controller.model.parameters))
-    return Verification(path, controller, certificate, residual, seconds)
+            circle = JointReference(parameters=controller.model.parameters)
+            residual, tip = residual_bound(controller.model, circle), tip_statement(circle)
+    return Verification(path, controller, certificate, residual, tip, seconds)

@@ -44,7 +44,7 @@ class ElasticTarget:
             average: whether u_ff is that of the middle of the coming hold rather than that of its start.
 
         Raises:
-            ValueError: the control period is not positive, or a stiffness is zero.
+            ValueError: the control period is not positive.
         """
         if not (math.isfinite(control_period) and control_period > 0.0):
             raise ValueError(f"control_period = {control_period!r} s is out of range; allowed: (0, inf) s")

@@ -2,17 +2,21 @@
 
 import dataclasses
 import json
+from importlib import resources
 
 import numpy as np
 import pytest
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.eval.evaluate import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.metrics import metrics
 from fuzzyarm.eval.rollout import rollout
 from fuzzyarm.eval.table import markdown_table, table_rows
 from fuzzyarm.fuzzy_policy.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.tip import tip_statement
+from fuzzyarm.policies import load_policy
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +69,48 @@ def test_certificates_are_told_apart_from_their_absence(evaluation):
     assert "Not covered: the elastic joints" in evaluation.certificates["fuzzy-4"]
 
 
+def test_the_tip_policy_keeps_the_certificate_and_says_what_it_means():
+    texts = evaluate(EvaluationConfig(policies=("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip"), cases=("nominal",)))
+    texts = texts.certificates
+    assert texts["fuzzy-4-tip"].startswith(texts["fuzzy-4"])
+    assert "for the error from theta_d" in texts["fuzzy-4-tip"]
+    assert "takes 64 % of the box" in texts["fuzzy-4-tip"]
+    assert "measured, not proven" in texts["fuzzy-4-tip"]
+    assert texts["computed-torque-tip"] is None
+
+
+def test_the_paper_form_has_no_certificate_for_the_tip():
+    """Its proof is of a law with the reference model in the loop, which the feedforward for the tip replaces."""
+    with resources.as_file(resources.files("fuzzyarm.fuzzy_policy.controllers") / "paper-4.json") as path:
+        config = EvaluationConfig(policies=(str(path), f"{path}-tip"), cases=("nominal",))
+        texts = evaluate(config).certificates
+    assert "reference model" in texts["paper-4"]
+    assert texts["paper-4-tip"] is None
+
+
+def test_a_reference_that_leaves_the_box_bent_has_no_certificate_for_the_tip():
+    arm = ArmParameters(joint_limit=(3.0, 2.0055), stiffness=(6.4e4, 2e3))
+    text = tip_statement(JointReference(parameters=arm))
+    assert "no certificate" in text
+    assert "theta_d2" in text
+
+
+@pytest.mark.parametrize("policy", ["fuzzy-4-tip", "computed-torque-tip"])
+def test_the_tip_follows_a_hundred_times_closer_without_load(evaluation, policy):
+    """Case 1 below 0.1 mm; nothing is promised under loads that nobody told the policy of."""
+    assert row(evaluation, "nominal", policy)["tip_error_max_mm"] < 0.01
+    assert row(evaluation, "nominal", policy.removesuffix("-tip"))["tip_error_max_mm"] > 3.0
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.0 / 0.95])
+@pytest.mark.parametrize("policy", ["fuzzy-4-tip", "computed-torque-tip"])
+def test_a_stiffness_known_to_five_percent_costs_a_quarter_millimetre(policy, factor):
+    arm = ArmParameters()
+    plant = dataclasses.replace(arm, stiffness=tuple(factor * k for k in arm.stiffness))
+    run = rollout(FuzzyArmEnv(parameters=plant), load_policy(policy), policy_name=policy, case="nominal", seed=0)
+    assert 0.1 < metrics(run)["tip_error_max_mm"] < 0.25
+
+
 def test_results_file_holds_what_a_rerun_needs(evaluation, tmp_path):
     json_path, csv_path = write_results(evaluation, tmp_path)
     document = json.loads(json_path.read_text())
@@ -73,12 +119,12 @@ def test_results_file_holds_what_a_rerun_needs(evaluation, tmp_path):
     assert document["config"]["cases"] == ["nominal", "machining", "payload"]
     assert document["versions"]["numpy"] == np.__version__
     assert document["machine"]["cores"] >= 1
-    assert len(document["results"]) == len(csv_path.read_text().splitlines()) - 1 == 6
+    assert len(document["results"]) == len(csv_path.read_text().splitlines()) - 1 == len(evaluation.rows)
 
 
 def test_markdown_table_has_a_line_for_each_result(evaluation):
     lines = markdown_table(evaluation.rows).splitlines()
-    assert len(lines) == 2 + 6
+    assert len(lines) == 2 + len(evaluation.rows)
     assert len({line.count("|") for line in lines}) == 1
 
 

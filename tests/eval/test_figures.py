@@ -145,11 +145,23 @@ def test_the_magnification_falls_for_large_deviations():
     assert axes.get_title("left").endswith("× 2")
 
 
-def test_errors_in_millimetres_share_their_scale():
-    motor, link = draw_figures([episode(error=1e-3)])["nominal-circularity"].axes
+def test_circularity_is_that_of_the_tip_and_below_it_that_of_the_motors_on_the_same_scale():
+    link, motor = draw_figures([episode(error=1e-3)])["nominal-circularity"].axes
     np.testing.assert_allclose(curves(link, 60)[0].get_ydata(), 1e3 * episode().circularity_error)
     np.testing.assert_allclose(curves(motor, 60)[0].get_ydata(), 1e3 * episode().circularity_error_motor)
     assert motor.get_ylim() == link.get_ylim()
+    assert "circularity error" in link.get_ylabel()
+    assert "error" not in motor.get_ylabel()
+
+
+def test_tip_errors_decades_apart_are_all_seen():
+    good, bad = episode("good", error=3e-6), episode("bad", error=20e-3)
+    tip = draw_figures([good, bad])["overview"].axes[0]
+    assert tip.get_yscale() == "log"
+    assert tip.get_ylim() == (1e-3, 100.0)  # mm; from the decade of the best one's rms to that of the worst one's peak
+    for line, drawn in zip(curves(tip, 60), (good, bad), strict=True):
+        np.testing.assert_allclose(line.get_ydata(), np.maximum(1e3 * drawn.tip_error, 1e-3))
+    assert not tip.texts
 
 
 def test_an_episode_that_ended_early_is_marked():
@@ -167,11 +179,11 @@ def test_an_episode_that_ended_early_is_marked():
 @pytest.mark.parametrize("completed", [True, False])
 def test_a_policy_far_off_does_not_flatten_the_others(completed):
     figures = draw_figures([episode("good"), episode("bad", samples=50, error=20 * FOCUS * 1e-3, completed=completed)])
-    tip = figures["overview"].axes[0]
-    assert tip.get_ylim()[1] < 2.0  # mm; the good one reaches 1.4
-    assert "bad up to" in tip.texts[0].get_text()
-    for _, y in crosses(tip):
-        assert y == tip.get_ylim()[1]
+    error = figures["overview"].axes[1]
+    assert error.get_ylim()[1] < 1.2  # mm; the good one reaches 1.0
+    assert "bad up to" in error.texts[0].get_text()
+    for _, y in crosses(error):
+        assert y in error.get_ylim()
     assert not figures["nominal-torque"].axes[0].texts
 
 
@@ -204,7 +216,7 @@ def test_the_legend_fits_below_the_axes():
 
 def test_of_several_seeds_the_first_is_drawn():
     figure = draw_figures([episode(seed=0, error=1e-3), episode(seed=1, error=2e-3)])["nominal-circularity"]
-    (line,) = curves(figure.axes[1], 60)
+    (line,) = curves(figure.axes[0], 60)
     np.testing.assert_allclose(line.get_ydata(), 1e3 * episode(error=1e-3).circularity_error)
 
 
