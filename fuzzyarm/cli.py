@@ -58,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_design(commands)
     _add_verify(commands)
     _add_bench(commands)
+    _add_margins(commands)
     return parser
 
 
@@ -71,8 +72,9 @@ def _add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         "--policy",
         action="append",
         metavar="NAME",
-        help="fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json); may be repeated "
-        "(default: fuzzy-4 and computed-torque)",
+        help="fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip to "
+        "bring the tip to the reference instead of the motors, or elastic-observer; may be repeated (default: fuzzy-4, "
+        "computed-torque, both with -tip, and elastic-observer)",
     )
     parser.add_argument(
         "--case",
@@ -194,6 +196,25 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.json and the figure (default: none)")
     parser.add_argument("--json", action="store_true", help="print the results as JSON instead of the table")
     parser.set_defaults(run=_bench)
+
+
+def _add_margins(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "margins",
+        help="measure how far policies are from instability on the sampled elastic arm",
+        description="Linearise the loop of each policy with the sampled elastic arm along the paper's path; print its "
+        "spectral radius, nominal and with another loop gain, delay, stiffness or payload, and its gain margins.",
+    )
+    parser.add_argument(
+        "--policy",
+        action="append",
+        metavar="NAME",
+        help="fuzzy-4, computed-torque, ... or a controller file (.json); may be repeated (default: all by name)",
+    )
+    parser.add_argument("--robot", type=Path, metavar="FILE", help="TOML file of another arm (default: Table 1)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="results file to write (.json; default: none)")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON instead of the table")
+    parser.set_defaults(run=_margins)
 
 
 def _evaluate(options: argparse.Namespace) -> int:
@@ -337,6 +358,39 @@ def _bench(options: argparse.Namespace) -> int:
         print_speeds(document, Console() if sys.stdout.isatty() else Console(width=220))
         if written:
             print(f"\n{', '.join(path.name for path in written)} in {options.out}")
+    return 0
+
+
+def _margins(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from fuzzyarm.eval.margins_table import MarginsConfig, margins, print_margins
+    from fuzzyarm.files import write_atomically
+    from fuzzyarm.policies import NAMES
+
+    if options.out is not None:
+        if options.out.suffix != ".json" or options.out.is_dir():
+            raise UsageError(f"--out {options.out} must be a file ending in .json")
+        if not options.out.parent.is_dir():
+            raise UsageError(f"--out {options.out}: the folder {options.out.parent} does not exist")
+        _make_folder(options.out.parent)  # it is there; this sees that it can be written to
+    config = MarginsConfig(policies=tuple(options.policy or NAMES), robot=options.robot)
+    stderr = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
+        policies = bar.add_task("policies", total=len(config.policies))
+        document = margins(config, lambda: bar.advance(policies))
+    text = json.dumps(document, indent=1)
+    if options.out is not None:
+        write_atomically(options.out, text + "\n")
+    if options.json:
+        print(text)
+    else:
+        # Wide when piped: a plain table must not be folded.
+        print_margins(document, Console() if sys.stdout.isatty() else Console(width=400))
+        if options.out is not None:
+            print(f"\nwritten to {options.out}")
     return 0
 
 

@@ -71,6 +71,11 @@ def load_policy(
     )
 
 
+def policy_label(name: str) -> str:
+    """Return what a policy is called in tables and figures: its name, or its file's without folder and ``.json``."""
+    return Path(name).name.replace(".json", "")
+
+
 def _trusted_controller(path: Path, robot: ArmParameters, allow_unproven: bool) -> Controller:
     """Load a controller file, see that it was made for this robot, and prove every inequality anew."""
     from fuzzyarm.fuzzy_policy.certificate import certify

@@ -22,7 +22,7 @@ from fuzzyarm.fuzzy_policy.certificate import statement
 from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
 from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.tip import TipPolicy, tip_statement
-from fuzzyarm.policies import COMPARED, load_policy
+from fuzzyarm.policies import COMPARED, load_policy, policy_label
 
 SCHEMA = "fuzzyarm-evaluation/1"
 
@@ -98,7 +98,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         OSError: a controller file cannot be read.
     """
     policies = {
-        _label(name): load_policy(name, control_period=config.control_period, robot=config.parameters)
+        policy_label(name): load_policy(name, control_period=config.control_period, robot=config.parameters)
         for name in config.policies
     }
     if len(policies) < len(config.policies):
@@ -135,11 +135,6 @@ def certificate_text(policy: ModelBasedPolicy, reference: JointReference) -> str
     if isinstance(policy, TipPolicy) and isinstance(policy.law, FuzzyPolicy) and policy.law.controller.form != "paper":
         return f"{statement(policy.law.controller)} {tip_statement(reference)}"
     return None
-
-
-def _label(policy: str) -> str:
-    """Return what a policy is called in tables and figures: its name, or its file's without folder and ``.json``."""
-    return Path(policy).name.replace(".json", "")
 
 
 def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:
