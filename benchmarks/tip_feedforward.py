@@ -1,0 +1,80 @@
+"""What each part of the compensation of the bending joints is worth at the tip.
+
+    python benchmarks/tip_feedforward.py [--json FILE]
+
+A law that leads the motors along q_d; the same law on θ_d; with friction feedforward; with the feedforward averaged
+over the coming hold; with both, which is what the ending -tip stands for. Each in the three cases, and in the nominal
+case on plants whose stiffness is five percent off what the policy believes. A few seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.disturbances import CASES
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.rollout import Policy, rollout
+from fuzzyarm.files import write_atomically
+from fuzzyarm.fuzzy_policy.tip import TipPolicy
+
+LAWS = ("fuzzy-4", "computed-torque")
+VARIANTS: dict[str, dict[str, bool] | None] = {
+    "motors on q_d": None,
+    "motors on θ_d": {"friction": False, "average": False},
+    "and friction": {"friction": True, "average": False},
+    "and averaged hold": {"friction": False, "average": True},
+    "and both (-tip)": {"friction": True, "average": True},
+}
+WRONG = 0.05  # share by which the stiffness is off
+
+
+def tip_error(policy: Policy, case: str, stiffness: float = 1.0) -> dict[str, float]:
+    """Return maximum and rms tip error [mm] of one episode on a plant with `stiffness` times that of Table 1."""
+    arm = ArmParameters()
+    plant = dataclasses.replace(arm, stiffness=tuple(stiffness * k for k in arm.stiffness))
+    run = rollout(FuzzyArmEnv(case, parameters=plant), policy, policy_name="", case=case, seed=0)
+    values = metrics(run)
+    return {"max_mm": values["tip_error_max_mm"], "rms_mm": values["tip_error_rms_mm"]}
+
+
+def assess(law: str, variant: str) -> dict[str, Any]:
+    """Return one row."""
+    options = VARIANTS[variant]
+    policy = load_policy(law) if options is None else TipPolicy(load_policy(law), **options)
+    wrong = [tip_error(policy, "nominal", factor) for factor in (1.0 - WRONG, 1.0 + WRONG)]
+    return {
+        "law": law,
+        "variant": variant,
+        **{case: tip_error(policy, case) for case in CASES},
+        "stiffness_wrong": max(wrong, key=lambda errors: errors["max_mm"]),
+    }
+
+
+def main() -> None:
+    """Assess all variants, print and optionally write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
+    options = parser.parse_args()
+    rows = []
+    for law in LAWS:
+        for variant in VARIANTS:
+            rows.append(row := assess(law, variant))
+            cells = [
+                f"{key} {row[key]['max_mm']:.3g} / {row[key]['rms_mm']:.3g}" for key in (*CASES, "stiffness_wrong")
+            ]
+            print(f"{law:16} {variant:18} max / rms [mm]: {', '.join(cells)}", flush=True)
+    if options.json:
+        document = {"command": "python benchmarks/tip_feedforward.py", **provenance(), "wrong": WRONG, "rows": rows}
+        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
