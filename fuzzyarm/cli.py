@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import json
 import os
 import sys
@@ -59,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_verify(commands)
     _add_bench(commands)
     _add_margins(commands)
+    _add_train(commands)
     return parser
 
 
@@ -134,6 +136,13 @@ def _add_design(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         metavar="BOUND",
         help="bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units "
         "(default: as small as the rest allows)",
+    )
+    parser.add_argument(
+        "--fastest-pole",
+        type=float,
+        metavar="RATE",
+        help="bound of the decay rate from above [1/s]: the rigid loop frozen at any state of the box has no pole with "
+        "a real part below -RATE (default: no bound)",
     )
     parser.add_argument(
         "--common-multiplier",
@@ -217,6 +226,21 @@ def _add_margins(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.set_defaults(run=_margins)
 
 
+def _add_train(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    from fuzzyarm.rl_baselines.ppo_config import add_run_flags
+
+    parser = commands.add_parser("train", help="train a policy", description="Train a policy on the batched arms.")
+    algorithms = parser.add_subparsers(dest="algorithm", required=True, metavar="ALGORITHM")
+    ppo = algorithms.add_parser(
+        "ppo",
+        help="PPO of stable-baselines3; needs torch: pip install 'fuzzyarm[rl]'",
+        description="Train a policy with PPO of stable-baselines3; it needs pip install 'fuzzyarm[rl]'. The folder gets "
+        "curve.csv, checkpoint.pt and the policies policy/ (the last) and best/ (the smallest tip error).",
+    )
+    add_run_flags(ppo)
+    ppo.set_defaults(run=_train_ppo)
+
+
 def _evaluate(options: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -284,6 +308,7 @@ def _design(options: argparse.Namespace) -> int:
         gain_bound=options.gain_bound,
         integral=options.integral,
         common_multiplier=options.common_multiplier,
+        fastest_pole=options.fastest_pole,
     )
     parameters = ArmParameters.from_toml(options.robot) if options.robot else ArmParameters()
     stderr = Console(stderr=True)
@@ -391,6 +416,22 @@ def _margins(options: argparse.Namespace) -> int:
         print_margins(document, Console() if sys.stdout.isatty() else Console(width=400))
         if options.out is not None:
             print(f"\nwritten to {options.out}")
+    return 0
+
+
+def _train_ppo(options: argparse.Namespace) -> int:
+    from fuzzyarm.rl_baselines.ppo_config import chosen_run
+
+    config, folder = chosen_run(options)
+    try:
+        # By name: torch is optional, and only rl_baselines imports it.
+        training = importlib.import_module("fuzzyarm.rl_baselines.train_ppo")
+    except ModuleNotFoundError as error:
+        raise UsageError(f"{error.name} is not installed; pip install 'fuzzyarm[rl]'") from None
+    if config is not None:
+        _make_folder(folder)
+    training.run(config, folder)
+    print(f"written to {folder / 'policy'}")
     return 0
 
 

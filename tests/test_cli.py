@@ -191,7 +191,9 @@ def test_verify_proves_files_and_says_what_for(capsys):
     assert main(["verify", shipped("fuzzy-4.json"), shipped("paper-1-common.json")]) == 0
     out = capsys.readouterr().out
     assert out.count(": PROVEN") == 2
-    assert "7 of 7 inequalities proven in exact rational arithmetic" in out
+    assert "13 of 13 inequalities proven in exact rational arithmetic" in out
+    assert "poles of the loop frozen at any such state have real parts between -200 and -20 1/s" in out
+    assert out.count("for the error from theta_d") == 1  # the consistent form only
     assert out.count("Not covered: the elastic joints") == 2
     assert "proven     P > 0, margin" in out
     assert "feedforward residual in d is at most" in out

@@ -15,7 +15,7 @@ FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [
 DIRECTIONS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
 PULSE = 0.02  # [s]
 HELD = 2e-3  # [s], one torque of the power iteration
-POWER_STEPS = 30  # of the power iteration; twice as many raise the gains by 0.5 % at most
+POWER_STEPS = 40  # of the power iteration; twice as many raise the gains by 0.5 % at most
 
 
 @dataclasses.dataclass(frozen=True)

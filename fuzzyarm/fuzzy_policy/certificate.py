@@ -9,7 +9,7 @@ import numpy as np
 
 from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.fuzzy_policy import consistent_reference, theorem2
-from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
 from fuzzyarm.fuzzy_policy.exact import exact, is_positive_definite, rational, smallest_eigenvalue
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.fuzzy_policy.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
@@ -54,6 +54,7 @@ class Certificate:
 def certify(controller: Controller, progress: Callable[[], None] | None = None) -> Certificate:
     """Prove P > 0 and every inequality of the controller's form, from the stored gains (M := K P).
 
+    Those are Ψ of its theorem and, for a bound of the fastest pole, Φ of `consistent_reference`.
     The vertices are formed anew from the robot parameters, everything in exact rational arithmetic (`exact`).
     `progress` is called after each inequality.
     """
@@ -69,17 +70,29 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
             return np.asarray(theorem2.psi(data, i, k, **common, L=L[j, k], tau=tau[position, k]))
         return np.asarray(consistent_reference.psi(data, i, k, **common, tau=tau[position, k]))
 
+    families = {"Psi": psi}
+    if controller.fastest_pole is not None:
+        beta = rational(controller.fastest_pole)
+        pole_Q, pole_X, pole_tau = (exact(getattr(controller, name)) for name in POLE_ARRAYS)
+
+        def phi(i: int, j: int, k: int, position: int) -> np.ndarray:
+            slack = {"Q": pole_Q[position], "X": pole_X[position], "tau": pole_tau[position, k]}
+            return np.asarray(consistent_reference.phi(data, i, k, beta=beta, P=P, M=M[j, k], **slack))
+
+        families["Phi"] = phi
+
     claims = [_claim("P > 0", P)]
-    for position, (i, j) in enumerate(data.pairs):
-        for k in range(len(data.E)):
-            if i == j:
-                name, matrix = f"Psi_{i + 1},{i + 1},{k + 1} < 0", -psi(i, i, k, position)
-            else:
-                name = f"Psi_{i + 1},{j + 1},{k + 1} + Psi_{j + 1},{i + 1},{k + 1} < 0"
-                matrix = -psi(i, j, k, position) - psi(j, i, k, position)
-            claims.append(_claim(name, matrix))
-            if progress:
-                progress()
+    for letter, inequality in families.items():
+        for position, (i, j) in enumerate(data.pairs):
+            for k in range(len(data.E)):
+                if i == j:
+                    name, matrix = f"{letter}_{i + 1},{i + 1},{k + 1} < 0", -inequality(i, i, k, position)
+                else:
+                    name = f"{letter}_{i + 1},{j + 1},{k + 1} + {letter}_{j + 1},{i + 1},{k + 1} < 0"
+                    matrix = -inequality(i, j, k, position) - inequality(j, i, k, position)
+                claims.append(_claim(name, matrix))
+                if progress:
+                    progress()
     return Certificate(tuple(claims), statement(controller))
 
 
@@ -119,9 +132,15 @@ def statement(controller: Controller) -> str:
         return box + claim + NOT_COVERED
     dropped = [u.premise for u in model.uncertainties]
     residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
+    alpha, beta, strip = controller.alpha, controller.fastest_pole, ""
+    if beta is not None:
+        strip = (
+            f" and no faster than exp(-{beta:g} t), so that the poles of the loop frozen at any such state have real "
+            f"parts between -{beta:g} and -{alpha:g} 1/s"
+        )
     claim = (
-        f"without disturbance the tracking error decays at least as exp(-{controller.alpha:g} t), and from zero error "
-        f"the L2 gain from the disturbance torque d to the position error is at most {controller.gamma:.3g} rad/(N m). "
+        f"without disturbance the tracking error decays at least as exp(-{alpha:g} t){strip}, and from zero error the "
+        f"L2 gain from the disturbance torque d to the position error is at most {controller.gamma:.3g} rad/(N m). "
         f"d holds friction, tip forces and payload as joint torques{residual}. "
     )
     return box + claim + NOT_COVERED

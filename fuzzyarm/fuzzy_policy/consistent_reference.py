@@ -16,6 +16,16 @@ and V = ēᵀ P⁻¹ ē obeys V' + zᵀz - γ² dᵀd + 2αV < 0, z = C ē the p
 with one row block and one multiplier τ_l for each dropped premise (on A, or on E). K_jk = M_jk P⁻¹. Without
 the integral ē = e. The paper has one multiplier for all uncertainties of A and one for E; one each is less
 conservative. Bars are left out in Ψ.
+
+*Fastest pole.* Run backwards the error obeys Ē dē/d(-t) = -(Ā + B̄ K̄) ē, so V falls no faster than exp(-2βt),
+V' + 2βV > 0 where d = 0, if the inequality of a decay rate of -β holds for -A and -B, with the same P and M_jk and
+slack of its own: Φ_iik < 0 and Φ_ijk + Φ_jik < 0 for i < j, where
+
+            | He(Q_ij - βP)                        ⋆                               ⋆    |   ē
+    Φ_ijk = | -A_i P - B M_jk - E_k Q_ij + X_ijᵀ  -He(E_k X_ij) + Σ τ_l H_lᵀH_l   ⋆    |   ē' backwards
+            | W_l P  or  -W_l Q_ij                 0  or  -W_l X_ij               -τ_l I|
+
+At a frozen state -2βV < V' < -2αV puts the real part of every pole between -β and -α.
 """
 
 from __future__ import annotations
@@ -24,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.block_matrix import Block, he, identity, symmetric
+from fuzzyarm.fuzzy_policy.block_matrix import Block, he, identity, symmetric, zeros
 from fuzzyarm.fuzzy_policy.vertices import Vertices
 
 
@@ -58,21 +68,50 @@ def psi(
         block: `np.block` for arrays of floats or of exact rationals, `cvxpy.bmat` for cvxpy expressions.
     """
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
-    corner = -he(E @ X)
-    below: list[list[Any]] = []
-    for scale, term in zip(tau, data.uncertainties, strict=True):
-        H = data.error_rows(term.H.T).T
-        corner = corner + scale * (H.T @ H)
-        W_P, W_Q, W_X = (term.W @ matrix[:4, :] for matrix in (P, Q, X))
-        left, middle = (W_P, 0) if term.on == "A" else (-W_Q, -W_X)
-        below.append([left, middle, 0, 0, *[0] * len(below), -scale * identity(len(H))])
+    corner, uncertain = _uncertainty(data, P, Q, X, tau)
+    below = [[left, middle, 0, 0, *[0] * before, diagonal] for before, (left, middle, diagonal) in enumerate(uncertain)]
     return symmetric(
         [
             [he(Q + alpha * P)],
-            [A @ P + B @ M - E @ Q + X.T, corner],
+            [A @ P + B @ M - E @ Q + X.T, corner - he(E @ X)],
             [0, B.T, -gamma2 * identity(2)],
             [P[:2, :], 0, 0, -identity(2)],
             *below,
         ],
         block,
     )
+
+
+def phi(
+    data: Vertices, i: int, k: int, *, beta: Any, P: Any, M: Any, Q: Any, X: Any, tau: Any, block: Block = np.block
+) -> Any:
+    """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ.
+
+    Args:
+        data: the vertices, n = 4 or, with the integral, 6.
+        i: vertex of A, from 0.
+        k: vertex of E, from 0.
+        beta: bound β of the decay rate from above [1/s].
+        P: (n, n), that of Ψ.
+        M: M_jk, (2, n), that of Ψ.
+        Q: Q_ij, (n, n), not that of Ψ.
+        X: X_ij, (n, n), likewise.
+        tau: τ of the pair (i, j) and k, likewise.
+        block: see `psi`.
+    """
+    E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
+    corner, uncertain = _uncertainty(data, P, Q, X, tau)
+    below = [[left, middle, *[0] * before, diagonal] for before, (left, middle, diagonal) in enumerate(uncertain)]
+    return symmetric([[he(Q - beta * P)], [X.T - A @ P - B @ M - E @ Q, corner - he(E @ X)], *below], block)
+
+
+def _uncertainty(data: Vertices, P: Any, Q: Any, X: Any, tau: Any) -> tuple[Any, list[tuple[Any, Any, Any]]]:
+    """Return Σ τ_l H_lᵀH_l and, for each dropped premise, its row's blocks in the columns ē, ē' and its own."""
+    total, rows = zeros(data.n_e, data.n_e), []
+    for scale, term in zip(tau, data.uncertainties, strict=True):
+        H = data.error_rows(term.H.T).T
+        total = total + scale * (H.T @ H)
+        W_P, W_Q, W_X = (term.W @ matrix[:4, :] for matrix in (P, Q, X))
+        left, middle = (W_P, 0) if term.on == "A" else (-W_Q, -W_X)
+        rows.append((left, middle, -scale * identity(len(H))))
+    return total, rows

@@ -22,6 +22,8 @@ from fuzzyarm.fuzzy_policy.ts_model import TSModel
 SCHEMA = "fuzzyarm-controller/1"
 FORMS = ("consistent", "paper")
 ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
+POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")
+OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # not in the file where there is none
 MAX_BYTES = 64 * 1024 * 1024  # far above the largest model's file; a bigger one is not ours
 
 
@@ -52,6 +54,11 @@ class Controller:
         X: (p, n, n) slack.
         tau: (p, N_e, m) multipliers.
         origin: how it was made: objective, solver, versions.
+        fastest_pole: β [1/s], V falls no faster than exp(-2βt); None, like the three below, if no such bound is
+            claimed. Consistent form only.
+        pole_Q: (p, n, n) slack of that claim's inequalities.
+        pole_X: (p, n, n) slack.
+        pole_tau: (p, N_e, m) multipliers.
     """
 
     model: TSModel
@@ -68,6 +75,10 @@ class Controller:
     X: np.ndarray
     tau: np.ndarray
     origin: dict[str, str]
+    fastest_pole: float | None = None
+    pole_Q: np.ndarray | None = None
+    pole_X: np.ndarray | None = None
+    pole_tau: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -77,17 +88,24 @@ class Controller:
                 raise ControllerFileError(f"{name} = {value} is out of range; allowed: (0, inf)")
         if self.form not in FORMS:
             raise ControllerFileError(f"form = {self.form!r} is unknown; choose from: {', '.join(FORMS)}")
+        pole = self.fastest_pole
+        if pole is not None and not self.alpha < pole < math.inf:
+            raise ControllerFileError(f"fastest_pole = {pole} is out of range; allowed: (alpha, inf)")
         for name, shape in self._shapes().items():
             given = getattr(self, name)
             if shape is None or given is None:
                 if not (shape is None and given is None):
-                    raise ControllerFileError(f"{name} does not go with the {self.form} form")
+                    lone = name in POLE_ARRAYS and self.form == "consistent"
+                    other = f"fastest_pole = {pole}" if lone else f"the {self.form} form"
+                    raise ControllerFileError(f"{name} does not go with {other}")
                 continue
             array = np.array(given, dtype=np.float64)
             if array.shape != shape or not np.isfinite(array).all():
                 raise ControllerFileError(f"{name} must hold finite numbers of shape {shape}; it has {array.shape}")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        if pole is not None and self.form != "consistent":
+            raise ControllerFileError(f"fastest_pole does not go with the {self.form} form")
         n_e = self.gains.shape[-1]
         if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any():
             raise ControllerFileError("P must be symmetric and block diagonal")
@@ -96,7 +114,7 @@ class Controller:
 
     def _shapes(self) -> dict[str, tuple[int, ...] | None]:
         """Return the shape of each array; None where the form has none."""
-        paper = self.form == "paper"
+        paper, pole = self.form == "paper", self.fastest_pole is not None and self.form == "consistent"
         n_e, N, N_e = (6 if self.integral else 4), len(self.model.A_vertices), len(self.model.E_vertices)
         n, pairs, m = n_e + 4 * paper, N * (N + 1) // 2, len(self.model.uncertainties)
         if self.common_multiplier:
@@ -109,6 +127,9 @@ class Controller:
             "Q": (pairs, n, n),
             "X": (pairs, n, n),
             "tau": (pairs, N_e, m),
+            "pole_Q": (pairs, n, n) if pole else None,
+            "pole_X": (pairs, n, n) if pole else None,
+            "pole_tau": (pairs, N_e, m) if pole else None,
         }
 
     @property
@@ -138,6 +159,7 @@ class Controller:
             "gamma": self.gamma,
             "origin": self.origin,
             **{name: getattr(self, name) for name in ARRAYS},
+            **{name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None},
         }
         encoded = _encode(document)
         encoded["digest"] = _digest(encoded)
@@ -178,8 +200,9 @@ class Controller:
         model = TSModel(ArmParameters.from_dict(_decode(document["robot"])), tuple(document["kept"]))
         if not np.array_equal(np.array(_decode(document["bounds"])), model.bounds):
             raise ControllerFileError("the premise bounds do not belong to the robot parameters: the file was changed")
+        given = {name: document[name] for name in ARRAYS} | {name: document.get(name) for name in POLE_ARRAYS}
         arrays: dict[str, Any] = {
-            name: None if document[name] is None else np.array(_decode(document[name])) for name in ARRAYS
+            name: None if value is None else np.array(_decode(value)) for name, value in given.items()
         }
         # A model without dropped premises has no multipliers: JSON keeps no shape of an empty array.
         if arrays["tau"] is not None and arrays["tau"].size == 0:
@@ -192,6 +215,7 @@ class Controller:
             common_multiplier=document["common_multiplier"],
             alpha=_decode(document["alpha"]),
             gamma=_decode(document["gamma"]),
+            fastest_pole=_decode(document["fastest_pole"]) if "fastest_pole" in document else None,
             origin=origin,
             **arrays,
         )

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from fuzzyarm.synthesis.error_model import ErrorModel
+from fuzzyarm.synthesis.error_model import ErrorModel, reversed_time
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, inequality
 
 MARGIN = 1e-4  # strictness of the inequalities, in scaled units; far above the solver's rounding
@@ -34,6 +34,7 @@ class Problem:
             "M": |M_jk| <= gain, Remark 3 of the paper, and so |K_jk| <= gain/floor.
         floor: P11 >= floor I. Without one (0) a small |M| says nothing about K = M P11⁻¹.
         margin: μ, the inequalities hold as <= -μ I.
+        beta: β, V falls no faster than exp(-2βt); None for no such bound. Consistent form only.
     """
 
     alpha: float
@@ -43,6 +44,7 @@ class Problem:
     bound: Literal["K", "M"] = "K"
     floor: float = 1.0
     margin: float = MARGIN
+    beta: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers against each other."""
@@ -56,6 +58,8 @@ class Problem:
             raise ValueError("gamma is missing: give it or minimise it")
         if self.bound == "K" and self.floor <= 0.0 and (self.gain is not None or self.minimise == "gain"):
             raise ValueError(f"floor = {self.floor}: bounding K needs a positive one")
+        if self.beta is not None and not self.alpha < self.beta < math.inf:
+            raise ValueError(f"beta = {self.beta} is out of range; allowed: (alpha, inf), alpha = {self.alpha}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,6 +72,7 @@ class Program:
         b: (n_rows,).
         orders: order of each semidefinite cone; its rows are the upper triangle by columns, off-diagonals times √2.
         layout: places of the decision variables in the full vector.
+        backward: the same with the slack Q, X, τ of the inequalities of β in place of those of α; None without β.
         free: (n_x,), places of x in the full vector.
         given: the full vector, zero at the places of x.
     """
@@ -77,14 +82,18 @@ class Program:
     b: np.ndarray
     orders: list[int]
     layout: Variables
+    backward: Variables | None
     free: np.ndarray
     given: np.ndarray
 
-    def values(self, x: np.ndarray) -> Variables:
-        """Return the decision variables at x (n_x,); M, L (N, N_e, ...), Q, X (pairs, ...), tau (pairs, N_e, m)."""
+    def values(self, x: np.ndarray, layout: Variables | None = None) -> Variables:
+        """Return the decision variables at x (n_x,); M, L (N, N_e, ...), Q, X (pairs, ...), tau (pairs, N_e, m).
+
+        `layout` says which ones, by default `self.layout`.
+        """
         full = self.given.copy()
         full[self.free] = x
-        return self.layout.at(full)
+        return (layout or self.layout).at(full)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +114,12 @@ def program(model: ReducedModel, problem: Problem) -> Program:
     """Return the cone program of a design; see `Problem` for what is minimised."""
     system = model.system
     layout, size = _layout(system, (len(system.A), len(system.E)), (len(system.pairs),))
-    families = [_inequalities(model, problem, layout), _floor(system, problem, layout)]
+    families = [_inequalities(model, problem, problem.alpha, layout)]
+    backward = None
+    if problem.beta is not None:
+        backward, size = _own_slack(layout, size)
+        families.append(_inequalities(ReducedModel.of(reversed_time(system)), problem, -problem.beta, backward))
+    families.append(_floor(system, problem, layout))
     if problem.gain is not None or problem.minimise == "gain":
         families.append(_gain_bound(system, problem, layout))
     A, b = _stack(families, size)
@@ -119,7 +133,7 @@ def program(model: ReducedModel, problem: Problem) -> Program:
         q[layout.gain if problem.minimise == "gain" else layout.gamma2] = 1.0
     free = np.flatnonzero(~fixed)
     orders = [cones.order for cones in families for _ in cones.constant]
-    return Program(q[free], A[:, free], b - A @ given, orders, layout, free, given)
+    return Program(q[free], A[:, free], b - A @ given, orders, layout, backward, free, given)
 
 
 def svec(matrix: np.ndarray) -> np.ndarray:
@@ -140,6 +154,14 @@ def _layout(system: ErrorModel, vertices: tuple[int, ...], pairs: tuple[int, ...
     ends = len(row) + np.cumsum([math.prod(shape) for shape in shapes])
     rest = [np.arange(end - math.prod(shape), end).reshape(shape) for end, shape in zip(ends, shapes, strict=True)]
     return Variables(P, *rest), int(ends[-1])
+
+
+def _own_slack(layout: Variables, size: int) -> tuple[Variables, int]:
+    """Return the layout with places behind the first `size` for Q, X and τ, and the new size."""
+    parts = (layout.Q, layout.X, layout.tau)
+    ends = size + np.cumsum([part.size for part in parts])
+    Q, X, tau = (np.arange(end - p.size, end).reshape(p.shape) for p, end in zip(parts, ends, strict=True))
+    return dataclasses.replace(layout, Q=Q, X=X, tau=tau), int(ends[-1])
 
 
 def _affine(
@@ -166,13 +188,13 @@ def _places(layout: Variables, i: np.ndarray, k: np.ndarray, pair: np.ndarray) -
     return np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
 
 
-def _inequalities(model: ReducedModel, problem: Problem, layout: Variables) -> _Cones:
+def _inequalities(model: ReducedModel, problem: Problem, alpha: float, layout: Variables) -> _Cones:
     """Return (R_ijk + R_jik)/2 + μI <= 0, rows in units, for all pairs i <= j and all k; R_ijk has A_ik and M_jk."""
     system = model.system
     vertex_i, vertex_k = np.ogrid[: len(system.A), : len(system.E)]
 
     def matrix(v: Variables) -> np.ndarray:
-        R = inequality(model, vertex_i[..., np.newaxis], vertex_k[..., np.newaxis], problem.alpha, v)
+        R = inequality(model, vertex_i[..., np.newaxis], vertex_k[..., np.newaxis], alpha, v)
         unit = _row_units(model, problem, R.shape[-1])
         return R * np.outer(unit, unit) + problem.margin * np.eye(len(unit))
 

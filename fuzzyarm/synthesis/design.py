@@ -29,6 +29,7 @@ PAPER_WEIGHT = (1e-5, 1e-5, 1.0, 1.0)
 BEST_SCALE = {True: 0.37, False: 0.6}
 PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
 FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)
+FIRST_ALPHA = 1.0  # 1/s, where the search for the largest decay rate begins
 
 
 class DesignFailed(ValueError):
@@ -48,6 +49,8 @@ class Specification:
             of joint 1 stays below it and the others in proportion to their units.
         integral: whether to feed back the integral of the position error (Remark 2).
         common_multiplier: one multiplier for all dropped premises of A, as Theorem 2 prints it.
+        fastest_pole: bound β [1/s] of the decay from above, so that the real part of every pole of the frozen rigid
+            loop lies between -β and -alpha; None for no bound. Consistent form only.
     """
 
     kept: tuple[str, ...] = NAMED_RULES[4]
@@ -57,15 +60,25 @@ class Specification:
     gain_bound: float | None = None
     integral: bool = True
     common_multiplier: bool = False
+    fastest_pole: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers, each and together."""
         if self.form not in ("consistent", "paper"):
             raise ValueError(f"form = {self.form!r} is unknown; choose from: consistent, paper")
-        for name, unit in (("alpha", "1/s"), ("gamma", "rad/(N m)"), ("gain_bound", "N m/rad")):
+        units = {"alpha": "1/s", "gamma": "rad/(N m)", "gain_bound": "N m/rad", "fastest_pole": "1/s"}
+        for name, unit in units.items():
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} = {value} {unit} is out of range; allowed: (0, inf) {unit}")
+        if self.fastest_pole is not None:
+            if self.form != "consistent":
+                raise ValueError("fastest_pole goes with the consistent form: leave it out, or choose that form")
+            if self.fastest_pole <= (self.alpha or FIRST_ALPHA):
+                raise ValueError(
+                    f"fastest_pole = {self.fastest_pole:g} 1/s is out of range; allowed: above alpha, "
+                    f"{self.alpha or FIRST_ALPHA:g} 1/s"
+                )
         missing = [name for name in ("alpha", "gamma", "gain_bound") if getattr(self, name) is None]
         if len(missing) > 1:
             raise ValueError(
@@ -103,7 +116,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     parameters = parameters or ArmParameters()
     model = TSModel(parameters, specification.kept)
     begin = time.perf_counter()
-    best = _smallest_gamma(model, specification) if specification.gamma is None else _first(model, specification)
+    best = _best(model, specification)
     solve_seconds = time.perf_counter() - begin
     if best is None:
         raise DesignFailed(_explain(model, specification))
@@ -121,6 +134,11 @@ def error_system(model: TSModel, specification: Specification) -> ErrorModel:
         return consistent_reference(model, specification.integral)
     weight = np.array(PAPER_WEIGHT)
     return paper_form(model, specification.integral, weight, common_multiplier=specification.common_multiplier)
+
+
+def _best(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
+    """Return the solution of a specification and its scaling, None if there is none."""
+    return _smallest_gamma(model, specification) if specification.gamma is None else _first(model, specification)
 
 
 def _first(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
@@ -181,10 +199,11 @@ def scaled_problem(model: TSModel, specification: Specification, factor: float) 
     scaling = Scaling.of(system, model.parameters, factor * natural)
     gain = None if specification.gain_bound is None else specification.gain_bound / _stiffness(unit)
     problem = Problem(
-        alpha=(specification.alpha or 1.0) / scaling.time,
+        alpha=(specification.alpha or FIRST_ALPHA) / scaling.time,
         gamma=specification.gamma,
         gain=gain,
         minimise="gamma" if specification.gamma is None else "gain" if gain is None else "nothing",
+        beta=None if specification.fastest_pole is None else specification.fastest_pole / scaling.time,
     )
     return scaling, scaling.apply(system), problem
 
@@ -203,31 +222,58 @@ def scaled_gain(controller: Controller) -> float:
 
 
 def _explain(model: TSModel, specification: Specification) -> str:
-    """Return the specification and the largest α that works, found by halving."""
-    s = specification
+    """Return the specification and what would have to give: the fastest pole if it is to blame, else α."""
+    s, alpha = specification, specification.alpha or FIRST_ALPHA
     bound = "" if s.gain_bound is None else f", gain bound {s.gain_bound:g} N m/rad"
+    bound += "" if s.fastest_pole is None else f", fastest pole {s.fastest_pole:g} 1/s"
     head = (
         f"infeasible: {model.rules} rules (kept: {', '.join(model.kept) or 'none'}), {s.form} form, "
-        f"alpha = {s.alpha or 1.0:g} 1/s, gamma = {'free' if s.gamma is None else f'{s.gamma:g}'}{bound}"
+        f"alpha = {alpha:g} 1/s, gamma = {'free' if s.gamma is None else f'{s.gamma:g}'}{bound}"
     )
-    alpha = largest_alpha(model, specification)
-    if alpha is None:
-        return f"{head}; no decay rate down to {1e-3 * (s.alpha or 1.0):g} 1/s helps: raise gamma or the gain bound"
-    return f"{head}; alpha would have to give: the largest that works is about {alpha:.3g} 1/s"
+    pole = smallest_pole(model, specification)
+    if pole is not None:
+        return f"{head}; fastest_pole would have to give: the smallest that works is about {pole:.3g} 1/s"
+    largest = largest_alpha(model, specification)
+    if largest is None:
+        return f"{head}; no decay rate down to {1e-3 * alpha:g} 1/s helps: raise gamma or the gain bound"
+    return f"{head}; alpha would have to give: the largest that works is about {largest:.3g} 1/s"
+
+
+def smallest_pole(model: TSModel, specification: Specification, resolution: float = 0.05) -> float | None:
+    """Return the smallest feasible bound of the fastest pole [1/s] from the specified one up, by bisection.
+
+    None if none is specified or no larger one is feasible either.
+    """
+    if specification.fastest_pole is None:
+        return None
+
+    def works(pole: float | None) -> bool:
+        return _best(model, dataclasses.replace(specification, fastest_pole=pole)) is not None
+
+    low = high = specification.fastest_pole
+    if not works(None):
+        return None
+    while not works(high):
+        low, high = high, 2.0 * high
+        if high > 1e3 * specification.fastest_pole:
+            return None
+    while high > low * (1.0 + resolution):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if works(middle) else (middle, high)
+    return high
 
 
 def largest_alpha(model: TSModel, specification: Specification, resolution: float = 0.02) -> float | None:
     """Return the largest feasible α [1/s] below the specified one, by bisection; None if there is none."""
 
     def works(alpha: float) -> bool:
-        asked = dataclasses.replace(specification, alpha=alpha)
-        return (_smallest_gamma if asked.gamma is None else _first)(model, asked) is not None
+        return _best(model, dataclasses.replace(specification, alpha=alpha)) is not None
 
-    high = specification.alpha or 1.0
+    high = specification.alpha or FIRST_ALPHA
     low = high
     while not works(low):
         high, low = low, low / 4.0
-        if low < 1e-3 * (specification.alpha or 1.0):
+        if low < 1e-3 * (specification.alpha or FIRST_ALPHA):
             return None
     while high > low * (1.0 + resolution):
         middle = math.sqrt(low * high)
@@ -239,6 +285,9 @@ def to_controller(model: TSModel, specification: Specification, scaling: Scaling
     """Return the solution in SI units as a controller."""
     P, M, L, Q, X, tau = scaling.restore(solution.P, solution.M, solution.L, solution.Q, solution.X, solution.tau)
     P = 0.5 * (P + P.T)
+    pole_Q, pole_X, pole_tau = (None, None, None)
+    if solution.backward is not None:
+        *_, pole_Q, pole_X, pole_tau = scaling.restore(solution.P, solution.M, solution.L, *solution.backward)
     n_e = M.shape[-1]
     paper = specification.form == "paper"
     return Controller(
@@ -260,6 +309,10 @@ def to_controller(model: TSModel, specification: Specification, scaling: Scaling
             "status": solution.status,
             **{name: version(name) for name in ("fuzzyarm", "clarabel")},
         },
+        fastest_pole=specification.fastest_pole,
+        pole_Q=pole_Q,
+        pole_X=pole_X,
+        pole_tau=pole_tau,
     )
 
 
@@ -269,11 +322,12 @@ def describe(result: Design) -> str:
     model = controller.model
     kept, dropped = ", ".join(model.kept) or "none", ", ".join(u.premise for u in model.uncertainties) or "none"
     multipliers = "one multiplier for all of A" if controller.common_multiplier else "one multiplier each"
+    pole = "" if controller.fastest_pole is None else f"fastest pole {controller.fastest_pole:g} 1/s, "
     names = ["K q1", "K q2", "K dq1", "K dq2"] + (["H q1", "H q2"] if controller.integral else [])
     lines = [
         f"{model.rules} rules: kept {kept}; as uncertainty: {dropped}, {multipliers}; {controller.form} form, "
         f"{'with' if controller.integral else 'without'} integral",
-        f"alpha = {controller.alpha:g} 1/s, gamma = {controller.gamma:.4g}, {controller.origin['objective']}; "
+        f"alpha = {controller.alpha:g} 1/s, gamma = {controller.gamma:.4g}, {pole}{controller.origin['objective']}; "
         f"{result.variables} variables, {result.rows} cone rows, solved in {result.solve_seconds:.2f} s",
         f"all {len(certificate.claims)} inequalities proven in exact rational arithmetic from the stored gains in "
         f"{result.proof_seconds:.2f} s, smallest margin {certificate.margin:.2g}",

@@ -120,6 +120,29 @@ def paper_form(model: TSModel, integral: bool, weight: np.ndarray, *, common_mul
     return ErrorModel(E, A, B, D, C, (n_e, 4), range(2, 8), blocks, np.eye(8))
 
 
+def reversed_time(system: ErrorModel) -> ErrorModel:
+    """Return the model of the same motion run backwards and without w: E dx/d(-t) = -A x - B u, the Δ keep their bound.
+
+    V falls no faster than exp(-2βt) if and only if it grows no faster backwards: the inequality of a decay rate of -β
+    for this model, with no rows w and z.
+
+    Raises:
+        ValueError: the model is of the paper's form, where the reference model alone has a pole at -62 rad/s.
+    """
+    if len(system.feedforward):
+        raise ValueError("a bound of the fastest pole goes with the consistent form only")
+    n = len(system.B)
+    return dataclasses.replace(
+        system,
+        A=[[-A for A in per_k] for per_k in system.A],
+        B=-system.B,
+        D=[np.zeros((n, 0)) for _ in system.D],
+        C=np.zeros((0, n)),
+        uncertainties=[dataclasses.replace(block, Ww=block.Ww[:, :0]) for block in system.uncertainties],
+        disturbance_weight=np.zeros((0, 0)),
+    )
+
+
 def _error_vertices(model: TSModel, n: int) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
     """Return Ē_k, Ā_i (n, n) and B̄ (n, 2): the vertices, with ẋ_I = C_p e appended for n = 6."""
     E, A = [], []

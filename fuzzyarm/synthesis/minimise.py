@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from fuzzyarm.synthesis.conic import Problem, Program, program
-from fuzzyarm.synthesis.error_model import ErrorModel
+from fuzzyarm.synthesis.error_model import ErrorModel, reversed_time
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, blended, expand
 
 TOLERANCE = 0.01  # of the solver, times the margin: what it leaves open may not eat the margin up
@@ -34,7 +34,7 @@ class Infeasible(ValueError):
         found = "a proof that there is none" if ray is not None else f"a point with margin {margin:.2g}"
         super().__init__(
             f"no strictly feasible point for {problem}: the solver ended with {status} and {found}; "
-            "lower alpha or the floor, raise gamma or gain"
+            "lower alpha or the floor, raise gamma, gain or beta"
         )
 
 
@@ -60,6 +60,7 @@ class Solution:
         solve_time: seconds.
         variables: their number.
         rows: of the cones, upper triangles.
+        backward: Q, X (pairs, n, n) and τ (pairs, N_e, m) of the full inequality of β; None without β.
     """
 
     problem: Problem
@@ -79,6 +80,7 @@ class Solution:
     solve_time: float
     variables: int
     rows: int
+    backward: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
 
 def solve(system: ErrorModel, problem: Problem) -> Solution:
@@ -96,17 +98,21 @@ def solve(system: ErrorModel, problem: Problem) -> Solution:
     if status in INFEASIBLE:
         raise Infeasible(problem, cone, status, -math.inf, np.array(answer.z))
     v = cone.values(np.array(answer.x))
-    R = blended(model, problem.alpha, v)
-    margin = _margin(R, v)
+    inequalities = [(model, v, blended(model, problem.alpha, v))]
+    if problem.beta is not None:
+        reverse, own = ReducedModel.of(reversed_time(system)), cone.values(np.array(answer.x), cone.backward)
+        inequalities.append((reverse, own, blended(reverse, -problem.beta, own)))
+    margin = min(_margin(R, v) for _, v, R in inequalities)
     if not margin > 0.0:
         raise Infeasible(problem, cone, status, margin, None)
-    Q, X = expand(model, v, R)
+    (Q, X, tau), *backward = [(*expand(*one), one[1].tau) for one in inequalities]
     gains = v.M @ np.linalg.inv(v.P[: v.M.shape[-1], : v.M.shape[-1]])
     return Solution(
-        problem=problem, P=v.P, M=v.M, L=v.L, Q=Q, X=X, tau=v.tau,
+        problem=problem, P=v.P, M=v.M, L=v.L, Q=Q, X=X, tau=tau,
         gamma=math.sqrt(v.gamma2 / model.weight_norm), gain=float(np.linalg.norm(gains, ord=2, axis=(-2, -1)).max()),
         margin=margin, objective=float(answer.obj_val), status=status, iterations=answer.iterations,
         build_time=built - start, solve_time=time.perf_counter() - built, variables=len(cone.q), rows=len(cone.b),
+        backward=backward[0] if backward else None,
     )  # fmt: skip
 
 
@@ -126,7 +132,7 @@ def fastest(system: ErrorModel, problem: Problem, resolution: float = 0.01) -> S
     """
     if problem.gain is None:
         raise ValueError("gain is missing: without a bound of the gains the decay rate has none")
-    best, high = solve(system, problem), math.inf
+    best, high = solve(system, problem), problem.beta or math.inf
     while high > best.problem.alpha * (1.0 + resolution):
         low = best.problem.alpha
         alpha = 2.0 * low if math.isinf(high) else math.sqrt(low * high)

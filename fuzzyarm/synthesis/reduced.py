@@ -94,8 +94,9 @@ class ReducedModel:
 
     @property
     def weight_norm(self) -> float:
-        """|weight|, the spectral norm."""
-        return float(np.linalg.norm(self.system.disturbance_weight, ord=2))
+        """|weight|, the spectral norm; 1 without w."""
+        weight = self.system.disturbance_weight
+        return float(np.linalg.norm(weight, ord=2)) if weight.size else 1.0
 
     @classmethod
     def of(cls, system: ErrorModel) -> ReducedModel:

@@ -137,7 +137,7 @@ def test_the_paper_form_is_refused() -> None:
     controller = shipped("fuzzy-4").controller
     other = dataclasses.replace(
         controller, form="paper", weight=np.ones(4), feedforward=np.zeros((2, 2, 2, 6)), P=np.eye(10),
-        Q=np.zeros((3, 10, 10)), X=np.zeros((3, 10, 10)),
+        Q=np.zeros((3, 10, 10)), X=np.zeros((3, 10, 10)), fastest_pole=None, pole_Q=None, pole_X=None, pole_tau=None,
     )  # fmt: skip
     with pytest.raises(ValueError, match="consistent form"):
         RigidLoop(other)
@@ -159,7 +159,7 @@ def test_runge_kutta_converges_with_order_four() -> None:
     steps, exact = np.array([4e-3, 3e-3, 2e-3, 1e-3]), end(2e-4)
     deviations = [np.abs(end(step) / exact - 1.0).max() for step in steps]
     assert 3.8 < np.polyfit(np.log(steps), np.log(deviations), 1)[0] < 4.6
-    assert deviations[-1] < 1e-5
+    assert np.abs(end(5e-4) / exact - 1.0).max() < 2e-6
 
 
 def test_disturbances_are_joined_by_straight_lines() -> None:
@@ -239,7 +239,9 @@ def test_the_slowest_start_shows_the_rate_and_no_less(name: str) -> None:
     loop = shipped(name)
     P, alpha = loop.controller.P, loop.controller.alpha
     found = search(loop, lambda F, G, omega: -lyapunov_rate(F, P))
-    q, dq = found.q[np.newaxis], 0.98 * found.dq[np.newaxis]
+    dq = 0.98 * found.dq[np.newaxis]
+    room = np.pi - 0.02 * np.abs(dq) - 0.01  # a worst posture at the border of the box must not be left outwards
+    q = np.clip(found.q[np.newaxis], -room, room)
     start = 1e-3 * slowest_error(frozen(loop, q, dq)[0], P)
     run = simulate(loop, Uniform(q - start[:, :2], dq - start[:, 2:4]), start, NOTHING, 0.02, step=1e-4)
     assert run.in_box.all() and decays(run, alpha) and not decays(run, 1.03 * alpha)

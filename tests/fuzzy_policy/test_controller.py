@@ -4,13 +4,15 @@ import dataclasses
 import json
 import math
 import re
+from importlib import resources
 
 import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError, _digest
+from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller, ControllerFileError, _digest
+from fuzzyarm.synthesis.design import Specification, design
 
 
 @pytest.fixture(scope="module")
@@ -18,9 +20,19 @@ def controller():
     return load_policy("fuzzy-4").controller
 
 
+@pytest.fixture(scope="module")
+def limited():
+    """Return a controller that claims a bound of its fastest pole, too."""
+    return design(Specification(fastest_pole=200.0)).controller
+
+
 @pytest.fixture
 def document(controller):
     return json.loads(controller.to_json())
+
+
+def without_fastest_pole(controller):
+    return dataclasses.replace(controller, fastest_pole=None, **dict.fromkeys(POLE_ARRAYS))
 
 
 def write(tmp_path, content):
@@ -136,11 +148,11 @@ def test_any_changed_digit_is_noticed(document, tmp_path):
 
 
 def test_an_unproven_controller_is_taken_only_when_told_so(document, tmp_path):
-    document["alpha"] = (200.0).hex()
+    document["alpha"] = (100.0).hex()
     path = write(tmp_path, document)
     with pytest.raises(ControllerFileError, match="allow_unproven=True"):
         load_policy(path)
-    assert load_policy(path, allow_unproven=True).controller.alpha == 200.0
+    assert load_policy(path, allow_unproven=True).controller.alpha == 100.0
 
 
 def test_a_changed_gain_is_refused_by_load_policy(document, tmp_path):
@@ -180,6 +192,7 @@ def test_an_interrupted_save_leaves_the_old_file(controller, tmp_path, monkeypat
 
 
 def test_a_controller_without_integral_has_four_states(controller):
+    controller = without_fastest_pole(controller)
     cut = {
         "gains": controller.gains[..., :4],
         "P": controller.P[:4, :4],
@@ -189,3 +202,75 @@ def test_a_controller_without_integral_has_four_states(controller):
     assert dataclasses.replace(controller, integral=False, **cut).gains.shape == (2, 2, 2, 4)
     with pytest.raises(ControllerFileError, match=r"gains must hold finite numbers of shape \(2, 2, 2, 4\)"):
         dataclasses.replace(controller, integral=False)
+
+
+def test_a_fastest_pole_and_its_slack_survive_the_round_trip(limited, tmp_path):
+    limited.save(tmp_path / "copy.json")
+    copy = load_policy(tmp_path / "copy.json").controller
+    assert copy.fastest_pole == 200.0
+    for field in POLE_ARRAYS:
+        np.testing.assert_array_equal(getattr(copy, field), getattr(limited, field))
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(copy, field).flat[0] = 0.0
+    assert copy.to_json() == limited.to_json()
+
+
+def test_a_model_without_dropped_premises_has_no_multipliers_of_its_fastest_pole(limited):
+    model = dataclasses.replace(limited.model, kept=("z1", "z2", "z3", "z4", "z5"))
+    shapes = {
+        "gains": (16, 2, 2, 6),
+        **dict.fromkeys(("Q", "X", "pole_Q", "pole_X"), (136, 6, 6)),
+        **dict.fromkeys(("tau", "pole_tau"), (136, 2, 0)),
+    }
+    whole = dataclasses.replace(limited, model=model, **{name: np.zeros(shape) for name, shape in shapes.items()})
+    copy = Controller._from_document(json.loads(whole.to_json()))
+    assert {name: getattr(copy, name).shape for name in shapes} == shapes
+
+
+def test_files_without_a_fastest_pole_say_nothing_of_it(controller):
+    """What older versions wrote is read and written as before."""
+    text = without_fastest_pole(controller).to_json()
+    assert "pole" not in text
+    assert Controller._from_document(json.loads(text)).to_json() == text
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("fastest_pole", None, "hexadecimal"),
+        ("fastest_pole", 200.0, "hexadecimal"),
+        ("fastest_pole", "inf", "fastest_pole = inf is out of range"),
+        ("fastest_pole", "nan", "fastest_pole = nan is out of range"),
+        ("fastest_pole", (20.0).hex(), r"fastest_pole = 20.0 is out of range; allowed: \(alpha, inf\)"),
+        ("fastest_pole", ["0x1p+8"], "must be|not supported"),
+        ("pole_Q", None, "pole_Q does not go with fastest_pole = 200.0"),
+        ("pole_X", [["0x1p+0"]], "pole_X must hold"),
+        ("pole_tau", [], "pole_tau must hold"),
+    ],
+)
+def test_a_wrong_fastest_pole_is_refused(limited, tmp_path, key, value, message):
+    document = json.loads(limited.to_json())
+    document[key] = value
+    with pytest.raises(ControllerFileError, match=message):
+        Controller.load(write(tmp_path, document))
+
+
+@pytest.mark.parametrize("key", ["fastest_pole", *POLE_ARRAYS])
+def test_a_fastest_pole_without_its_slack_or_the_other_way_round_is_refused(limited, tmp_path, key):
+    document = json.loads(limited.to_json())
+    del document[key]
+    with pytest.raises(ControllerFileError, match=r"pole_.* does not go with fastest_pole = "):
+        Controller.load(write(tmp_path, document))
+
+
+def test_the_form_of_the_paper_has_no_fastest_pole():
+    paper = Controller.load(resources.files("fuzzyarm.fuzzy_policy.controllers") / "paper-1.json")
+    with pytest.raises(ControllerFileError, match="fastest_pole does not go with the paper form"):
+        dataclasses.replace(paper, fastest_pole=200.0)
+
+
+def test_a_smaller_fastest_pole_than_proven_is_refused_by_load_policy(limited, tmp_path):
+    document = json.loads(limited.to_json())
+    document["fastest_pole"] = (60.0).hex()
+    with pytest.raises(ControllerFileError, match="first: Phi_1,1,1 < 0"):
+        load_policy(write(tmp_path, document))

@@ -25,7 +25,7 @@ SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PRE
 every_subset = pytest.mark.parametrize("kept", SUBSETS, ids=lambda kept: "+".join(kept) or "none")
 with_and_without_integral = pytest.mark.parametrize("integral", [False, True], ids=["e", "e+x_I"])
 both_multipliers = pytest.mark.parametrize("common", [False, True], ids=["own-tau", "common-tau"])
-both_forms = pytest.mark.parametrize("form", ["theorem2", "consistent"])
+every_form = pytest.mark.parametrize("form", ["theorem2", "consistent", "fastest pole"])
 
 
 def he(matrix):
@@ -46,7 +46,13 @@ def positive(rng, n):
 def vertices_of(form, model, integral, common=False):
     if form == "theorem2":
         return tracking_vertices(model, integral, WEIGHT, common_multiplier=common), theorem2.psi
-    return error_vertices(model, integral, common_multiplier=common), consistent_reference.psi
+    psi = {"consistent": consistent_reference.psi, "fastest pole": fastest_pole}[form]
+    return error_vertices(model, integral, common_multiplier=common), psi
+
+
+def fastest_pole(data, i, k, *, alpha, gamma2, **values):
+    """Return Φ_ijk for β = `alpha`, by the signature of Ψ; there is no γ in it."""
+    return consistent_reference.phi(data, i, k, beta=alpha, **values)
 
 
 def draw(rng, data, form):
@@ -63,7 +69,7 @@ def draw(rng, data, form):
         "tau": rng.uniform(0.5, 2.0, size=len(data.uncertainties)),
         "gamma2": rng.uniform(0.5, 2.0),
     }
-    if form == "consistent":
+    if form != "theorem2":
         del values["L"]
     return values
 
@@ -125,6 +131,19 @@ def test_the_consistent_form_is_the_general_form(kept, integral):
     for i, k in itertools.product(range(len(data.A)), range(len(data.E))):
         values = draw(rng, data, "consistent")
         ours, theirs = consistent_reference.psi(data, i, k, alpha=ALPHA, **values), general_psi(system, i, k, **values)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-10)
+
+
+@every_subset
+@with_and_without_integral
+def test_the_fastest_pole_is_the_general_form_of_the_reversed_motion(kept, integral):
+    """Φ for β is the general inequality for α = -β of the model with -A and -B, without w and z."""
+    model, rng = TSModel(ARM, kept), np.random.default_rng(0)
+    data = error_vertices(model, integral)
+    system = error_model.reversed_time(error_model.consistent_reference(model, integral))
+    for i, k in itertools.product(range(len(data.A)), range(len(data.E))):
+        values = draw(rng, data, "fastest pole")
+        ours, theirs = fastest_pole(data, i, k, alpha=-ALPHA, **values), general_psi(system, i, k, **values)
         np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-10)
 
 
@@ -193,6 +212,24 @@ def dropped(model, term, z):
     f = [(z - middle)[PREMISES.index(name)] / radius[PREMISES.index(name)] for name in term.premises]
     assert max(map(abs, f)) <= 1.0
     return np.diag(np.repeat(f, [rows[name] for name in term.premises]))
+
+
+def consistent_motion(rng, model, data, family, d):
+    """Return z, ē, ē' of the nonlinear arm at a random state, with x_r = (q_d, q̇_d) and the cancelling feedforward.
+
+    d is all that turns the joints besides: what the dropped premises leave of the feedforward is in it.
+    """
+    q, dq, z = random_arm_state(rng)
+    x_p, x_r, x_I, ddq_d = np.concatenate([q, dq]), *(rng.normal(size=size) for size in (4, data.n_e - 4, 2))
+    x_r_dot = np.concatenate([x_r[2:], ddq_d])
+    e = np.concatenate([x_p - x_r, x_I])
+    h, v = model.weights(z)
+    A_h, E_v = np.tensordot(h, model.A_vertices, axes=1), np.tensordot(v, model.E_vertices, axes=1)
+    feedback = np.einsum("j,k,jkab->ab", h, v, family.M) @ np.linalg.solve(family.P, e)
+    feedforward = (E_v @ x_r_dot - A_h @ x_r)[2:]
+    torque = d - ((model.A(z) - A_h) @ x_r - (model.E(z) - E_v) @ x_r_dot)[2:]
+    x_p_dot = np.concatenate([dq, acceleration(q, dq, feedback + feedforward + torque)])
+    return z, e, np.concatenate([x_p_dot - x_r_dot, e[: data.n_e - 4]])
 
 
 def check_dissipation(family, model, data, z, *, x, x_dot, w, y_error_rate, signals, dissipation, magnitude):
@@ -269,18 +306,8 @@ def test_the_consistent_form_is_the_dissipation_of_the_nonlinear_arm(kept, integ
     data, psi = vertices_of("consistent", model, integral, common)
     family, n_e = Family.draw(rng, data, "consistent", psi), data.n_e
     for _ in range(3):
-        q, dq, z = random_arm_state(rng)
-        x_p, x_r, x_I, ddq_d, torque = np.concatenate([q, dq]), *(rng.normal(size=size) for size in (4, n_e - 4, 2, 2))
-        x_r_dot = np.concatenate([x_r[2:], ddq_d])
-        e = np.concatenate([x_p - x_r, x_I])
-        h, v = model.weights(z)
-        A_h, E_v = np.tensordot(h, model.A_vertices, axes=1), np.tensordot(v, model.E_vertices, axes=1)
-        feedback = np.einsum("j,k,jkab->ab", h, v, family.M) @ np.linalg.solve(family.P, e)
-        feedforward = (E_v @ x_r_dot - A_h @ x_r)[2:]
-        x_p_dot = np.concatenate([dq, acceleration(q, dq, feedback + feedforward + torque)])
-        d = torque + ((model.A(z) - A_h) @ x_r - (model.E(z) - E_v) @ x_r_dot)[2:]
-        plant_e_dot = x_p_dot - x_r_dot
-        e_dot = np.concatenate([plant_e_dot, e[: n_e - 4]])
+        d = rng.normal(size=2)
+        z, e, e_dot = consistent_motion(rng, model, data, family, d)
         V, V_dot = e @ np.linalg.solve(family.P, e), 2.0 * e @ np.linalg.solve(family.P, e_dot)
         terms = np.array([V_dot, e[:2] @ e[:2], -family.gamma2 * d @ d, 2.0 * ALPHA * V])
         check_dissipation(
@@ -292,7 +319,35 @@ def test_the_consistent_form_is_the_dissipation_of_the_nonlinear_arm(kept, integ
             x_dot=e_dot,
             w=d,
             y_error_rate=slice(n_e, n_e + 4),
-            signals=[term.W @ e[:4] if term.on == "A" else -term.W @ plant_e_dot for term in data.uncertainties],
+            signals=[term.W @ e[:4] if term.on == "A" else -term.W @ e_dot[:4] for term in data.uncertainties],
+            dissipation=terms.sum(),
+            magnitude=np.abs(terms).sum(),
+        )
+
+
+@every_subset
+@with_and_without_integral
+@both_multipliers
+def test_the_fastest_pole_is_the_growth_of_V_on_the_nonlinear_arm_run_backwards(kept, integral, common):
+    """The proof's identity for Φ: without d, -V̇ - 2βV = ξᵀ Schur(Φ_hhv) ξ up to the completed squares."""
+    model, rng = TSModel(ARM, kept), np.random.default_rng(10)
+    data, psi = vertices_of("fastest pole", model, integral, common)
+    family, n_e = Family.draw(rng, data, "fastest pole", psi), data.n_e
+    for _ in range(3):
+        z, e, e_dot = consistent_motion(rng, model, data, family, np.zeros(2))
+        V, V_dot = e @ np.linalg.solve(family.P, e), 2.0 * e @ np.linalg.solve(family.P, e_dot)
+        terms = np.array([-V_dot, -2.0 * ALPHA * V])
+        check_dissipation(
+            family,
+            model,
+            data,
+            z,
+            x=e,
+            x_dot=-e_dot,
+            w=np.zeros(0),
+            y_error_rate=slice(n_e, n_e + 4),
+            # Backwards ΔA comes with a minus, as A does; ΔE has it already.
+            signals=[-term.W @ e[:4] if term.on == "A" else term.W @ e_dot[:4] for term in data.uncertainties],
             dissipation=terms.sum(),
             magnitude=np.abs(terms).sum(),
         )
@@ -333,7 +388,7 @@ def smallest_gap(rng, data, psi, Psi, i, k, values):
 @pytest.mark.parametrize("kept", [(), ("z1",), ("z3",), ("z1", "z3"), ("z2", "z3", "z4", "z5")], ids="+".join)
 @with_and_without_integral
 @both_multipliers
-@both_forms
+@every_form
 def test_psi_bounds_every_uncertainty(kept, integral, common, form):
     """Ξ + ΔΞ <= Schur(Ψ) for all |f| <= 1, so Ψ < 0 proves the dissipation inequality; true of *any* τ > 0."""
     rng = np.random.default_rng(4)
@@ -466,7 +521,7 @@ def rounded(value):
 @some_models
 @with_and_without_integral
 @both_multipliers
-@both_forms
+@every_form
 def test_exact_entries_stay_exact(rules, integral, common, form):
     rng = np.random.default_rng(6)
     floats, psi = vertices_of(form, TSModel(ARM, NAMED_RULES[rules]), integral, common)
@@ -485,7 +540,7 @@ def test_exact_entries_stay_exact(rules, integral, common, form):
 @some_models
 @with_and_without_integral
 @both_multipliers
-@both_forms
+@every_form
 def test_cvxpy_expressions_have_the_same_value_and_are_affine(rules, integral, common, form):
     data, psi = vertices_of(form, TSModel(ARM, NAMED_RULES[rules]), integral, common)
     values = draw(np.random.default_rng(7), data, form)
@@ -503,7 +558,7 @@ def test_cvxpy_expressions_have_the_same_value_and_are_affine(rules, integral, c
 @some_models
 @with_and_without_integral
 @both_multipliers
-@both_forms
+@every_form
 def test_psi_is_symmetric_and_affine_in_the_decision_variables(rules, integral, common, form):
     rng = np.random.default_rng(8)
     data, psi = vertices_of(form, TSModel(ARM, NAMED_RULES[rules]), integral, common)
@@ -514,7 +569,7 @@ def test_psi_is_symmetric_and_affine_in_the_decision_variables(rules, integral, 
     np.testing.assert_allclose(matrices[2], -0.3 * matrices[0] + 1.3 * matrices[1], rtol=1e-11, atol=1e-10)
 
 
-@both_forms
+@every_form
 def test_one_multiplier_for_each_term(form):
     """A missing or surplus multiplier is an error, not a shorter matrix."""
     data, psi = vertices_of(form, TSModel(ARM, ()), integral=False)

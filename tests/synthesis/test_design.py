@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
+from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.eval.frozen import search
 from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.eval.rigid import RigidLoop
 from fuzzyarm.eval.rollout import rollout
 from fuzzyarm.fuzzy_policy.certificate import certify
 from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel
 from fuzzyarm.synthesis import design as design_module
 from fuzzyarm.synthesis.design import DesignFailed, Specification, describe, design
 
@@ -25,6 +28,12 @@ def designed():
     return design(Specification())
 
 
+@pytest.fixture(scope="module")
+def limited():
+    """Return a design with a bound of its fastest pole; without it the fastest lies at -200 1/s."""
+    return design(Specification(gamma=1.2e-4, fastest_pole=150.0))
+
+
 def test_the_design_is_proven(designed):
     controller = designed.controller
     assert designed.certificate.proven
@@ -32,12 +41,14 @@ def test_the_design_is_proven(designed):
     assert (controller.alpha, controller.gamma, controller.model.rules) == (20.0, 2e-4, 4)
 
 
-def test_the_shipped_controller_is_regenerated_to_the_same_performance(designed):
+def test_the_shipped_controller_is_regenerated_to_the_same_performance():
     shipped = load_policy("fuzzy-4")
+    old = shipped.controller
+    again = design(Specification(old.model.kept, alpha=old.alpha, gamma=old.gamma, fastest_pole=old.fastest_pole))
     for case in ("nominal", "machining", "payload"):
         results = [
             metrics(rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
-            for policy in (shipped, FuzzyPolicy(designed.controller))
+            for policy in (shipped, FuzzyPolicy(again.controller))
         ]
         for key in ("tip_error_max_mm", "tip_error_rms_mm", "joint_error_rms_mrad", "torque_peak_1", "torque_peak_2"):
             assert results[1][key] == pytest.approx(results[0][key], rel=0.01)
@@ -114,7 +125,7 @@ def test_what_alpha_cannot_mend_is_said_so():
         design(Specification(kept=(), gamma=1e-9, gain_bound=10.0))
 
 
-@pytest.mark.parametrize("field", ["alpha", "gamma", "gain_bound"])
+@pytest.mark.parametrize("field", ["alpha", "gamma", "gain_bound", "fastest_pole"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_bad_specifications_are_refused(field, value):
     with pytest.raises(ValueError, match=field):
@@ -151,3 +162,98 @@ def test_description_carries_the_claim_and_its_scope(designed):
     text = describe(designed)
     for part in ("4 rules: kept z1, z3", "alpha = 20", "margin", "exact rational", "Not covered: the elastic joints"):
         assert part in text
+
+
+# The fastest pole ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("integral", [True, False])
+@pytest.mark.parametrize(("kept", "pole"), [(NAMED_RULES[8], 150.0), (NAMED_RULES[4], 150.0), ((), 1500.0)])
+def test_every_pole_of_the_frozen_loop_lies_in_the_strip(kept, pole, integral):
+    """Searched for in the whole box, by a code of its own: the fastest pole at any state is slower than asked."""
+    made = design(Specification(kept, gamma=1.2e-4, fastest_pole=pole, integral=integral))
+    assert made.certificate.proven
+
+    def fastest(F, G, omega):
+        return -np.linalg.eigvals(F).real.min(axis=-1)
+
+    def slowest(F, G, omega):
+        return np.linalg.eigvals(F).real.max(axis=-1)
+
+    loop = RigidLoop(made.controller)
+    assert 0.0 < search(loop, fastest).value < pole
+    assert search(loop, slowest).value < -made.controller.alpha
+
+
+def test_the_strip_moves_the_fastest_pole_and_costs_gain(limited):
+    free = design(Specification(gamma=1.2e-4)).controller
+    speeds = [
+        search(RigidLoop(controller), lambda F, G, omega: -np.linalg.eigvals(F).real.min(axis=-1)).value
+        for controller in (free, limited.controller)
+    ]
+    assert speeds[0] > 180.0 and speeds[1] < 120.0
+    found = [design_module._first(free.model, Specification(gamma=1.2e-4, fastest_pole=b)) for b in (None, 1e4, 150.0)]
+    gains = [solution.objective for _, solution in found]
+    assert gains[1] == pytest.approx(gains[0], rel=1e-3)
+    assert gains[2] > gains[0]
+
+
+def test_the_description_names_the_fastest_pole(limited):
+    assert "fastest pole 150 1/s" in describe(limited)
+    assert "Phi_2,2,2 < 0" in [claim.name for claim in limited.certificate.claims]
+
+
+def test_a_fastest_pole_too_slow_says_what_would_do():
+    asked = Specification(kept=(), fastest_pole=500.0)
+    with pytest.raises(
+        DesignFailed, match="fastest pole 500 1/s; fastest_pole would have to give: the smallest that w"
+    ):
+        design(asked)
+    model = TSModel(ArmParameters(), asked.kept)
+    smallest = design_module.smallest_pole(model, asked)
+    assert design(dataclasses.replace(asked, fastest_pole=smallest)).certificate.proven
+    assert design_module._best(model, dataclasses.replace(asked, fastest_pole=0.9 * smallest)) is None
+
+
+def test_what_a_faster_pole_cannot_mend_is_not_blamed_on_it():
+    with pytest.raises(DesignFailed, match="fastest pole 200 1/s; no decay rate") as caught:
+        design(Specification(kept=(), gamma=1e-9, gain_bound=10.0, fastest_pole=200.0))
+    assert "raise gamma or the gain bound" in str(caught.value)
+
+
+def test_the_largest_decay_rate_stays_below_the_fastest_pole():
+    """Found by doubling: 64 1/s, the next after 32, lies beyond it."""
+    made = design(Specification(("z1",), alpha=None, gamma=1e-3, gain_bound=1e7, fastest_pole=63.0))
+    assert 32.0 < made.controller.alpha < 63.0
+
+
+def test_a_fastest_pole_that_makes_no_sense_is_refused():
+    with pytest.raises(ValueError, match="fastest_pole = 20 1/s is out of range; allowed: above alpha, 20 1/s"):
+        Specification(fastest_pole=20.0)
+    with pytest.raises(ValueError, match="above alpha, 1 1/s"):
+        Specification(alpha=None, gain_bound=1e5, fastest_pole=0.5)
+    with pytest.raises(ValueError, match="goes with the consistent form"):
+        Specification(form="paper", gamma=1000.0, fastest_pole=100.0)
+
+
+def test_a_solver_that_lies_about_the_strip_is_not_believed(monkeypatch):
+    def lie(system, problem):
+        solution = honest(system, problem)
+        Q, X, tau = solution.backward
+        return dataclasses.replace(solution, backward=(-Q, X, tau))
+
+    honest = design_module.solve
+    monkeypatch.setattr(design_module, "solve", lie)
+    monkeypatch.setattr(design_module, "_explain", lambda model, specification: "")
+    with pytest.raises(DesignFailed, match="does not pass the proof"):
+        design(Specification(fastest_pole=200.0))
+
+
+def test_the_command_line_designs_with_a_fastest_pole(tmp_path, capsys):
+    path = tmp_path / "limited.json"
+    assert main(["design", "--gamma", "1.2e-4", "--fastest-pole", "200", "--out", str(path)]) == 0
+    assert "fastest pole 200 1/s" in capsys.readouterr().out
+    assert main(["verify", str(path)]) == 0
+    assert "fastest pole = 200 1/s" in capsys.readouterr().out
+    assert main(["design", "--fastest-pole", "10", "--out", str(path)]) == 2
+    assert "allowed: above alpha" in capsys.readouterr().err

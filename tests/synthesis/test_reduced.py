@@ -12,7 +12,7 @@ from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis import minimise
 from fuzzyarm.synthesis.conic import Problem, program, svec
-from fuzzyarm.synthesis.error_model import consistent_reference, paper_form
+from fuzzyarm.synthesis.error_model import consistent_reference, paper_form, reversed_time
 from fuzzyarm.synthesis.minimise import Infeasible, fastest, solve
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, blended, expand, inequality
 from fuzzyarm.synthesis.scaling import Scaling
@@ -46,8 +46,8 @@ def full(system, i, k, alpha, gamma2, P, M, L, Q, X, tau, block=np.block):
     corner = -(system.E[k] @ X + X.T @ system.E[k].T)
     for t, u in zip(tau, blocks, strict=True):
         corner = corner + t * (u.H.T @ u.H)
-    coupling, z = system.A[i][k] @ P + BM - system.E[k] @ Q + X.T, system.C @ P
     n_z = len(system.C)
+    coupling, z = system.A[i][k] @ P + BM - system.E[k] @ Q + X.T, system.C @ P if n_z else zeros((0, n))
     below = [[u.Wx @ P - u.Wd @ Q, -u.Wd @ X, u.Ww, zeros((len(u.H), n_z))] for u in blocks]
     rows = [
         [Q + Q.T + 2.0 * alpha * P, coupling.T, zeros((n, n_w)), z.T, *(row[0].T for row in below)],
@@ -60,7 +60,8 @@ def full(system, i, k, alpha, gamma2, P, M, L, Q, X, tau, block=np.block):
             -tau[a] * np.eye(len(u.H)) if a == b else zeros((len(row[2]), len(u.H))) for b, u in enumerate(blocks)
         ]
         rows.append([*row, *diagonal])
-    return block(rows)
+    there = [index for index, row in enumerate(rows) if row[0].shape[0]]  # run backwards there is no w and no z
+    return block([[rows[a][b] for b in there] for a in there])
 
 
 def random_point(model, seed=0):
@@ -281,3 +282,108 @@ def test_places_outside_the_blocks_of_P_are_zero():
     P = random_point(model)[0].P
     np.testing.assert_array_equal(P[:6, 6:], 0.0)
     assert isinstance(program(model, Problem(alpha=0.3, gamma=1.0)).layout, Variables)
+
+
+# The fastest pole: the same for the motion run backwards -------------------------------------------------------------
+
+BACKWARDS = [(integral, rules) for integral in (True, False) for rules in (1, 4, 8)]
+
+
+@pytest.mark.parametrize(("integral", "rules"), BACKWARDS)
+def test_reduction_of_the_reversed_motion_is_a_congruence(integral, rules):
+    """There is no w: S_a is added to the rows of x, and with an expanded Q the a-rows of ẋ meet nothing."""
+    system = reversed_time(scaled("consistent", integral, rules)[0])
+    model, n = ReducedModel.of(system), len(system.B)
+    v, _ = random_point(model)
+    i, k, p = len(system.A) - 1, len(system.E) - 1, 0
+    half = np.random.default_rng(2).normal(size=blended(model, -2.0, v).shape)
+    Q, X = (array[p] for array in expand(model, v, -half @ np.swapaxes(half, -1, -2)))
+    psi = full(system, i, k, -2.0, 0.0, v.P, v.M[i, k], v.L[i, k], Q, X, v.tau[p, k])
+    T, a_rows = np.eye(len(psi)), n + np.flatnonzero(model.S_a.any(axis=1))
+    T[n : 2 * n, :n] = model.S_a @ model.S_a.T
+    after, keep = T.T @ psi @ T, np.delete(np.arange(len(psi)), a_rows)
+    one = dataclasses.replace(v, M=v.M[i, k], L=v.L[i, k], tau=v.tau[p, k], Q=v.Q[p], X=v.X[p])
+    np.testing.assert_allclose(after[np.ix_(keep, keep)], inequality(model, i, k, -2.0, one), atol=1e-9)
+    np.testing.assert_allclose(after[np.ix_(a_rows, keep)], 0.0, atol=1e-9)
+    assert np.linalg.eigvalsh(after[np.ix_(a_rows, a_rows)]).max() < 0.0
+
+
+@pytest.mark.parametrize(("integral", "rules"), BACKWARDS)
+def test_cone_program_has_the_inequalities_of_both_directions(integral, rules):
+    """The cones of β follow those of α; M and P are the same, Q, X and τ have places of their own."""
+    system, problem = scaled("consistent", integral, rules)
+    model, reverse = ReducedModel.of(system), ReducedModel.of(reversed_time(system))
+    cone, plain = program(model, dataclasses.replace(problem, beta=3.0)), program(model, problem)
+    x = np.random.default_rng(4).normal(size=len(cone.q))
+    v, back = cone.values(x), cone.values(x, cone.backward)
+    for name in ("P", "M", "L", "gamma2", "gain"):
+        np.testing.assert_array_equal(getattr(v, name), getattr(back, name))
+    slack = [getattr(one, name).ravel() for one in (v, back) for name in ("Q", "X", "tau")]
+    assert len(np.unique(np.concatenate(slack))) == sum(map(len, slack))
+    expected, pairs = [], len(system.pairs) * len(system.E)
+    for one, alpha, values in ((model, problem.alpha, v), (reverse, -3.0, back)):
+        R = blended(one, alpha, values)
+        unit, w = np.ones(R.shape[-1]), np.arange(len(one.S_b) + 2, len(one.S_b) + 2 + one.D_a.shape[1])
+        weight = np.diag(one.system.disturbance_weight)
+        unit[w] = 1.0 / np.sqrt(np.maximum(problem.gamma**2 * weight, 1.0))
+        expected.append(svec(-R * np.outer(unit, unit) - problem.margin * np.eye(len(unit))).ravel())
+    both = np.concatenate(expected)
+    np.testing.assert_allclose((cone.b - cone.A @ x)[: len(both)], both, rtol=1e-9, atol=1e-7)
+    assert cone.orders == plain.orders[:pairs] + pairs * [R.shape[-1]] + plain.orders[pairs:]
+
+
+@pytest.mark.parametrize(("integral", "rules", "beta"), [(True, 1, 15.0), (True, 4, 2.0), (False, 4, 2.0)])
+def test_same_optimum_as_both_full_inequalities(integral, rules, beta):
+    """Plain cvxpy on Ψ and Φ, all slack kept, finds the same smallest gains; the bound is felt."""
+    system, problem = scaled("consistent", integral, rules)
+    reverse, problem = reversed_time(system), dataclasses.replace(problem, margin=1e-6)
+    n, K = len(system.B), range(len(system.E))
+    P, g = cp.Variable((n, n), symmetric=True), cp.Variable()
+    M = {(j, k): cp.Variable((2, n)) for j in range(len(system.A)) for k in K}
+    constraints = [np.eye(n) << P, *(cp.bmat([[g * np.eye(2), m], [m.T, P]]) >> 0 for m in M.values())]
+    for (i, j), (one, alpha) in itertools.product(system.pairs, ((system, problem.alpha), (reverse, -beta))):
+        Q, X = cp.Variable((n, n)), cp.Variable((n, n))
+        for k in K:
+            tau, gamma2 = list(cp.Variable(len(system.uncertainties))), problem.gamma**2
+            both = [full(one, a, k, alpha, gamma2, P, M[b, k], None, Q, X, tau, cp.bmat) for a, b in ((i, j), (j, i))]
+            constraints.append(0.5 * (both[0] + both[1]) << -problem.margin * np.eye(both[0].shape[0]))
+    reference = cp.Problem(cp.Minimize(g), constraints)
+    reference.solve(solver=cp.CLARABEL)
+    found = solve(system, dataclasses.replace(problem, beta=beta))
+    assert found.objective == pytest.approx(reference.value, rel=1e-4)
+    assert found.objective > 1.005 * solve(system, problem).objective
+
+
+def test_a_solution_of_both_is_a_point_of_both_full_inequalities():
+    system, problem = scaled("consistent", True, 4)
+    found = solve(system, dataclasses.replace(problem, beta=3.0))
+    Q, X, tau = found.backward
+    for (p, (i, j)), k in itertools.product(enumerate(system.pairs), range(len(system.E))):
+        rest = {"gamma2": 0.0, "P": found.P, "L": found.L[i, k], "Q": Q[p], "X": X[p], "tau": tau[p, k]}
+        phi = sum(full(reversed_time(system), a, k, -3.0, M=found.M[b, k], **rest) for a, b in ((i, j), (j, i)))
+        unit = 1.0 / np.sqrt(np.abs(np.diag(phi)))
+        assert np.linalg.eigvalsh(phi * unit * unit[:, np.newaxis]).max() < -1e-9
+    assert solve(system, problem).backward is None
+
+
+def test_a_solver_that_breaks_the_strip_alone_is_not_believed(monkeypatch):
+    """The optimum without β, and slack of zero for it."""
+    system, problem = scaled("consistent", True, 4)
+    honest = minimise._clarabel(program(ReducedModel.of(system), problem), 1e-6)
+
+    def lie(cone, tolerance):
+        x = np.append(honest.x, np.zeros(len(cone.q) - len(honest.x)))
+        return types.SimpleNamespace(status="Solved", x=x, obj_val=0.0, iterations=1)
+
+    monkeypatch.setattr(minimise, "_clarabel", lie)
+    assert solve(system, problem).margin > 0.0
+    with pytest.raises(Infeasible, match="Solved"):
+        solve(system, dataclasses.replace(problem, beta=3.0))
+
+
+def test_a_fastest_pole_that_makes_no_sense_is_refused():
+    for beta in (0.3, 0.1, np.inf, np.nan):
+        with pytest.raises(ValueError, match="beta"):
+            Problem(alpha=0.3, gamma=1.0, beta=beta)
+    with pytest.raises(ValueError, match="consistent form only"):
+        reversed_time(scaled("paper", True, 4)[0])
