@@ -23,7 +23,16 @@ from fuzzyarm.eval.table import markdown_table
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
-NAMES = ("accuracy", "computed_torque_tuning", "tip_feedforward", "complexity", "synthesis", "certified_bounds")
+NAMES = (
+    "accuracy",
+    "computed_torque_tuning",
+    "tip_feedforward",
+    "gain_choice",
+    "observer_tuning",
+    "complexity",
+    "synthesis",
+    "certified_bounds",
+)
 
 
 def main() -> None:
@@ -69,7 +78,7 @@ def fill(text: str) -> str:
 
 def sections() -> dict[str, str]:
     """Return the marked sections from the stored results."""
-    evaluation, bench, margins, soak, mujoco, accuracy, tuning, tip, complexity, synthesis, bounds = (
+    evaluation, bench, margins, soak, mujoco, accuracy, tuning, tip, gains, _, complexity, synthesis, bounds = (
         json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
         for name in ("evaluate", "bench", "margins", "soak", "mujoco_arm", *NAMES)
     )
@@ -81,6 +90,7 @@ def sections() -> dict[str, str]:
         "speed": f"{_speed_table(bench)}\n\n{_peer_line(mujoco)} {_soak_line(soak)}",
         "accuracy": _accuracy_table(accuracy),
         "margins": _margins_table(margins, tuning),
+        "gains": _gains_table(gains),
         "complexity": _complexity_table(complexity),
         "synthesis": _synthesis_table(synthesis),
         "bounds": _bounds_table(bounds),
@@ -229,6 +239,32 @@ def _tip_table(document: dict[str, Any]) -> str:
         for row in document["rows"]
     ]
     return f"{_table(headings, rows, left=2)}\n\n`{document['command']}`; {_made_with(document)}"
+
+
+def _gains_table(document: dict[str, Any]) -> str:
+    """Return the 4-rule designs without a bound of the fastest pole and with the chosen one."""
+    chosen = document["chosen"][0]
+    columns = {
+        "gamma": ("γ [rad/(N m)]", "{:.1e}"),
+        "largest_gain": ("largest gain [kN m/rad]", "{:.1f}"),
+        "fastest_rigid_pole": ("fastest rigid pole [1/s]", "{:.0f}"),
+        "radius": ("radius", "{:.4f}"),
+        "radius_2_samples_later": ("2 samples later", "{:.4f}"),
+        "radius_worst_condition": ("worst condition", "{:.5f}"),
+        "gain_margin_upper": ("loop gain to", "{:.2f}"),
+        "gain_margin_upper_1_sample_later": ("to, 1 sample later", "{:.2f}"),
+        "case_1_joint_error_rms_mrad": ("motors' rms, Case 1 [mrad]", "{:.3f}"),
+        "case_2_joint_error_rms_mrad": ("Case 2", "{:.3f}"),
+    }
+    shown = [row for row in document["rows"] if row["rules"] == 4 and 1e-4 <= row["gamma"] <= 2.5e-4]
+    rows = []
+    for row in (row for row in shown if row["fastest_pole"] in (None, chosen["fastest_pole"])):
+        bound = "none" if row["fastest_pole"] is None else f"{row['fastest_pole']:g}"
+        mark = " (shipped)" if all(row[key] == chosen[key] for key in ("gamma", "fastest_pole")) else ""
+        values = {**row, "largest_gain": 1e-3 * row["largest_gain"]}
+        rows.append([bound + mark, *(form.format(values[key]) for key, (_, form) in columns.items())])
+    headings = ["bound [1/s]", *(heading for heading, _ in columns.values())]
+    return f"{_table(headings, rows)}\n\n`{document['command']}` (its JSON has the whole grid); {_made_with(document)}"
 
 
 def _margins_table(document: dict[str, Any], tuning: dict[str, Any]) -> str:

@@ -16,10 +16,10 @@ _MOTOR_SIDE = (*_FUZZY, "computed-torque")
 TIP = "-tip"
 """Ending of the name, or of the file, of a policy that is told to bring the tip to the reference, not the motors."""
 
-NAMES = (*_MOTOR_SIDE, *(name + TIP for name in _MOTOR_SIDE))
+NAMES = (*_MOTOR_SIDE, *(name + TIP for name in _MOTOR_SIDE), "elastic-observer")
 """Policies by name. More controller files, witnesses of the paper's own form, lie beside those of the fuzzy ones."""
 
-COMPARED = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip")
+COMPARED = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")
 """What `fuzzyarm evaluate` runs if not told otherwise."""
 
 
@@ -47,6 +47,7 @@ def load_policy(
     # Imported here: `import fuzzyarm` compiles and loads nothing.
     from fuzzyarm.envs.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.computed_torque import ComputedTorquePolicy
+    from fuzzyarm.fuzzy_policy.elastic_observer import ElasticObserverPolicy
     from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
     from fuzzyarm.fuzzy_policy.tip import TipPolicy
 
@@ -58,6 +59,8 @@ def load_policy(
             text.removesuffix(TIP), control_period=control_period, robot=robot, allow_unproven=allow_unproven
         )
         return TipPolicy(law)
+    if text == "elastic-observer":
+        return ElasticObserverPolicy(robot, control_period)
     if text == "computed-torque":
         return ComputedTorquePolicy(robot, control_period)
     if text in _FUZZY:

@@ -33,9 +33,13 @@ class TipPolicy(ModelBasedPolicy):
             average: whether the feedforward is that of the middle of the coming hold.
         """
         super().__init__(law.parameters, law.control_period)
-        self.law = law
+        self.law, self.friction, self.average = law, friction, average
         self.memory_size = law.memory_size + MEMORY_SIZE
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
+
+    def without_dry_friction(self) -> TipPolicy:
+        """Return this policy for an arm without dry friction: nothing to feed forward."""
+        return TipPolicy(self.law, friction=False, average=self.average)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `ModelBasedPolicy`."""

@@ -195,6 +195,14 @@ def test_options_are_those_of_the_target():
     np.testing.assert_allclose(rubbing - smooth, magnitude * np.sign(speeds), rtol=1e-2)
 
 
+def test_for_an_arm_without_dry_friction_it_feeds_none_forward():
+    tip = TipPolicy(load_policy("computed-torque"), average=False)
+    observation = np.array([0.4, 1.1, 0.7, -1.2, 0.4, 1.1, 0.7, -1.2, 0.0, 0.0])
+    expected = TipPolicy(tip.law, friction=False, average=False).predict(observation)[0]
+    np.testing.assert_array_equal(tip.without_dry_friction().predict(observation)[0], expected)
+    assert np.abs(tip.predict(observation)[0] - expected).min() > 1.0
+
+
 def test_another_arm_has_its_own_bending():
     soft = dataclasses.replace(ARM, stiffness=(3.2e4, 6e3))
     reference = JointReference(parameters=soft)
