@@ -78,22 +78,20 @@ def fill(text: str) -> str:
 
 def sections() -> dict[str, str]:
     """Return the marked sections from the stored results."""
-    evaluation, bench, margins, soak, mujoco, accuracy, tuning, tip, gains, _, complexity, synthesis, bounds = (
-        json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
-        for name in ("evaluate", "bench", "margins", "soak", "mujoco_arm", *NAMES)
-    )
+    names = ("evaluate", "bench", "margins", "soak", "mujoco_arm", *NAMES)
+    stored = {name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8")) for name in names}
     return {
-        "results": f"{markdown_table(evaluation['results'])}\n\n"
-        f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {_made_with(evaluation)}\n\n"
-        f"{_paper_line(evaluation)}",
-        "tip": _tip_table(tip),
-        "speed": f"{_speed_table(bench)}\n\n{_peer_line(mujoco)} {_soak_line(soak)}",
-        "accuracy": _accuracy_table(accuracy),
-        "margins": _margins_table(margins, tuning),
-        "gains": _gains_table(gains),
-        "complexity": _complexity_table(complexity),
-        "synthesis": _synthesis_table(synthesis),
-        "bounds": _bounds_table(bounds),
+        "results": f"{markdown_table(stored['evaluate']['results'])}\n\n"
+        f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {_made_with(stored['evaluate'])}\n\n"
+        f"{_paper_line(stored['evaluate'])}",
+        "tip": _tip_table(stored["tip_feedforward"]),
+        "speed": f"{_speed_table(stored['bench'])}\n\n{_peer_line(stored['mujoco_arm'])} {_soak_line(stored['soak'])}",
+        "accuracy": _accuracy_table(stored["accuracy"]),
+        "margins": _margins_table(stored["margins"], stored["computed_torque_tuning"]),
+        "gains": _gains_table(stored["gain_choice"]),
+        "complexity": _complexity_table(stored["complexity"]),
+        "synthesis": _synthesis_table(stored["synthesis"]),
+        "bounds": _bounds_table(stored["certified_bounds"]),
     }
 
 

@@ -28,8 +28,9 @@ from fuzzyarm.files import write_atomically
 # a share of the curve's size. What is farther away is cut off.
 MAGNIFICATIONS = (20, 10, 5, 2, 1)
 ROOM = 0.5
-# An error panel is scaled to the policies whose peak is within this factor of the best one's.
-FOCUS = 5.0
+# An error panel is scaled to the policies whose peak is within this factor of the best one's, or of SMALL, the error
+# in mm from which on a better one no longer counts: near zero no policy would be left on the scale.
+FOCUS, SMALL = 5.0, 2.0
 LOWEST = 1e-3  # of a logarithmic axis; in mm that is a micrometre, a few times the error of the simulation
 # Strokes and gaps, in line widths; the first is solid. Nine of them beside the style's eight colours: each of eight
 # policies has its own of both, and no two of 72 look alike.
@@ -73,7 +74,7 @@ TIME_FIGURES: dict[str, tuple[Panel, ...]] = {
     "circularity": (
         _CIRCULARITY,
         # No error: a policy that brings the tip to the circle leads the motors beside it.
-        Panel("the same of the motors,\nas if joints were rigid", "mm", lambda r: 1e3 * r.circularity_error_motor),
+        Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor),
     ),
     "torque": (
         Panel("motor torque,\njoint 1", "N m", lambda r: r.torque[:, 0], scale="joint 1"),
@@ -84,8 +85,8 @@ TIME_FIGURES: dict[str, tuple[Panel, ...]] = {
         Panel("motor velocity,\njoint 2", "rad/s", lambda r: r.dq_motor[:, 1], target=lambda r: r.dq_reference[:, 1]),
     ),
     "motor-position": (
-        Panel("motor angle less\nreference, joint 1", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 0]),
-        Panel("motor angle less\nreference, joint 2", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 1]),
+        Panel("motor angle less\nq_d, joint 1", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 0]),
+        Panel("motor angle less\nq_d, joint 2", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 1]),
     ),
     "friction": (
         Panel("friction torque,\njoint 1", "N m", lambda r: r.friction_torque[:, 0], scale="joint 1"),
@@ -187,7 +188,7 @@ def _limits(columns: Columns, panels: Sequence[Panel]) -> Limits:
     """Return limits with a margin for `panels` in all columns, leaving out errors that are off the scale."""
     low, high = 0.0, 0.0
     for panel, episodes in itertools.product(panels, columns.values()):
-        best = min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes))
+        best = max(SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))
         for curve in (panel.signal(episode) for episode in episodes):
             if not panel.is_error or np.abs(curve).max() <= FOCUS * best:
                 low, high = min(low, float(curve.min())), max(high, float(curve.max()))
