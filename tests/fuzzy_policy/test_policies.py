@@ -108,9 +108,7 @@ class TestProtocol:
         with pytest.raises(ValueError, match="state has shape"):
             policy.predict(np.zeros((3, 10)), state=np.zeros((2, policy.memory_size)))
         with pytest.raises(ValueError, match="episode_start has shape"):
-            policy.predict(
-                np.zeros((3, 10)), state=np.zeros((3, policy.memory_size)), episode_start=np.ones(2, bool)
-            )
+            policy.predict(np.zeros((3, 10)), state=np.zeros((3, policy.memory_size)), episode_start=np.ones(2, bool))
 
     def test_evaluate_policy_of_stable_baselines3_runs_it(self, name):
         with warnings.catch_warnings():
