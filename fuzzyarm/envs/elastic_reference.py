@@ -30,7 +30,7 @@ STENCIL, REACH = 9, 2e-3  # Chebyshev points within ± this share of the duratio
 class ElasticReference:
     """θ_d(t), θ̇_d(t), θ̈_d(t) of the motors for a reference of the links; see the module.
 
-    As for the reference itself, every value depends on its own t alone, and before t = 0 and long after T the arm rests.
+    As for the reference itself, every value depends on its own t alone; before t = 0 and long after T the arm rests.
 
     Attributes:
         reference: the motion of the links; its `parameters` are the arm.

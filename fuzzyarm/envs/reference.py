@@ -101,8 +101,9 @@ class JointReference:
 
     def corners(self) -> np.ndarray:
         """Return the times [s] at which q̈ has a corner, ascending: the ends, and where the path has one (`TipPath`)."""
-        from scipy.special import betaincinv  # s(x) of the time law is the regularised incomplete beta function I_x(3, 3)
+        from scipy.special import betaincinv
 
+        # s(x) of the time law is the regularised incomplete beta function I_x(3, 3).
         inner = self.duration * betaincinv(3.0, 3.0, np.asarray(getattr(self.path, "corners", ()), dtype=float))
         return np.unique([0.0, *inner, self.duration])
 

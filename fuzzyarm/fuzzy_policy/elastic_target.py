@@ -50,9 +50,7 @@ class ElasticTarget:
             raise ValueError(f"control_period = {control_period!r} s is out of range; allowed: (0, inf) s")
         self._arguments = (arm_constants(parameters), control_period, float(friction), 0.5 * float(average))
 
-    def advance(
-        self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray
-    ) -> None:
+    def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
         """Fill target and feedforward and advance the memory, in place.
 
         Args:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 
+from fuzzyarm.envs.dynamics import State as ArmState
 from fuzzyarm.envs.dynamics import (
     arm_constants,
     coriolis_torque,
@@ -17,7 +19,6 @@ from fuzzyarm.envs.dynamics import (
     solve_mass_matrix,
     tip_position,
 )
-from fuzzyarm.envs.dynamics import State as ArmState
 from fuzzyarm.envs.elastic_reference import ElasticReference
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.paths import Lemniscate, Line, Spline
@@ -106,7 +107,7 @@ def test_an_integrator_finds_the_same_bending(name):
     stiffness, damping = np.array(reference.parameters.stiffness), np.array(reference.parameters.damping)
     delta = elastic.torque(0.0) / stiffness
     corners = reference.corners()
-    for start, end in zip(corners[:-1], corners[1:], strict=True):
+    for start, end in itertools.pairwise(corners):
         asked = np.linspace(start, end, 8)
         found = solve_ivp(
             lambda t, x: (elastic.torque(t) - stiffness * x) / damping,
