@@ -37,6 +37,14 @@ def test_tip_error_of_a_sine():
     assert values["tip_error_rms_mm"] == pytest.approx(np.sqrt(0.5))
 
 
+def test_the_middle_leaves_out_a_tenth_of_a_second_at_either_end():
+    error = np.full(N, 1e-3)
+    error[:100], error[-100:], error[100], error[-101] = 9e-3, 8e-3, 2e-3, 3e-3
+    assert metrics(signals(tip_error=error))["tip_error_max_mid_mm"] == pytest.approx(3.0)
+    error[-101] = 1e-3
+    assert metrics(signals(tip_error=error))["tip_error_max_mid_mm"] == pytest.approx(2.0)
+
+
 def test_circularity_ranges_keep_their_sides_apart():
     link, motor = np.linspace(-2e-3, 6e-3, N), np.linspace(-1e-4, 2e-4, N)
     values = metrics(signals(circularity_error=link, circularity_error_motor=motor))
