@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import json
 import os
 import sys
@@ -59,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_verify(commands)
     _add_bench(commands)
     _add_margins(commands)
+    _add_train(commands)
     return parser
 
 
@@ -73,8 +75,8 @@ def _add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         action="append",
         metavar="NAME",
         help="fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip "
-        "to bring the tip to the reference instead of the motors, or elastic-observer; may be repeated (default: "
-        "fuzzy-4, computed-torque, both with -tip, and elastic-observer)",
+        "to bring the tip to the reference instead of the motors, elastic-observer, or a learned policy's folder; may "
+        "be repeated (default: fuzzy-4, computed-torque, both with -tip, and elastic-observer)",
     )
     parser.add_argument(
         "--case",
@@ -216,12 +218,28 @@ def _add_margins(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--policy",
         action="append",
         metavar="NAME",
-        help="fuzzy-4, computed-torque, ... or a controller file (.json); may be repeated (default: all by name)",
+        help="fuzzy-4, computed-torque, ... a controller file (.json) or a learned policy's folder; may be repeated "
+        "(default: all by name)",
     )
     parser.add_argument("--robot", type=Path, metavar="FILE", help="TOML file of another arm (default: Table 1)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="results file to write (.json; default: none)")
     parser.add_argument("--json", action="store_true", help="print the results as JSON instead of the table")
     parser.set_defaults(run=_margins)
+
+
+def _add_train(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    from fuzzyarm.rl_baselines.ppo_config import add_run_flags
+
+    parser = commands.add_parser("train", help="train a policy", description="Train a policy on the batched arms.")
+    algorithms = parser.add_subparsers(dest="algorithm", required=True, metavar="ALGORITHM")
+    ppo = algorithms.add_parser(
+        "ppo",
+        help="PPO of stable-baselines3; needs torch: pip install 'fuzzyarm[rl]'",
+        description="Train a policy with PPO of stable-baselines3; it needs pip install 'fuzzyarm[rl]'. The folder "
+        "gets curve.csv, checkpoint.pt and the policies policy/ (the last) and best/ (the smallest tip error).",
+    )
+    add_run_flags(ppo)
+    ppo.set_defaults(run=_train_ppo)
 
 
 def _evaluate(options: argparse.Namespace) -> int:
@@ -399,6 +417,22 @@ def _margins(options: argparse.Namespace) -> int:
         print_margins(document, Console() if sys.stdout.isatty() else Console(width=400))
         if options.out is not None:
             print(f"\nwritten to {options.out}")
+    return 0
+
+
+def _train_ppo(options: argparse.Namespace) -> int:
+    from fuzzyarm.rl_baselines.ppo_config import chosen_run
+
+    config, folder = chosen_run(options)
+    try:
+        # By name: torch is optional, and only rl_baselines imports it.
+        training = importlib.import_module("fuzzyarm.rl_baselines.train_ppo")
+    except ModuleNotFoundError as error:
+        raise UsageError(f"{error.name} is not installed; pip install 'fuzzyarm[rl]'") from None
+    if config is not None:
+        _make_folder(folder)
+    training.run(config, folder)
+    print(f"written to {folder / 'policy'}")
     return 0
 
 

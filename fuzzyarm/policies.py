@@ -30,18 +30,19 @@ def load_policy(
     robot: ArmParameters | None = None,
     allow_unproven: bool = False,
 ) -> ModelBasedPolicy:
-    """Return a policy by name, or from the path of a controller file.
+    """Return a policy by name, or from the path of a controller file or of a learned policy's folder.
 
     With the ending ``-tip`` the policy compensates the bending of the joints, see `fuzzy_policy.tip`.
 
     Args:
-        name: one of `NAMES`, or the path of a controller file (ending in ``.json`` or ``.json-tip``).
+        name: one of `NAMES`, or the path of a controller file (ending in ``.json`` or ``.json-tip``), or the folder of
+            a learned policy (`learned_policy.bundle`).
         control_period: time between two calls of `predict` [s].
         robot: the arm the policy is for, default Table 1. A controller file must have been designed for it.
         allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
 
     Raises:
-        ValueError: unknown name; the file is damaged, not proven, or was designed for another robot.
+        ValueError: unknown name; the file or folder is damaged, not proven, or was designed for another robot.
         OSError: the file cannot be read.
     """
     # Imported here: `import fuzzyarm` compiles and loads nothing.
@@ -68,15 +69,30 @@ def load_policy(
             return FuzzyPolicy(_trusted_controller(path, robot, allow_unproven), control_period)
     if text.endswith(".json"):
         return FuzzyPolicy(_trusted_controller(Path(name), robot, allow_unproven), control_period)
+    if Path(name).is_dir():
+        return _learned(Path(name), control_period, robot)
     raise ValueError(
         f"unknown policy {text!r}; choose from: {', '.join(NAMES)}, or the path of a controller file (.json, "
-        f".json{TIP})"
+        f".json{TIP}), or of a learned policy's folder"
     )
 
 
 def policy_label(name: str) -> str:
     """Return what a policy is called in tables and figures: its name, or its file's without folder and ``.json``."""
     return Path(name).name.replace(".json", "")
+
+
+def _learned(folder: Path, control_period: float, robot: ArmParameters) -> ModelBasedPolicy:
+    """Load a learned policy, with the policy that it adds to if there is one."""
+    from fuzzyarm.learned_policy.bundle import PolicyBundle
+    from fuzzyarm.learned_policy.policy import LearnedPolicy
+
+    bundle = PolicyBundle.load(folder)
+    base = bundle.action.base
+    if base is not None and base not in NAMES:
+        raise ValueError(f"{folder} was trained on the base {base!r}, which is none of: {', '.join(NAMES)}")
+    added = None if base is None else load_policy(base, control_period=control_period, robot=robot)
+    return LearnedPolicy(bundle, control_period, robot, added)
 
 
 def _trusted_controller(path: Path, robot: ArmParameters, allow_unproven: bool) -> Controller:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -173,6 +174,47 @@ class Lanes:
         if self._tables.starts[place, 6] > 0.0:
             place += int(self.drawn[-1, lane])
         return self._tables.references[place], self._tables.episodes[place]
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Return copies of all that changes from step to step, as arrays by name, for `set_state`.
+
+        Raises:
+            ValueError: a lane is in a task that was given to `reset`, which only that call knows.
+        """
+        visiting = np.flatnonzero(self._start_of >= len(self._own.episodes))
+        if len(visiting):
+            raise ValueError(
+                f"lane {visiting[0]} is in a task that reset options asked for, which is no part of the state; reset "
+                "without options first"
+            )
+        return {
+            "values": self._values.copy(),
+            "clock": self._clock.copy(),
+            "drawn": self.drawn.copy(),
+            "made_of": self._digest(),
+        }
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Go on where `get_state` was called, of these lanes or of others made of the same.
+
+        Raises:
+            ValueError: the state is of other plants, tasks, variations or periods, or of another number of lanes.
+        """
+        if not np.array_equal(state["made_of"], self._digest()):
+            raise ValueError("the state is of lanes with other plants, tasks, variation, periods or another number")
+        self._tables, self._start_of = self._own, self._own_start_of
+        self._values, self._clock = state["values"].copy(), state["clock"].copy()
+        self.drawn = state["drawn"].copy()
+        if self.variation.varies:
+            self._drawn_info = _described(self.drawn)
+        self._bind()
+
+    def _digest(self) -> np.ndarray:
+        """Return 32 bytes (uint8) that tell lanes apart that are made differently."""
+        parts = (self._plants, self._plant_of, self._ranges, self._own.starts, self._own.table, self._own_start_of)
+        period = np.array([self.period, self.substeps, self.count], dtype=np.float64)
+        content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in (*parts, period)))
+        return np.frombuffer(content.digest(), dtype=np.uint8)
 
     def _tabulated(self, tasks: Sequence[Task]) -> tuple[Tables, np.ndarray]:
         """Return the tables of the tasks, and the episode that each lane begins with."""

@@ -135,6 +135,26 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observation[which], vectors[:, which], scalars[:, which] = split(self._lanes.restart(which))
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
 
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Return where every lane is, random stream included, as arrays by name; `set_state` goes on from there.
+
+        Raises:
+            gymnasium.error.ResetNeeded: no episode has begun.
+            ValueError: a lane is in a task that reset options asked for.
+        """
+        if not self._begun:
+            raise ResetNeeded("no episode has begun: call envs.reset() before envs.get_state()")
+        return self._lanes.get_state()
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from a state of an environment made with the same arguments; nothing is reset, `step` comes next.
+
+        Raises:
+            ValueError: the state is of an environment made with other arguments.
+        """
+        self._lanes.set_state(state)
+        self._begun = True
+
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
         self._lanes.close()

@@ -91,6 +91,16 @@ class StableBaselinesVecEnv(VecEnv):
         self._returns[dones], self._lengths[dones] = 0.0, 0
         return observation, rewards.astype(np.float32), dones, infos
 
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Return where every lane is, see `FuzzyArmVectorEnv.get_state`, with the returns and lengths so far."""
+        state = _attribute(self.envs, "get_state")()
+        return {**state, "returns": self._returns.copy(), "lengths": self._lengths.copy()}
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from a state of an environment made with the same arguments; nothing is reset, a step comes next."""
+        _attribute(self.envs, "set_state")(state)
+        self._returns, self._lengths = state["returns"].copy(), state["lengths"].copy()
+
     def close(self) -> None:
         """Close the environment."""
         self.envs.close()

@@ -1,0 +1,110 @@
+"""The network of a learned policy: normalised features through layers of tanh to an action in [-1, 1]².
+
+    h_0 = clip((f - mean)/std, ±c),    h_(i+1) = tanh(W_i h_i + b_i),    a = clip(W_n h_n + b_n, ±1).
+
+The last layer is the mean of the Gaussian that PPO trains; a shipped policy takes the mean, so it is deterministic.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from fuzzyarm.envs.compiled import kernel
+
+LARGEST_LAYER, MOST_LAYERS = 4096, 9  # far beyond need; a foreign file is refused before memory is asked for
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Network:
+    """Normaliser and layers.
+
+    Attributes:
+        mean: (inputs,) of the features.
+        std: (inputs,) of the features, positive.
+        clip: c, where normalised features end, positive.
+        weights: W_i, (outputs, inputs) of each layer.
+        biases: b_i, (outputs,) of each layer.
+
+    Raises:
+        ValueError: shapes do not fit together, or a number is not finite or has the wrong sign.
+    """
+
+    mean: np.ndarray
+    std: np.ndarray
+    clip: float
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+
+    def __post_init__(self) -> None:
+        """Check shapes and numbers, and lay the layers out behind each other for the kernel."""
+        if not 1 <= len(self.weights) <= MOST_LAYERS or len(self.biases) != len(self.weights):
+            raise ValueError(
+                f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {MOST_LAYERS} layers"
+            )
+        width, shapes = len(self.mean), [np.shape(self.mean), np.shape(self.std)]
+        expected: list[tuple[int, ...]] = [(width,), (width,)]
+        for weight, bias in zip(self.weights, self.biases, strict=True):
+            outputs = len(bias)
+            shapes += [weight.shape, bias.shape]
+            expected += [(outputs, width), (outputs,)]
+            width = outputs
+        if shapes != expected:
+            raise ValueError(f"shapes of mean, std, weights and biases are {shapes}; they must be {expected}")
+        if not 1 <= max(self.sizes) <= LARGEST_LAYER:
+            raise ValueError(f"layers of {self.sizes}; allowed: 1 to {LARGEST_LAYER} in each")
+        numbers = (self.mean, self.std, np.array(self.clip), *self.weights, *self.biases)
+        if not all(np.isfinite(array).all() for array in numbers):
+            raise ValueError("a mean, std, weight or bias is not finite")
+        if not (np.all(self.std > 0.0) and self.clip > 0.0):
+            raise ValueError("std and clip must be positive")
+        layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
+        flat = np.concatenate([np.ravel(part) for part in layers]).astype(np.float64)
+        arguments = np.array(self.mean, dtype=np.float64), np.array(self.std, dtype=np.float64), float(self.clip)
+        object.__setattr__(self, "_arguments", (*arguments, np.array(self.sizes), flat))
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Widths of the layers, from the inputs to the outputs."""
+        return (len(self.mean), *map(len, self.biases))
+
+    def act(self, features: np.ndarray, action: np.ndarray) -> None:
+        """Fill `action` (lanes, outputs) from `features` (lanes, inputs)."""
+        _forward(features, *self._arguments, action)  # type: ignore[attr-defined]
+
+
+@kernel
+def _forward(
+    features: np.ndarray,
+    mean: np.ndarray,
+    std: np.ndarray,
+    clip: float,
+    sizes: np.ndarray,
+    flat: np.ndarray,
+    action: np.ndarray,
+) -> None:
+    """See the module; `flat` holds W_i^T, row by row, and b_i of each layer, one after the other.
+
+    Lane by lane, so that an action does not depend on how many lanes there are.
+    """
+    before, after, layers = np.empty(sizes.max()), np.empty(sizes.max()), len(sizes) - 1
+    for lane in range(len(features)):
+        for k in range(sizes[0]):
+            before[k] = min(max((features[lane, k] - mean[k]) / std[k], -clip), clip)
+        place = 0
+        for layer in range(layers):
+            inputs, outputs = sizes[layer], sizes[layer + 1]
+            bias = place + inputs * outputs
+            for j in range(outputs):
+                after[j] = flat[bias + j]
+            for k in range(inputs):
+                x, row = before[k], place + k * outputs
+                for j in range(outputs):  # no sum over j: this loop is SIMD code
+                    after[j] += flat[row + j] * x
+            place = bias + outputs
+            last = layer == layers - 1
+            for j in range(outputs):
+                before[j] = min(max(after[j], -1.0), 1.0) if last else np.tanh(after[j])
+        for j in range(sizes[-1]):
+            action[lane, j] = before[j]

@@ -1,0 +1,96 @@
+"""A bundle at work: the `predict` of every policy here, without the library it was trained with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fuzzyarm.envs.compiled import kernel
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.features import Features
+
+# Memory of a lane: calls since its action (0: it is due), the action, then that of the features and of the base.
+PHASE, ACTION, PAST = 0, slice(1, 3), 3
+
+
+class LearnedPolicy(ModelBasedPolicy):
+    """The mean action of a trained network, held for its action period; see `features` and `network`.
+
+    u(t) = torque_scale · a_k [+ u_base(t)] from action instant k to the next. What is remembered between calls is in
+    the state: how long the action has been held, the action, what the features remember, and the base's own memory.
+    """
+
+    def __init__(
+        self,
+        bundle: PolicyBundle,
+        control_period: float = 1e-3,
+        parameters: ArmParameters | None = None,
+        base: ModelBasedPolicy | None = None,
+    ) -> None:
+        """Set a bundle to work.
+
+        Args:
+            bundle: what was trained.
+            control_period: time between two calls of `predict` [s]; the action period must be a whole multiple of it.
+            parameters: the arm, for its torque limits; default Table 1.
+            base: the policy that ``bundle.action.base`` names, for the same control period.
+
+        Raises:
+            ValueError: the periods do not fit, or the base is missing, not asked for, or for another period.
+        """
+        super().__init__(parameters or ArmParameters(), control_period)
+        self.bundle, self.base = bundle, base
+        self.calls_per_action = bundle.action.calls(control_period)
+        if (base is None) != (bundle.action.base is None):
+            given = "none" if base is None else type(base).__name__
+            raise ValueError(f"this policy was trained on the base {bundle.action.base}; base = {given} was given")
+        if base is not None and base.control_period != control_period:
+            raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
+        self._features = Features(bundle.features, bundle.action.period)
+        self._own = PAST + self._features.memory_size
+        self._scale = np.array(bundle.action.torque_scale)
+        self.memory_size = self._own + (0 if base is None else base.memory_size)
+
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Evaluate the law, see `ModelBasedPolicy`."""
+        due = _count_due(memory)
+        if due == len(memory):
+            self._choose(observation, memory)
+        elif due:  # lanes whose episodes began at different calls
+            which = memory[:, PHASE] == 0.0
+            chosen = memory[which]
+            self._choose(observation[which], chosen)
+            memory[which] = chosen
+        _hold(memory, self._scale, self.calls_per_action, torque)
+        if self.base is not None:
+            added = np.empty_like(torque)
+            self.base.act(observation, memory[:, self._own :], added)
+            torque += added
+
+    def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:
+        """Take the next action, and remember it."""
+        features = np.empty((len(memory), self._features.size))
+        action, past = memory[:, ACTION], memory[:, PAST : self._own]
+        self._features.fill(observation, past, features)
+        self.bundle.network.act(features, action)
+        self._features.advance(observation, action, past)
+
+
+@kernel
+def _count_due(memory: np.ndarray) -> int:
+    """Return how many lanes are to choose an action now."""
+    count = 0
+    for lane in range(len(memory)):
+        count += memory[lane, PHASE] == 0.0
+    return count
+
+
+@kernel
+def _hold(memory: np.ndarray, scale: np.ndarray, calls: int, torque: np.ndarray) -> None:
+    """Fill `torque` with scale times action, and count the calls of the hold."""
+    for lane in range(len(memory)):
+        torque[lane, 0], torque[lane, 1] = scale[0] * memory[lane, 1], scale[1] * memory[lane, 2]
+        memory[lane, PHASE] += 1.0
+        if memory[lane, PHASE] >= calls:
+            memory[lane, PHASE] = 0.0

@@ -1,0 +1,43 @@
+"""A learned policy in the paper's three cases, quickly: all in one batch, tip errors only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fuzzyarm.envs.disturbances import CASES
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
+
+MEASURES = ("max_mm", "rms_mm", "share")
+COLUMNS = tuple(f"{case}_{measure}" for case in CASES for measure in MEASURES)
+
+
+def evaluate_cases(policy: ModelBasedPolicy) -> dict[str, float]:
+    """Run an episode of each case at the policy's own control period.
+
+    Returns:
+        By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode after
+        which it ended, 1 if the reference was followed to its end.
+    """
+    reference, cases = JointReference(), list(CASES)
+    envs = FuzzyArmVectorEnv(
+        len(cases), case=cases, reference=reference, control_period=policy.control_period, threads=1
+    )
+    observation, _ = envs.reset(seed=0)
+    state, running, errors = None, np.ones(len(cases), dtype=bool), []
+    seconds = np.zeros(len(cases))
+    while running.any():
+        action, state = policy.predict(observation, state=state)
+        observation, _, terminated, truncated, info = envs.step(action)
+        ended = terminated | truncated
+        error = (
+            np.where(ended, info["final_info"]["tip_error"], info["tip_error"]) if ended.any() else info["tip_error"]
+        )
+        errors.append(np.where(running, error, np.nan))  # a lane that ended before is in another episode
+        seconds += policy.control_period * running
+        running = running & ~ended
+    recorded = 1e3 * np.array(errors)
+    largest, rms = np.nanmax(recorded, axis=0), np.sqrt(np.nanmean(recorded**2, axis=0))
+    rows = np.stack([largest, rms, np.minimum(seconds / reference.duration, 1.0).round(9)], axis=1)
+    return dict(zip(COLUMNS, rows.ravel().tolist(), strict=True))

@@ -1,0 +1,36 @@
+"""Bundles with random weights."""
+
+import itertools
+
+import numpy as np
+
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.network import Network
+
+
+def network(sizes=(20, 16, 8, 2), seed=0, gain=1.0):
+    """A network with float32 weights."""
+    rng = np.random.default_rng(seed)
+    pairs = list(itertools.pairwise(sizes))
+    return Network(
+        mean=rng.normal(size=sizes[0]),
+        std=rng.uniform(0.5, 2.0, sizes[0]),
+        clip=10.0,
+        weights=tuple((gain * rng.normal(size=(n, m)) / np.sqrt(m)).astype(np.float32) for m, n in pairs),
+        biases=tuple((0.1 * rng.normal(size=n)).astype(np.float32) for _, n in pairs),
+    )
+
+
+def bundle(action=None, seed=0, **values):
+    """A bundle with a random network that fits."""
+    features = FeatureDefinition(**values)
+    return PolicyBundle(
+        features=features,
+        action=action or ActionDefinition(),
+        network=network((features.size, 16, 8, 2), seed),
+        training={"steps": 7},
+        seed=3,
+        curve=[{"steps": 7, "nominal_max_mm": 1.5}],
+        versions={"numpy": "2"},
+    )

@@ -1,0 +1,80 @@
+"""The features against a second writing of their equations, lane by lane and sample by sample."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fuzzyarm.learned_policy.definition import FeatureDefinition
+from fuzzyarm.learned_policy.features import Features
+
+PERIOD = 0.002
+DEFINITIONS = {
+    "default": FeatureDefinition(),
+    "nothing remembered": FeatureDefinition(past_errors=0, past_actions=0, integral_time=0.0),
+    "errors only": FeatureDefinition(past_errors=3, past_actions=0, integral_time=0.0),
+    "actions and integral": FeatureDefinition(past_errors=0, past_actions=4, integral_time=0.05, error_scale=0.1),
+}
+
+
+def history(steps=12, lanes=3, seed=0):
+    """Observations (steps, lanes, 10) and actions (steps, lanes, 2)."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(steps, lanes, 10)), rng.uniform(-1.0, 1.0, (steps, lanes, 2))
+
+
+def expected(definition, observations, actions, k):
+    """The features at instant k, from the whole history."""
+    d = definition
+    error, rate = (observations[..., 4 + i : 6 + i] - observations[..., i : 2 + i] for i in (0, 2))
+    reference, velocity, acceleration = (observations[k, :, i : i + 2] for i in (4, 6, 8))
+
+    def before(signal, n):
+        return signal[k - n] if k >= n else np.zeros_like(signal[0])
+
+    parts = [np.arcsinh(error[k] / d.error_scale), np.arcsinh(rate[k] / d.rate_scale), reference]
+    parts += [velocity / d.velocity_scale, acceleration / d.acceleration_scale]
+    parts += [np.arcsinh(before(error, n) / d.error_scale) for n in range(1, d.past_errors + 1)]
+    parts += [before(actions, n) for n in range(1, d.past_actions + 1)]
+    if d.integral_time > 0.0:
+        ages = PERIOD * np.arange(k, 0, -1)
+        weights = PERIOD * np.exp(-ages / d.integral_time)
+        parts.append(np.arcsinh(np.tensordot(weights, error[:k], axes=1) / d.integral_scale))
+    return np.hstack(parts)
+
+
+@pytest.mark.parametrize("definition", DEFINITIONS.values(), ids=DEFINITIONS)
+def test_features_are_those_of_the_equations(definition):
+    observations, actions = history()
+    features, memory = Features(definition, PERIOD), np.zeros((3, definition.memory_size))
+    for k in range(len(observations)):
+        shown = np.full((3, definition.size), np.nan)
+        features.fill(observations[k], memory, shown)
+        np.testing.assert_allclose(shown, expected(definition, observations, actions, k), rtol=1e-12, atol=1e-14)
+        features.advance(observations[k], actions[k], memory)
+
+
+def test_a_constant_error_fills_the_leaky_integral_to_its_limit():
+    definition = FeatureDefinition(integral_time=0.02)
+    features, memory = Features(definition, PERIOD), np.zeros((1, definition.memory_size))
+    observation = np.zeros((1, 10))
+    observation[0, 4] = 0.003
+    for _ in range(2000):
+        features.advance(observation, np.zeros((1, 2)), memory)
+    leak = math.exp(-PERIOD / 0.02)
+    assert memory[0, -2] == pytest.approx(0.003 * PERIOD * leak / (1.0 - leak), rel=1e-12)
+    assert memory[0, -1] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"past_errors": -1}, "past_errors = -1 is out of range; allowed: 0, 1, ..., 100"),
+        ({"past_actions": True}, "past_actions = True"),
+        ({"integral_time": math.nan}, r"integral_time = nan s is out of range; allowed: \[0, inf\) s"),
+        ({"error_scale": 0.0}, r"error_scale = 0.0 is out of range; allowed: \(0, inf\)"),
+    ],
+)
+def test_what_is_out_of_range_is_named(values, message):
+    with pytest.raises(ValueError, match=message):
+        FeatureDefinition(**values)

@@ -1,0 +1,141 @@
+"""A learned policy in use: the protocol of every policy, the hold, the base, and what it does not see."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from made import bundle
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.learned_policy.bundle import BundleError
+from fuzzyarm.learned_policy.definition import ActionDefinition
+from fuzzyarm.learned_policy.features import Features
+from fuzzyarm.learned_policy.policy import LearnedPolicy
+
+LANES = 64
+
+
+def observations(calls, lanes=LANES, seed=0):
+    """Ten numbers (calls, lanes, 10) of any kind."""
+    return 0.3 * np.random.default_rng(seed).normal(size=(calls, lanes, 10))
+
+
+def torques(policy, shown, starts=None):
+    """What a policy answers, call by call."""
+    state, answers = None, []
+    for k, observation in enumerate(shown):
+        action, state = policy.predict(observation, state, None if starts is None else starts[k])
+        answers.append(action)
+    return np.array(answers)
+
+
+def test_it_is_the_network_on_the_features_times_the_torque():
+    made, shown = bundle(ActionDefinition(torque_scale=(30.0, 20.0), period=1e-3)), observations(6)
+    features, memory = Features(made.features, 1e-3), np.zeros((LANES, made.features.memory_size))
+    for answer, observation in zip(torques(LearnedPolicy(made), shown), shown, strict=True):
+        seen, action = np.empty((LANES, made.features.size)), np.empty((LANES, 2))
+        features.fill(observation, memory, seen)
+        made.network.act(seen, action)
+        features.advance(observation, action, memory)
+        assert np.array_equal(answer, [30.0, 20.0] * action)
+    assert np.ptp(answer) > 1.0
+
+
+def test_an_action_is_held_and_what_is_seen_between_does_not_matter():
+    shown = observations(12)
+    made = bundle(ActionDefinition(period=4e-3))
+    every, fourth = torques(LearnedPolicy(made, 1e-3), shown), torques(LearnedPolicy(made, 4e-3), shown[::4])
+    assert np.array_equal(every, np.repeat(fourth, 4, axis=0))
+    assert not np.array_equal(fourth[0], fourth[1])
+
+
+def test_lanes_that_begin_at_different_calls_hold_their_own():
+    shown, calls = observations(11), 11
+    policy = LearnedPolicy(bundle(ActionDefinition(period=3e-3)))
+    starts = np.random.default_rng(1).random((calls, LANES)) < 0.2
+    together = torques(policy, shown, starts)
+    for lane in range(0, LANES, 7):
+        state = None
+        for k in range(calls):
+            action, state = policy.predict(shown[k, lane], None if starts[k, lane] else state)
+            assert action.tobytes() == together[k, lane].tobytes()
+
+
+def test_the_base_is_evaluated_at_every_call_and_added():
+    base = load_policy("fuzzy-4-tip", allow_unproven=True)
+    residual = ActionDefinition(torque_scale=(40.0, 18.0), base="fuzzy-4-tip")
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=4, variation="plants")
+    shown, _ = envs.reset(seed=0)
+    shown = np.array([shown + 1e-4 * k for k in range(6)])
+    alone, own = torques(base, shown), torques(LearnedPolicy(bundle(ActionDefinition((40.0, 18.0)))), shown)
+    both = torques(LearnedPolicy(bundle(residual), base=load_policy("fuzzy-4-tip", allow_unproven=True)), shown)
+    assert np.abs(alone + own).max() < 500.0
+    np.testing.assert_allclose(both, np.clip(alone + own, *np.array([[-1], [1]]) * [500.0, 250.0]), rtol=1e-12)
+    assert not np.array_equal(both[0], both[1]) and np.array_equal(own[0], own[1])
+
+
+def test_the_torque_stays_within_the_robots_limits():
+    arm = ArmParameters(torque_limit=(5.0, 3.0))
+    answers = torques(LearnedPolicy(bundle(), parameters=arm), observations(4))
+    assert np.abs(answers).max(axis=(0, 1)).tolist() == [5.0, 3.0]
+
+
+def test_nothing_of_the_links_enters():
+    """The same motors above other links: no torque differs. The links differ, and so does the tip."""
+    made = bundle()
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=1)
+    (observation, info), rng = envs.reset(seed=0), np.random.default_rng(0)
+    start = np.r_[info["q_motor"][0], info["q_link"][0], np.zeros(4)]
+    answers, tips = [], []
+    for _ in range(5):
+        moved = start.copy()
+        moved[[2, 3, 6, 7]] += rng.normal(size=4) * [0.01, 0.01, 0.1, 0.1]
+        observation, info = envs.reset(options={"initial_state": moved})
+        answers.append(LearnedPolicy(made).predict(observation)[0])
+        tips.append(info["tip"])
+    assert all(answer.tobytes() == answers[0].tobytes() for answer in answers)
+    assert np.ptp(tips, axis=0).max() > 1e-3
+
+
+def test_periods_and_bases_that_do_not_fit_are_named():
+    with pytest.raises(ValueError, match=r"acts every 0.002 s.*control_period = 0.0015 s; allowed: 0.002 s divided"):
+        LearnedPolicy(bundle(), 1.5e-3)
+    with pytest.raises(ValueError, match=r"control_period = 0.004 s"):
+        LearnedPolicy(bundle(), 4e-3)
+    residual, base = bundle(ActionDefinition(base="fuzzy-4")), load_policy("fuzzy-4", allow_unproven=True)
+    with pytest.raises(ValueError, match="trained on the base fuzzy-4; base = none"):
+        LearnedPolicy(residual)
+    with pytest.raises(ValueError, match="trained on the base None; base = FuzzyPolicy"):
+        LearnedPolicy(bundle(), base=base)
+    with pytest.raises(ValueError, match=r"control period of 0.001 s, not 0.002 s"):
+        LearnedPolicy(residual, 2e-3, base=base)
+
+
+class TestRegistry:
+    """`load_policy` on a folder."""
+
+    def test_a_folder_is_the_policy_it_holds(self, tmp_path):
+        mine = bundle()
+        mine.save(tmp_path / "mine")
+        shown = observations(6)
+        expected = torques(LearnedPolicy(mine), shown)
+        np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
+        np.testing.assert_array_equal(torques(load_policy(str(tmp_path / "mine")), shown), expected)
+
+    def test_its_base_comes_with_it(self, tmp_path):
+        mine = bundle(action=ActionDefinition(torque_scale=(40.0, 18.0), base="fuzzy-4-tip"))
+        mine.save(tmp_path / "mine")
+        shown = observations(6)
+        expected = torques(LearnedPolicy(mine, base=load_policy("fuzzy-4-tip")), shown)
+        np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
+
+    def test_a_base_that_is_no_shipped_policy_is_refused(self, tmp_path):
+        mine = bundle(action=ActionDefinition(base="/somewhere/else.json"))
+        mine.save(tmp_path / "mine")
+        with pytest.raises(ValueError, match="which is none of: fuzzy-32"):
+            load_policy(tmp_path / "mine")
+
+    def test_a_folder_without_a_policy_gets_one_clear_line(self, tmp_path):
+        with pytest.raises(BundleError, match=r"a policy bundle is a folder with policy\.json and weights") as caught:
+            load_policy(tmp_path)
+        assert "\n" not in str(caught.value)

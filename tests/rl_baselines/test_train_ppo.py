@@ -1,0 +1,375 @@
+"""A training is the same every time, and the same again if it is killed on the way."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import types
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+from fuzzyarm.cli import main  # noqa: E402
+from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
+from fuzzyarm.learned_policy.policy import LearnedPolicy  # noqa: E402
+from fuzzyarm.rl_baselines import checkpoint, ppo_training, train_ppo  # noqa: E402
+from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
+from fuzzyarm.rl_baselines.ppo_config import PPOConfig  # noqa: E402
+from fuzzyarm.rl_baselines.ppo_training import Training  # noqa: E402
+
+# A dozen updates; everything is on: drawn plants and references, a base, evaluations and checkpoints between them.
+FLAGS = {
+    "preset": "residual",
+    "steps": 6144,
+    "lanes": 8,
+    "rollout": 64,
+    "batch_size": 256,
+    "epochs": 2,
+    "hidden": 16,
+    "circles": 2,
+    "evaluation_interval": 3000,
+    "checkpoint_interval": 1024,
+    "seed": 11,
+}
+SHORT = {"steps": 1024, "lanes": 8, "rollout": 64, "batch_size": 256, "epochs": 2, "evaluation_interval": 10**6}
+SMALL = PPOConfig(**SHORT, tensorboard=False)
+
+
+def words(flags):
+    """A mapping as a command line."""
+    return [word for name, value in flags.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+
+
+def results(folder):
+    """What a run leaves behind that must come out the same: weights, descriptions and the curve."""
+    names = ("policy/policy.json", "policy/weights.safetensors", "best/policy.json", "best/weights.safetensors")
+    return {name: (folder / name).read_bytes() for name in ("curve.csv", *names) if (folder / name).exists()}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a run that nothing disturbed."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    assert main(["train", "ppo", *words(FLAGS), "--no-tensorboard", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
+    folder = tmp_path / "run"
+    flags = [*words(FLAGS), "--no-tensorboard", "--out", str(folder)]
+    command = [sys.executable, "-m", "fuzzyarm", "train", "ppo", *flags]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        curve, deadline = folder / "curve.csv", time.monotonic() + 120.0
+        while not (curve.exists() and len(curve.read_bytes().splitlines()) > 5):
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.002)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+    steps = read_checkpoint(folder / "checkpoint.pt")["learner"]["counters"]["steps"]
+    assert 1024 <= steps < 6144  # it was in the middle, and no more than an interval is lost
+    assert results(folder) != results(whole)
+    assert main(["train", "ppo", "--resume", "--out", str(folder)]) == 0
+    assert results(folder) == results(whole) and len(results(whole)) >= 3
+    first, second = (read_checkpoint(one / "checkpoint.pt") for one in (folder, whole))
+    assert equal(first, second)
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in whole.iterdir())
+
+
+def equal(first, second):
+    """Whether two checkpoints hold the same, bit for bit."""
+    if isinstance(first, dict):
+        return first.keys() == second.keys() and all(equal(first[name], second[name]) for name in first)
+    if isinstance(first, (list, tuple)):
+        return len(first) == len(second) and all(map(equal, first, second))
+    if isinstance(first, torch.Tensor):
+        return first.dtype == second.dtype and first.numpy().tobytes() == second.numpy().tobytes()
+    return first == second or (first != first and second != second)
+
+
+@pytest.mark.parametrize("distribution", ["nominal", "robust"])
+def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distribution, tmp_path):
+    config = replace(SMALL, distribution=distribution, circles=1)
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        Training(replace(config, seed=seed), tmp_path / name).run()
+    a, b, c = (results(tmp_path / name) for name in "abc")
+    assert a == b and a["policy/weights.safetensors"] != c["policy/weights.safetensors"]
+
+
+def test_the_very_beginning_can_be_resumed(tmp_path):
+    Training(SMALL, tmp_path / "a").run()
+
+    class Stop(Exception):
+        pass
+
+    def stop(_):
+        raise Stop
+
+    with pytest.raises(Stop):
+        Training(SMALL, tmp_path / "b", stop).run()
+    assert read_checkpoint(tmp_path / "b" / "checkpoint.pt")["learner"]["counters"]["steps"] == 0
+    Training.resume(tmp_path / "b").run()
+    assert results(tmp_path / "a") == results(tmp_path / "b")
+
+
+def normalised(training, features):
+    """The normaliser of stable-baselines3 without its rounding to float32."""
+    moments, normaliser = training.normaliser.obs_rms, training.normaliser
+    scaled = (features - moments.mean) / np.sqrt(moments.var + normaliser.epsilon)
+    return torch.as_tensor(np.clip(scaled, -normaliser.clip_obs, normaliser.clip_obs))
+
+
+def test_the_shipped_policy_is_the_trained_one(whole):
+    training = Training.resume(whole)
+    policy = training.model.policy
+    bundle = PolicyBundle.load(whole / "policy")
+    rng = np.random.default_rng(0)
+    features = rng.normal(size=(4096, bundle.features.size)) * rng.choice([0.1, 1.0, 30.0], (4096, 1))
+    action = np.empty((4096, 2))
+    bundle.network.act(features, action)
+    with torch.no_grad():
+        seen = torch.as_tensor(training.normaliser.normalize_obs(features))
+        expected = np.clip(policy.get_distribution(seen).mode().numpy(), -1.0, 1.0)
+        policy.double()
+        hidden = policy.mlp_extractor.policy_net(normalised(training, features))
+        exact = np.clip(policy.action_net(hidden).numpy(), -1.0, 1.0)
+    assert np.abs(action - expected).max() < 1e-6
+    assert np.abs(action - exact).max() < 1e-12
+    assert np.ptp(action) > 0.1
+
+
+def test_the_bundle_says_where_it_comes_from(whole):
+    bundle = PolicyBundle.load(whole / "policy")
+    assert (bundle.seed, bundle.action.base, bundle.action.torque_scale) == (11, "fuzzy-4-tip", (40.0, 18.0))
+    assert bundle.training["steps"] == bundle.training["steps_done"] == 6144
+    assert [row["steps"] for row in bundle.curve] == [3072, 6144]
+    assert {"numpy", "torch", "stable-baselines3"} <= set(bundle.versions)
+    rows = (whole / "curve.csv").read_text().splitlines()
+    assert (
+        len(rows) == 13
+        and rows[0].startswith("steps,")
+        and [int(r.split(",")[0]) for r in rows[1:]] == [512 * k for k in range(1, 13)]
+    )
+
+
+def test_the_evaluation_is_that_of_the_bundle_as_it_is_shipped(whole):
+    from fuzzyarm import load_policy
+    from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
+
+    bundle = PolicyBundle.load(whole / "policy")
+    found = evaluate_cases(LearnedPolicy(bundle, 1e-3, base=load_policy("fuzzy-4-tip", allow_unproven=True)))
+    assert found.items() <= bundle.curve[-1].items()
+
+
+def test_the_best_policy_is_kept_and_its_score_resumed(whole):
+    curve = PolicyBundle.load(whole / "policy").curve
+    scores = [np.mean([row[f"{case}_rms_mm"] for case in ("nominal", "machining", "payload")]) for row in curve]
+    assert Training.resume(whole).best == pytest.approx(min(scores), rel=1e-12)
+    assert PolicyBundle.load(whole / "best").training["steps_done"] == curve[int(np.argmin(scores))]["steps"]
+
+
+def test_no_finished_or_foreign_folder_is_trained_over(whole, capsys):
+    before = results(whole)
+    assert main(["train", "ppo", *words(FLAGS), "--out", str(whole)]) == 2
+    assert "holds a training already; go on with --resume, or choose another folder" in capsys.readouterr().err
+    assert main(["train", "ppo", "--resume", "--out", str(whole)]) == 0  # nothing is left to do
+    assert results(whole) == before
+
+
+# --- disks ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_disk_that_fills_up_leaves_the_last_checkpoint_whole(tmp_path, monkeypatch, capsys):
+    reference = Training(replace(SMALL, checkpoint_interval=256), tmp_path / "whole")
+    reference.run()
+    written, fsync = [], os.fsync
+
+    def full(handle):
+        written.append(handle)
+        if len(written) > 3:  # the first checkpoint, its folder, and on
+            raise OSError(28, "No space left on device")
+        fsync(handle)
+
+    monkeypatch.setattr(checkpoint.os, "fsync", full)
+    flags = words(SHORT | {"checkpoint_interval": 256})
+    assert main(["train", "ppo", *flags, "--no-tensorboard", "--out", str(tmp_path / "run")]) == 2
+    message = capsys.readouterr().err.strip().splitlines()[-1]
+    assert re.search(
+        r"checkpoint.pt: No space left on device; the checkpoint written before is whole: make room", message
+    )
+    assert not [path for path in (tmp_path / "run").iterdir() if path.name.endswith(".part")]
+    monkeypatch.undo()
+    assert main(["train", "ppo", "--resume", "--out", str(tmp_path / "run")]) == 0
+    assert results(tmp_path / "run") == results(tmp_path / "whole")
+
+
+def test_a_disk_that_fills_up_beside_the_checkpoint_says_that_it_is_whole(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(PolicyBundle, "save", full)
+    with pytest.raises(OSError, match=r"No space left on device; checkpoint\.pt is whole: make room and resume"):
+        Training(SMALL, tmp_path / "run").run()
+    monkeypatch.undo()
+    Training.resume(tmp_path / "run").run()
+    PolicyBundle.load(tmp_path / "run" / "policy")
+
+
+@pytest.mark.usefixtures("whole")  # everything is compiled
+def test_a_real_limit_of_the_file_size_stops_with_one_line(tmp_path, capsys):
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        code = main(["train", "ppo", "--no-tensorboard", "--out", str(tmp_path / "run")])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    message = capsys.readouterr().err.strip()
+    assert code == 2 and len(message.splitlines()) == 1
+    assert message.endswith("checkpoint.pt: File too large; nothing was kept")
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["curve.csv"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_is_named_before_anything_runs(tmp_path, capsys):
+    tmp_path.chmod(0o500)
+    assert main(["train", "ppo", "--out", str(tmp_path / "run")]) == 2
+    assert "cannot write to" in capsys.readouterr().err
+
+
+def test_a_file_in_the_place_of_the_folder_is_named(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["train", "ppo", "--out", str(tmp_path / "file" / "run")]) == 2
+    assert "cannot write to" in capsys.readouterr().err
+
+
+# --- checkpoints ---------------------------------------------------------------------------------------------------
+
+
+def test_a_checkpoint_comes_back_with_what_was_in_it(tmp_path):
+    path = tmp_path / "c.pt"
+    content = {"a": np.arange(3, dtype=np.uint32), "b": [{"x": 1.5, 2: None}], "c": np.float64(0.1), "t": (1, "two")}
+    write_checkpoint(path, content)
+    found = read_checkpoint(path)
+    assert found["a"].tolist() == [0, 1, 2] and found["b"] == content["b"] and found["t"] == (1, "two")
+    assert found["c"] == 0.1
+
+
+class _Foreign:
+    """What unpickling would run."""
+
+    def __reduce__(self):
+        return os.system, ("touch run-by-pickle",)
+
+
+def foreign(path):
+    """A sealed file with code in it."""
+    import hashlib
+    import io
+
+    buffer = io.BytesIO()
+    torch.save({"config": _Foreign()}, buffer)
+    data = buffer.getvalue()
+    path.write_bytes(checkpoint.SCHEMA + b" " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda path: path.unlink(), "No such file or directory; there is nothing to resume here"),
+        (lambda path: os.truncate(path, 1000), "is damaged"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"?"), "is damaged"),
+        (lambda path: path.write_bytes(b"PK"), "is no checkpoint of this version"),
+        (lambda path: write_checkpoint(path, {"config": {}}), "is of another version"),
+        (lambda path: write_checkpoint(path, {"config": [1]}), "is of another version"),
+        (foreign, "holds what no checkpoint holds"),
+    ],
+    ids=["gone", "truncated", "a byte", "foreign", "empty", "a list", "code"],
+)
+def test_a_checkpoint_that_cannot_be_used_is_one_line(whole, tmp_path, damage, message, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "checkpoint.pt"
+    path.write_bytes((whole / "checkpoint.pt").read_bytes())
+    damage(path)
+    with pytest.raises(CheckpointError, match=message) as caught:
+        Training.resume(tmp_path)
+    assert "\n" not in str(caught.value) and not (tmp_path / "run-by-pickle").exists()
+
+
+def test_a_checkpoint_of_other_arms_is_refused(whole, tmp_path):
+    found = read_checkpoint(whole / "checkpoint.pt")
+    found["config"]["circles"] = 3
+    write_checkpoint(tmp_path / "checkpoint.pt", found)
+    with pytest.raises(CheckpointError, match=r"does not fit this training .*other plants, tasks"):
+        Training.resume(tmp_path)
+
+
+# --- beside the result ---------------------------------------------------------------------------------------------
+
+
+def test_the_script_and_what_it_says_on_the_way(tmp_path, capsys):
+    code = train_ppo.main([*words(SHORT | {"steps": 512}), "--out", str(tmp_path)])
+    shown = capsys.readouterr().err
+    assert code == 0 and re.search(r"512 steps, [\d,]+/s; largest tip error \[mm\]: nominal \d", shown)
+    assert ("no TensorBoard logs: tensorboard is not installed" in shown) == (not ppo_training.tensorboard_installed())
+    assert train_ppo.main(["--lanes", "0", "--out", str(tmp_path)]) == 2
+    assert json.loads((tmp_path / "policy" / "policy.json").read_text())["training"]["lanes"] == 8
+
+
+def test_tensorboard_gets_every_row_if_it_is_installed(tmp_path, monkeypatch):
+    logged = []
+
+    class SummaryWriter:
+        def __init__(self, folder, purge_step):
+            logged.append((folder, purge_step))
+
+        def add_scalar(self, name, value, step):
+            logged.append((name, value, step))
+
+        def close(self):
+            logged.append("closed")
+
+    writer = types.ModuleType("torch.utils.tensorboard.writer")
+    writer.SummaryWriter = SummaryWriter
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", types.ModuleType("torch.utils.tensorboard"))
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard.writer", writer)
+    monkeypatch.setattr(ppo_training, "tensorboard_installed", lambda: True)
+    training = Training(replace(SMALL, tensorboard=True), tmp_path / "run")
+    training.run()
+    assert logged[0] == (str(tmp_path / "run" / "tensorboard"), 1) and logged[-1] == "closed"
+    assert logged[1:-1] == [(name, value, row["steps"]) for row in training.rows for name, value in row.items()]
+
+
+def test_wrappers_cost_no_loop_over_lanes():
+    """What Python does for a step does not depend on the number of lanes, so that PPO's own work dominates."""
+    from fuzzyarm.rl_baselines.learning_env import learning_envs
+
+    def instructions(lanes):
+        envs = learning_envs(PPOConfig(lanes=lanes, batch_size=lanes), None)
+        envs.seed(0)
+        envs.reset()
+        action, count = np.zeros((lanes, 2), dtype=np.float32), 0
+        envs.step(action)
+
+        def trace(frame, event, _):
+            nonlocal count
+            frame.f_trace_opcodes = True
+            count += event == "opcode"
+            return trace
+
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            envs.step(action)
+        finally:
+            sys.settrace(before)
+        return count
+
+    assert 0 < instructions(64) == instructions(4)
