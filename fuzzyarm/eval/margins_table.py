@@ -25,6 +25,7 @@ from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.eval.margins import GAIN_SPAN, POSTURES, LocalLoop, gain_limits, largest_radius, linearise_path
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.rollout import Policy
+from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
 from fuzzyarm.policies import NAMES, load_policy, policy_label
 
 SCHEMA = "fuzzyarm-margins/1"
@@ -112,15 +113,12 @@ def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) 
     """
     parameters = ArmParameters.from_toml(config.robot) if config.robot else ArmParameters()
     JointReference(parameters=parameters)  # an arm that cannot follow the path is bad usage, not a row of dashes
-    policies = {
-        policy_label(name): load_policy(name, control_period=CONTROL_PERIOD, robot=parameters)
-        for name in config.policies
-    }
+    policies = {policy_label(name): _loaded(name, parameters) for name in config.policies}
     if len(policies) < len(config.policies):
         raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
     rows = []
     for name, policy in policies.items():
-        rows.append({"policy": name, **measure(policy, parameters)})
+        rows.append({"policy": name, **measure(policy, parameters, policy.control_period)})
         progress()
     return {
         "schema": SCHEMA,
@@ -134,11 +132,18 @@ def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) 
     }
 
 
-def measure(policy: Policy, parameters: ArmParameters) -> dict[str, Any]:
-    """Return the margins of a policy that knows the arm `parameters`.
+def _loaded(name: str, parameters: ArmParameters) -> ModelBasedPolicy:
+    """Return a policy for `CONTROL_PERIOD`, or for the time it holds an action: over that its loop is one map."""
+    policy = load_policy(name, control_period=CONTROL_PERIOD, robot=parameters)
+    period = getattr(policy, "action_period", CONTROL_PERIOD)
+    return policy if period == CONTROL_PERIOD else load_policy(name, control_period=period, robot=parameters)
+
+
+def measure(policy: Policy, parameters: ArmParameters, control_period: float) -> dict[str, Any]:
+    """Return the margins of a policy that knows the arm `parameters` and acts every `control_period` [s].
 
     Returns:
-        ``spectral_radius`` by name of condition and ``loop_gain`` by key of `LIMITS`; None where there is no such
+        ``control_period`` [s], ``spectral_radius`` by name of condition and ``loop_gain`` by key of `LIMITS`; None where there is no such
         number, and then under the same name in ``reasons`` why.
     """
 
@@ -146,7 +151,7 @@ def measure(policy: Policy, parameters: ArmParameters) -> dict[str, Any]:
     def loops(stiffness: float, payload: Payload | None) -> list[LocalLoop]:
         first, second = parameters.stiffness
         plant = dataclasses.replace(parameters, stiffness=(stiffness * first, stiffness * second))
-        return linearise_path(policy, plant, CONTROL_PERIOD, payload)
+        return linearise_path(policy, plant, control_period, payload)
 
     reasons: dict[str, str] = {}
 
@@ -165,6 +170,7 @@ def measure(policy: Policy, parameters: ArmParameters) -> dict[str, Any]:
         return _limit(loops(1.0, None), delay, side)
 
     return {
+        "control_period": control_period,
         "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in CONDITIONS},
         "loop_gain": {
             key: number_or_reason(key, partial(limit, delay, side)) for key, (_, delay, side) in LIMITS.items()
@@ -217,6 +223,8 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
     ]
     headings = {key: heading for key, (heading, _, _) in LIMITS.items()}
     for row in document["rows"]:
+        if row["control_period"] != method["control_period"]:
+            notes.append(f"{row['policy']} acts every {1e3 * row['control_period']:g} ms, which is its period here.")
         missing: dict[str, list[str]] = {}
         for name, reason in row["reasons"].items():
             missing.setdefault(reason, []).append(f"'{headings.get(name, name)}'")

@@ -52,6 +52,11 @@ class LearnedPolicy(ModelBasedPolicy):
         self._scale = np.array(bundle.action.torque_scale)
         self.memory_size = self._own + (0 if base is None else base.memory_size)
 
+    @property
+    def action_period(self) -> float:
+        """Time between two actions [s]."""
+        return self.bundle.action.period
+
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `ModelBasedPolicy`."""
         due = _count_due(memory)

@@ -109,7 +109,7 @@ def test_each_plant_is_linearised_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     original = margins_table.linearise_path
     monkeypatch.setattr(margins_table, "linearise_path", lambda *given: calls.append(given) or original(*given))
-    measure(Springs(), ARM)
+    measure(Springs(), ARM, 1e-3)
     assert len(calls) == 4
 
 
@@ -151,7 +151,7 @@ def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
 
 def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
     """All null, and why."""
-    row = measure(Forgetful(), ARM)
+    row = measure(Forgetful(), ARM, 1e-3)
     assert set(row["spectral_radius"].values()) == set(row["loop_gain"].values()) == {None}
     assert set(row["reasons"]) == {*(condition.name for condition in CONDITIONS), *LIMITS}
     assert all("state tuple; needed: float64, array or None" in reason for reason in row["reasons"].values())
@@ -161,7 +161,7 @@ def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
 
 def test_an_unstable_loop_is_marked_by_a_word() -> None:
     """Computed torque at 400 rad/s: radii above 1, and no margins around an unstable loop."""
-    row = measure(ComputedTorquePolicy(ARM, 1e-3, 400.0), ARM)
+    row = measure(ComputedTorquePolicy(ARM, 1e-3, 400.0), ARM, 1e-3)
     assert row["spectral_radius"]["nominal"] > 1.0
     assert row["loop_gain"] == dict.fromkeys(LIMITS)
     assert row["reasons"] == dict.fromkeys(LIMITS, "unstable with its own loop gain")
@@ -182,11 +182,11 @@ def test_radius_cells(radius: float | None, cell: str) -> None:
 
 def test_a_gain_without_limit_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """Springs without integral bear any smaller gain; an upper limit beyond the search is none either."""
-    row = measure(Springs(), ARM)
+    row = measure(Springs(), ARM, 1e-3)
     assert row["loop_gain"]["lower"] is None and row["loop_gain"]["upper"] > 2.0
     assert row["reasons"] == {"lower": "stable down to 0.01 times its loop gain"}
     monkeypatch.setattr(margins_table, "gain_limits", lambda *_: (0.5, math.inf))
-    row = measure(Springs(), ARM)
+    row = measure(Springs(), ARM, 1e-3)
     assert row["loop_gain"] == {"lower": 0.5, "upper": None, "upper_one_sample_later": None}
     assert row["reasons"]["upper"] == "stable up to 100 times its loop gain"
 

@@ -1,5 +1,7 @@
 """A learned policy in use: the protocol of every policy, the hold, the base, and what it does not see."""
 
+import dataclasses
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -7,6 +9,8 @@ from made import bundle
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.eval.margins import spectral_radius
+from fuzzyarm.eval.margins_table import MarginsConfig, margin_notes, margins
 from fuzzyarm.learned_policy.bundle import BundleError
 from fuzzyarm.learned_policy.definition import ActionDefinition
 from fuzzyarm.learned_policy.features import Features
@@ -139,3 +143,19 @@ class TestRegistry:
         with pytest.raises(BundleError, match=r"a policy bundle is a folder with policy\.json and weights") as caught:
             load_policy(tmp_path)
         assert "\n" not in str(caught.value)
+
+
+def test_margins_are_taken_over_the_action_period(tmp_path):
+    """A network that always answers zero leaves the base alone, at the period of the network."""
+    mine = bundle(action=ActionDefinition(torque_scale=(40.0, 18.0), base="fuzzy-4", period=2e-3))
+    silent = [np.zeros_like(part) for part in (*mine.network.weights, *mine.network.biases)]
+    half = len(silent) // 2
+    network = dataclasses.replace(mine.network, weights=tuple(silent[:half]), biases=tuple(silent[half:]))
+    dataclasses.replace(mine, network=network).save(tmp_path / "silent")
+    document = margins(MarginsConfig((str(tmp_path / "silent"), "fuzzy-4")))
+    row, other = document["rows"]
+    base = load_policy("fuzzy-4", control_period=2e-3)
+    expected = spectral_radius(base, ArmParameters(), control_period=2e-3, delay=1.0)
+    assert row["control_period"] == 2e-3 and other["control_period"] == 1e-3
+    assert row["spectral_radius"]["one sample later"] == pytest.approx(expected, rel=1e-9)
+    assert "silent acts every 2 ms" in " ".join(margin_notes(document))
