@@ -143,8 +143,8 @@ def measure(policy: Policy, parameters: ArmParameters, control_period: float) ->
     """Return the margins of a policy that knows the arm `parameters` and acts every `control_period` [s].
 
     Returns:
-        ``control_period`` [s], ``spectral_radius`` by name of condition and ``loop_gain`` by key of `LIMITS`; None where there is no such
-        number, and then under the same name in ``reasons`` why.
+        ``control_period`` [s], ``spectral_radius`` by name of condition and ``loop_gain`` by key of `LIMITS`; None
+        where there is no such number, and then under the same name in ``reasons`` why.
     """
 
     @cache
