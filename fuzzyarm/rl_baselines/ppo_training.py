@@ -9,8 +9,10 @@ from __future__ import annotations
 import csv
 import importlib.util
 import io
+import json
 import math
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -41,6 +43,7 @@ from fuzzyarm.rl_baselines.learning_env import learning_envs
 from fuzzyarm.rl_baselines.ppo_config import PPOConfig
 
 CHECKPOINT, CURVE, LAST, BEST, TENSORBOARD = "checkpoint.pt", "curve.csv", "policy", "best", "tensorboard"
+TIMES = "run.json"  # what differs between two runs of the same: how long it took
 EVALUATION_PERIOD = 1e-3  # s, of the environment the policies are compared on
 LEARNER = {  # columns of the curve, and what stable-baselines3 calls them
     "learning_rate": "train/learning_rate",
@@ -72,6 +75,7 @@ class Training:
         self.config, self.folder, self._report = config, folder, report
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
+        self._seconds, self._since = 0.0, time.perf_counter()  # of the runs before this one, up to their checkpoint
         torch.set_num_threads(config.threads)
         self.envs = learning_envs(config, _base(config, config.action_period))
         self._evaluation_base = _base(config, EVALUATION_PERIOD)
@@ -91,7 +95,7 @@ class Training:
         found = read_checkpoint(folder / CHECKPOINT)
         try:
             training = cls(PPOConfig.from_dict(found["config"]), folder, report)
-            training.rows, training.best = found["rows"], found["best"]
+            training.rows, training.best, training._seconds = found["rows"], found["best"], found["seconds"]
             learner = found["learner"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
@@ -104,6 +108,7 @@ class Training:
         Raises:
             OSError: something cannot be written; the last checkpoint is whole.
         """
+        self._since = time.perf_counter()
         self.folder.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(self.folder)
         write_atomically(self.folder / CURVE, _csv(self.rows, header=True))  # without rows after the checkpoint
@@ -121,10 +126,16 @@ class Training:
                     raise  # it says what is left
                 text = f"{error.strerror or error}; {CHECKPOINT} is whole: make room and resume"
                 raise OSError(error.errno, text, error.filename or str(self.folder)) from None
+            times = {"wall_time_s": round(self._elapsed(), 1)}
+            write_atomically(self.folder / TIMES, json.dumps(times, indent=1) + "\n")
         if self._writer is not None:
             self._writer.close()
         self.envs.close()
         return self.bundle()
+
+    def _elapsed(self) -> float:
+        """Return the wall time of the training so far [s], without what a kill undid."""
+        return self._seconds + time.perf_counter() - self._since
 
     def bundle(self) -> PolicyBundle:
         """Return the policy of this moment as it is shipped."""
@@ -205,7 +216,13 @@ class Training:
 
     def _write_checkpoint(self) -> None:
         learner = learner_state(self.model, self.normaliser, self.envs)
-        content = {"config": self.config.to_dict(), "rows": self.rows, "best": self.best, "learner": learner}
+        content = {
+            "config": self.config.to_dict(),
+            "rows": self.rows,
+            "best": self.best,
+            "seconds": self._elapsed(),
+            "learner": learner,
+        }
         write_checkpoint(self.folder / CHECKPOINT, content)
 
     def _log(self, row: dict[str, Any]) -> None:

@@ -79,7 +79,10 @@ def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
     assert main(["train", "ppo", "--resume", "--out", str(folder)]) == 0
     assert results(folder) == results(whole) and len(results(whole)) >= 3
     first, second = (read_checkpoint(one / "checkpoint.pt") for one in (folder, whole))
+    assert first.pop("seconds") > 0.0 and second.pop("seconds") > 0.0
     assert equal(first, second)
+    times = [json.loads((one / "run.json").read_text())["wall_time_s"] for one in (folder, whole)]
+    assert min(times) > 0.0
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in whole.iterdir())
 
 
