@@ -1,0 +1,91 @@
+"""PPO in one file of plain torch, in the manner of CleanRL, on arms that live in tensors; on a GPU if torch finds one.
+
+python examples/train_torch.py [steps]
+
+Prints the mean tip error [mm] of every rollout, exploration included, and how many episodes left the domain. In 45 s
+on one core 400,000 steps take it from 800 mm to 8.5 mm (seeds 1 and 2: 6.4 and 7.3 mm). Torques are held for 10 ms, not
+the 1 ms that `fuzzyarm evaluate` compares policies at, and nothing is saved. The real trainer is `fuzzyarm train ppo`.
+"""
+
+import argparse
+
+import torch
+from torch import Tensor, nn
+from torch.distributions import Normal
+
+from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
+
+LANES, ROLLOUT = 128, 150  # a rollout is an episode: arms that begin together show the whole path in each update
+EPOCHS, MINIBATCHES, CLIP, GAMMA, GAE_LAMBDA, LEARNING_RATE = 4, 16, 0.2, 0.98, 0.95, 1e-3
+REWARD_SCALE = 0.1  # keeps returns, below 1 / (1 - GAMMA) = 50, near what a network begins with
+
+
+def features(observation: Tensor) -> Tensor:
+    """Return the observation [rad, s] with errors in place of what the motors do, all of about the size of 1."""
+    angle, velocity, angle_d, velocity_d, acceleration_d = observation.split(2, dim=-1)
+    errors = (10.0 * (angle_d - angle), velocity_d - velocity)
+    return torch.cat([*errors, angle_d, 0.2 * velocity_d, 0.03 * acceleration_d], dim=-1)
+
+
+def network(outputs: int, last_gain: float) -> nn.Sequential:
+    """Return two hidden layers, orthogonal at first."""
+    layers = [nn.Linear(10, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs)]
+    for layer, gain in zip(layers[::2], (2**0.5, 2**0.5, last_gain), strict=True):
+        nn.init.orthogonal_(layer.weight, gain)
+        nn.init.zeros_(layer.bias)
+    return nn.Sequential(*layers)
+
+
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("steps", nargs="?", type=int, default=400_000, help="at least; default: %(default)s")
+steps = parser.parse_args().steps
+if steps < 1:
+    parser.error(f"steps = {steps} is out of range; allowed: 1, 2, 3, ...")
+
+torch.set_num_threads(1)  # more do not pay for networks this small
+torch.manual_seed(0)
+device = "cuda" if torch.cuda.is_available() else "cpu"
+# Compiling takes longer than this whole training on a CPU; sub-steps of 1 ms cost micrometres of accuracy.
+envs = TorchFuzzyArm(LANES, device=device, compiled=device == "cuda", control_period=0.01, substep=1e-3)
+torque = torch.tensor(envs.single_action_space.high, dtype=envs.dtype, device=device)  # N m, at action 1
+actor, critic = network(2, 0.01).to(device), network(1, 1.0).to(device)
+log_std = nn.Parameter(torch.full((2,), -1.0, device=device))
+parameters = [*actor.parameters(), *critic.parameters(), log_std]
+optimizer = torch.optim.Adam(parameters, lr=LEARNING_RATE, eps=1e-5)
+
+seen = features(envs.reset(seed=0))
+for update in range(1, -(-steps // (LANES * ROLLOUT)) + 1):
+    rollout, tip_errors, left = [], [], 0
+    with torch.no_grad():
+        for _ in range(ROLLOUT):
+            policy = Normal(actor(seen), log_std.exp())
+            action = policy.sample()
+            observation, reward, terminated, truncated, info = envs.step(action.clip(-1.0, 1.0) * torque)
+            # An arm that ran out of time would have earned more, one that left the domain would not.
+            after = torch.where(terminated, 0.0, critic(features(info["final_obs"])).squeeze(-1))
+            value, target = critic(seen).squeeze(-1), REWARD_SCALE * reward + GAMMA * after
+            rollout.append((seen, action, policy.log_prob(action).sum(-1), value, target, terminated | truncated))
+            tip_errors.append(info["tip_error"])
+            left += terminated.sum()
+            seen = features(observation)
+        inputs, actions, log_probs, values, targets, ended = map(torch.stack, zip(*rollout, strict=True))
+        advantages, advantage = torch.empty_like(values), torch.zeros_like(values[0])
+        for t in reversed(range(ROLLOUT)):
+            advantage = targets[t] - values[t] + GAMMA * GAE_LAMBDA * torch.where(ended[t], 0.0, advantage)
+            advantages[t] = advantage
+        samples = [part.flatten(0, 1) for part in (inputs, actions, log_probs, advantages, advantages + values)]
+
+    for _ in range(EPOCHS):
+        for chosen in torch.randperm(LANES * ROLLOUT, device=device).chunk(MINIBATCHES):
+            inputs, actions, log_probs, advantages, returns = (part[chosen] for part in samples)
+            ratio = (Normal(actor(inputs), log_std.exp()).log_prob(actions).sum(-1) - log_probs).exp()
+            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+            gain = torch.min(ratio * advantages, ratio.clip(1.0 - CLIP, 1.0 + CLIP) * advantages).mean()
+            loss = 0.5 * (critic(inputs).squeeze(-1) - returns).square().mean() - gain
+            optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(parameters, 0.5)
+            optimizer.step()
+
+    error = 1e3 * torch.stack(tip_errors).mean().item()
+    print(f"{update * LANES * ROLLOUT:>9} steps: mean tip error {error:.1f} mm, {int(left)} episodes left the domain")

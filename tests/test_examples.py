@@ -1,0 +1,63 @@
+"""The examples that learn: they run without a warning, leave nothing behind and learn what their docstrings say."""
+
+import math
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("stable_baselines3")
+import torch
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+SCRIPTS = sorted(path.name for path in EXAMPLES.glob("train_*.py"))
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path, capsys):
+    """Run a script with arguments in an empty folder, on the CPU; return the tip errors [mm] it prints."""
+    threads = torch.get_num_threads()
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)  # else the step is compiled, for minutes
+    monkeypatch.chdir(tmp_path)
+
+    def call(script, *arguments):
+        monkeypatch.setattr(sys, "argv", [script, *arguments])
+        runpy.run_path(str(EXAMPLES / script), run_name="__main__")
+        return [float(number) for number in re.findall(r"mean tip error (\S+) mm", capsys.readouterr().out)]
+
+    yield call
+    torch.set_num_threads(threads)
+
+
+def test_there_are_three():
+    assert SCRIPTS == ["train_batched.py", "train_sb3.py", "train_torch.py"]
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_few_steps(script, run, tmp_path):
+    errors = run(script, "1100")  # two rollouts of train_sb3.py, one of the others
+    assert len(errors) == (1 if script == "train_torch.py" else 2)
+    assert all(math.isfinite(error) and 0.0 < error < 4000.0 for error in errors)
+    assert len(set(errors)) == len(errors)  # the policy changes
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize("wrong", ["0", "-5", "many", "1.5"])
+def test_wrong_numbers_of_steps_are_refused(script, wrong, run, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        run(script, wrong)
+    assert stopped.value.code == 2
+    message = capsys.readouterr().err
+    assert "steps" in message and wrong in message and ("allowed: 1, 2, 3, ..." in message or "int value" in message)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("script", "most"), [("train_batched.py", 100.0), ("train_torch.py", 30.0)])
+def test_they_learn(script, most, run):
+    """Several times the worst of three seeds: another machine rounds otherwise, and so learns otherwise."""
+    errors = run(script)
+    assert errors[0] > 500.0
+    assert errors[-1] < most
