@@ -76,6 +76,48 @@ def kick(
 
 
 @register_jitable(forceinline=True)
+def kick_twice(
+    start: State,
+    middle: State,
+    torque1: Any,
+    torque2: Any,
+    outer1: Any,
+    outer2: Any,
+    sin2: Any,
+    cos2: Any,
+    arm: Arm,
+    h: Any,
+) -> State:
+    """Return the state a sub-step h [s] after `start`, from the mid positions on; `middle` has the velocities of start.
+
+    The accelerations are evaluated twice: with the old velocities over h/2, then with those over h.
+    """
+    half = 0.5 * h
+    velocities, _ = kick(start, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, half)
+    middle = State(
+        middle.motor1,
+        middle.motor2,
+        middle.link1,
+        middle.link2,
+        velocities[0],
+        velocities[1],
+        velocities[2],
+        velocities[3],
+    )
+    velocities, travelled = kick(start, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, h)
+    return State(
+        start.motor1 + travelled[0],
+        start.motor2 + travelled[1],
+        middle.link1 + half * velocities[2],
+        middle.link2 + half * velocities[3],
+        velocities[0],
+        velocities[1],
+        velocities[2],
+        velocities[3],
+    )
+
+
+@register_jitable(forceinline=True)
 def step(state: State, torque1: Any, torque2: Any, force_x: Any, force_y: Any, arm: Arm, h: Any) -> State:
     """Advance the elastic arm by one sub-step h [s] under motor torques [N m] and a tip force [N]."""
     half = 0.5 * h
@@ -89,22 +131,9 @@ def step(state: State, torque1: Any, torque2: Any, force_x: Any, force_y: Any, a
     force1, force2 = tip_force_torque(sin1, cos1, sin12, cos12, force_x, force_y, arm)
     gravity1, gravity2 = gravity_torque(sin1, sin12, arm)
     outer1, outer2 = force1 - gravity1, force2 - gravity2
-
-    # Two evaluations at the mid positions: with the old velocities over h/2, then with those over h.
     middle = State(motor1, motor2, link1, link2, state[4], state[5], state[6], state[7])
-    velocities, _ = kick(state, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, half)
-    middle = State(motor1, motor2, link1, link2, velocities[0], velocities[1], velocities[2], velocities[3])
-    velocities, travelled = kick(state, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, h)
-    return State(
-        state.motor1 + travelled[0],
-        state.motor2 + travelled[1],
-        link1 + half * velocities[2],
-        link2 + half * velocities[3],
-        velocities[0],
-        velocities[1],
-        velocities[2],
-        velocities[3],
-    )
+    after: State = kick_twice(state, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, h)
+    return after
 
 
 def held(state: State, torque: Sequence[Any], force: Sequence[Any], arm: Arm, h: float, substeps: int) -> State:

@@ -29,7 +29,7 @@ from fuzzyarm.envs.compiled import kernel
 from fuzzyarm.envs.dynamics import Arm, State, arm_constants, gravity_torque, mass_matrix
 from fuzzyarm.envs.elementwise import sine_cosine
 from fuzzyarm.envs.fuzzy_arm import whole_substeps
-from fuzzyarm.envs.integrator import kick
+from fuzzyarm.envs.integrator import kick_twice
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy import elastic_target
 from fuzzyarm.fuzzy_policy.elastic_target import ElasticTarget
@@ -273,16 +273,5 @@ def _loaded_step(state: State, torque1: float, torque2: float, load1: float, loa
     gravity1, gravity2 = gravity_torque(sin1, sin1 * cos2 + cos1 * sin2, arm)
     outer1, outer2 = load1 - gravity1, load2 - gravity2
     middle = State(motor1, motor2, link1, link2, state[4], state[5], state[6], state[7])
-    velocities, _ = kick(state, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, half)
-    middle = State(motor1, motor2, link1, link2, velocities[0], velocities[1], velocities[2], velocities[3])
-    velocities, travelled = kick(state, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, h)
-    return State(
-        state.motor1 + travelled[0],
-        state.motor2 + travelled[1],
-        link1 + half * velocities[2],
-        link2 + half * velocities[3],
-        velocities[0],
-        velocities[1],
-        velocities[2],
-        velocities[3],
-    )
+    after: State = kick_twice(state, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, h)
+    return after
