@@ -150,7 +150,7 @@ def reference_family(parameters: ArmParameters, count: int = FAMILY) -> tuple[Jo
     """Return `count` references that always come out the same for an arm.
 
     Circles mostly, every eighth a lemniscate and every eighth a line: size 5-20 % of the reach, center anywhere that
-    keeps the curve within 30-92 % of it, any start angle, either direction, peak tip speed 0.4-1.8 reaches a second
+    keeps the curve within 30-92 % of it, any start angle, either direction, peak tip speed 0.4-2.2 reaches a second
     (a lemniscate passes its crossing up to 1.46 times faster), by rejection.
     """
     generator = np.random.default_rng(FAMILY_SEED)
@@ -161,7 +161,7 @@ def reference_family(parameters: ArmParameters, count: int = FAMILY) -> tuple[Jo
         size, angle = reach * generator.uniform(0.05, 0.2), generator.uniform(-math.pi, math.pi)
         distance, bearing = reach * generator.uniform(0.4, 0.8), generator.uniform(-0.3, 1.9)
         center = (distance * math.cos(bearing), distance * math.sin(bearing))
-        speed, turns = reach * generator.uniform(0.4, 1.8), generator.choice([-1.0, 1.0])
+        speed, turns = reach * generator.uniform(0.4, 2.2), generator.choice([-1.0, 1.0])
         step = (size * math.cos(angle), size * math.sin(angle))
         if len(family) % 8 == 7:
             path, length = _line(center, step), 2.0 * size
