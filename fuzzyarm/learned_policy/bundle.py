@@ -228,8 +228,8 @@ def _network(description: dict[str, Any], content: bytes) -> Network:
 
 
 def _action(description: dict[str, Any]) -> ActionDefinition:
-    scale = description["torque_scale"]
-    return ActionDefinition(**{**description, "torque_scale": tuple(scale) if isinstance(scale, list) else scale})
+    scale = description["scale"]
+    return ActionDefinition(**{**description, "scale": tuple(scale) if isinstance(scale, list) else scale})
 
 
 def _mapping(description: dict[str, Any], name: str) -> dict[str, Any]:

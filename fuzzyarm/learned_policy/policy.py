@@ -17,7 +17,8 @@ PHASE, ACTION, PAST = 0, slice(1, 3), 3
 class LearnedPolicy(ModelBasedPolicy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
-    u(t) = torque_scale · a_k [+ u_base(t)] from action instant k to the next. What is remembered between calls is in
+    u(t) = scale · a_k, smoothed as the definition says, from action instant k to the next; or with a base u(t) =
+    u_base(t), the base being told that the motors stand at q_a - scale · a_k. What is remembered between calls is in
     the state: how long the action has been held, the action, what the features remember, and the base's own memory.
     """
 
@@ -27,6 +28,8 @@ class LearnedPolicy(ModelBasedPolicy):
         control_period: float = 1e-3,
         parameters: ArmParameters | None = None,
         base: ModelBasedPolicy | None = None,
+        *,
+        friction: bool = True,
     ) -> None:
         """Set a bundle to work.
 
@@ -35,6 +38,7 @@ class LearnedPolicy(ModelBasedPolicy):
             control_period: time between two calls of `predict` [s]; the action period must be a whole multiple of it.
             parameters: the arm, for its torque limits; default Table 1.
             base: the policy that ``bundle.action.base`` names, for the same control period.
+            friction: whether the torque an unloaded arm needs, where the features know it, holds the dry friction.
 
         Raises:
             ValueError: the periods do not fit, or the base is missing, not asked for, or for another period.
@@ -47,15 +51,22 @@ class LearnedPolicy(ModelBasedPolicy):
             raise ValueError(f"this policy was trained on the base {bundle.action.base}; base = {given} was given")
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
-        self._features = Features(bundle.features, bundle.action.period)
+        self._features = Features(bundle.features, bundle.action.period, self.parameters, friction=friction)
         self._own = PAST + self._features.memory_size
-        self._scale = np.array(bundle.action.torque_scale)
+        self._smoothing = bundle.action.smoothing
+        self._scale = np.array(bundle.action.scale)
         self.memory_size = self._own + (0 if base is None else base.memory_size)
 
     @property
     def action_period(self) -> float:
         """Time between two actions [s]."""
         return self.bundle.action.period
+
+    def without_dry_friction(self) -> LearnedPolicy:
+        """Return this policy for an arm without dry friction: base and features forget it, the network stays."""
+        forgets = getattr(self.base, "without_dry_friction", None)
+        base = self.base if forgets is None else forgets()
+        return LearnedPolicy(self.bundle, self.control_period, self.parameters, base, friction=False)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `ModelBasedPolicy`."""
@@ -67,18 +78,21 @@ class LearnedPolicy(ModelBasedPolicy):
             chosen = memory[which]
             self._choose(observation[which], chosen)
             memory[which] = chosen
-        _hold(memory, self._scale, self.calls_per_action, torque)
+        _hold(memory, self._scale, self.calls_per_action, torque)  # with a base it is a shift, and no torque yet
         if self.base is not None:
-            added = np.empty_like(torque)
-            self.base.act(observation, memory[:, self._own :], added)
-            torque += added
+            shifted = observation.copy()
+            shifted[:, :2] -= torque
+            self.base.act(shifted, memory[:, self._own :], torque)
+        self._features.command(torque, memory[:, PAST : self._own])
 
     def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:
         """Take the next action, and remember it."""
         features = np.empty((len(memory), self._features.size))
         action, past = memory[:, ACTION], memory[:, PAST : self._own]
         self._features.fill(observation, past, features)
-        self.bundle.network.act(features, action)
+        told = np.empty((len(memory), 2))
+        self.bundle.network.act(features, told)
+        action[:] = self._smoothing * action + (1.0 - self._smoothing) * told
         self._features.advance(observation, action, past)
 
 
@@ -92,10 +106,10 @@ def _count_due(memory: np.ndarray) -> int:
 
 
 @kernel
-def _hold(memory: np.ndarray, scale: np.ndarray, calls: int, torque: np.ndarray) -> None:
-    """Fill `torque` with scale times action, and count the calls of the hold."""
+def _hold(memory: np.ndarray, scale: np.ndarray, calls: int, output: np.ndarray) -> None:
+    """Fill `output` with scale times action, and count the calls of the hold."""
     for lane in range(len(memory)):
-        torque[lane, 0], torque[lane, 1] = scale[0] * memory[lane, 1], scale[1] * memory[lane, 2]
+        output[lane, 0], output[lane, 1] = scale[0] * memory[lane, 1], scale[1] * memory[lane, 2]
         memory[lane, PHASE] += 1.0
         if memory[lane, PHASE] >= calls:
             memory[lane, PHASE] = 0.0

@@ -13,13 +13,14 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.envs.task import EFFORT_WEIGHT
-from fuzzyarm.envs.variation import find_variation
+from fuzzyarm.envs.variation import find_variation, reference_family
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
 from fuzzyarm.learned_policy.features import Features
 from fuzzyarm.rl_baselines.ppo_config import PPOConfig
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
+OWN_STATE = ("memory", "base_memory", "observation", "action")
 FARTHEST = 4.0  # m, twice what two arms of Table 1 stretched out in opposite directions are apart
 
 
@@ -32,11 +33,10 @@ def learning_envs(config: PPOConfig, base: ModelBasedPolicy | None) -> LearningE
     """
     arguments: dict[str, Any] = {}
     if config.distribution == "robust":
-        robust = find_variation("robust", ArmParameters())
-        circles = (JointReference(),) * config.circles
+        references = reference_family(ArmParameters(), config.references) + (JointReference(),) * config.circles
         # The force of the machining case is what the variation scales, by 0 to 1.
         arguments["case"] = "machining"
-        arguments["variation"] = dataclasses.replace(robust, references=robust.references + circles)
+        arguments["variation"] = dataclasses.replace(find_variation("robust", ArmParameters()), references=references)
     envs = FuzzyArmVectorEnv(config.lanes, control_period=config.action_period, threads=config.threads, **arguments)
     return LearningEnvs(StableBaselinesVecEnv(envs), config, base)
 
@@ -54,11 +54,12 @@ class LearningEnvs(VecEnvWrapper):
     def __init__(self, venv: StableBaselinesVecEnv, config: PPOConfig, base: ModelBasedPolicy | None) -> None:
         """Wrap arms whose actions are torques [N m]."""
         self._features, self._base = Features(config.features, config.action_period), base
-        self._scale, self._reward_length = np.array(config.torque_scale), 1e-3 * config.tip_error_scale
+        self._smoothing = config.action.smoothing
+        self._scale, self._reward_length = np.array(config.scale), 1e-3 * config.tip_error_scale
         self.tip_errors = np.zeros(venv.num_envs)
         self._memory = np.zeros((venv.num_envs, self._features.memory_size))
         self._base_memory = np.zeros((venv.num_envs, 0 if base is None else base.memory_size))
-        self._observation = np.zeros((venv.num_envs, 10))
+        self._observation, self._action = np.zeros((venv.num_envs, 10)), np.zeros((venv.num_envs, 2))
         bound = np.full(self._features.size, np.inf, dtype=np.float32)
         unit = np.ones(2, dtype=np.float32)
         super().__init__(venv, gym.spaces.Box(-bound, bound), gym.spaces.Box(-unit, unit))
@@ -66,18 +67,20 @@ class LearningEnvs(VecEnvWrapper):
     def reset(self) -> np.ndarray:
         """Begin an episode in every lane and return its features (lanes, size)."""
         self._observation = np.ascontiguousarray(self.venv.reset())
-        self._memory[:], self._base_memory[:] = 0.0, 0.0
+        self._memory[:], self._base_memory[:], self._action[:] = 0.0, 0.0, 0.0
         return self._seen()
 
     def step_async(self, actions: np.ndarray) -> None:
         """Turn actions (lanes, 2) in [-1, 1] into torques, and remember what they answer to."""
-        action = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
-        self._features.advance(self._observation, action, self._memory)
-        torque = self._scale * action
+        told = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
+        self._action = self._smoothing * self._action + (1.0 - self._smoothing) * told
+        self._features.advance(self._observation, self._action, self._memory)
+        torque = self._scale * self._action
         if self._base is not None:
-            added = np.empty_like(torque)
-            self._base.act(self._observation, self._base_memory, added)
-            torque += added
+            shifted = self._observation.copy()
+            shifted[:, :2] -= torque
+            self._base.act(shifted, self._base_memory, torque)
+        self._features.command(torque, self._memory)
         self.venv.step_async(torque)
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -99,14 +102,13 @@ class LearningEnvs(VecEnvWrapper):
     def get_state(self) -> dict[str, np.ndarray]:
         """Return all that changes from step to step, for `set_state`."""
         state: dict[str, np.ndarray] = self.venv.get_state()
-        own = {"memory": self._memory, "base_memory": self._base_memory, "observation": self._observation}
-        return {**state, **{name: array.copy() for name, array in own.items()}}
+        return {**state, **{name: getattr(self, f"_{name}").copy() for name in OWN_STATE}}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Go on where `get_state` was called; a step comes next."""
         self.venv.set_state(state)
-        self._memory, self._base_memory = state["memory"].copy(), state["base_memory"].copy()
-        self._observation = state["observation"].copy()
+        for name in OWN_STATE:
+            setattr(self, f"_{name}", state[name].copy())
 
     def _seen(self) -> np.ndarray:
         features = np.empty((self.num_envs, self._features.size))
@@ -121,7 +123,7 @@ class LearningEnvs(VecEnvWrapper):
         self._features.fill(last, self._memory[ended], features)
         for row, lane in enumerate(ended):
             infos[lane]["terminal_observation"] = features[row]
-        self._memory[ended], self._base_memory[ended] = 0.0, 0.0
+        self._memory[ended], self._base_memory[ended], self._action[ended] = 0.0, 0.0, 0.0
 
 
 def sharpened_reward(tip_error: np.ndarray, effort: np.ndarray, length: float) -> np.ndarray:

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.learned_policy.definition import MOST_REMEMBERED, ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.definition import LARGEST_SHIFT, MOST_REMEMBERED, ActionDefinition, FeatureDefinition
 
 DISTRIBUTIONS = ("nominal", "robust")
 
@@ -49,16 +49,23 @@ class PPOConfig:
         "tip force 0-218 N, start and reference",
         choices=DISTRIBUTIONS,
     )
-    circles: int = _field(
-        8, "in robust, how often the paper's circle stands beside the 32 other references", low=0, high=1000
+    references: int = _field(
+        256, "in robust, how many circles, lemniscates and lines episodes are drawn from", low=1, high=100_000
     )
-    base: str = _field("none", "policy whose torque the action is added to, such as fuzzy-4-tip, or none")
-    torque_scale: tuple[float, float] = _field(
-        (400.0, 180.0), "torque of motors 1 and 2 at action 1", unit="N m", low=0.0, above=True
+    circles: int = _field(
+        64, "in robust, how often the paper's circle stands beside these references", low=0, high=100_000
+    )
+    base: str = _field("none", "policy whose target the action shifts, such as fuzzy-4-tip; none: actions are torques")
+    scale: tuple[float, float] = _field(
+        (400.0, 180.0),
+        "of the action: torques of motors 1 and 2 [N m], or with a base angles [rad], of 0.5 at most",
+        low=0.0,
+        above=True,
     )
     action_period: float = _field(
         0.002, "time an action is held; the control period of the training", unit="s", low=0.0, high=0.1, above=True
     )
+    smoothing_time: float = _field(0.0, "time constant of the low-pass on actions; 0: none", unit="s", low=0.0)
     tip_error_scale: float = _field(
         0.3,
         "of the training's reward, which falls with ln(1 + tip error / scale); 0: the environment's own reward",
@@ -69,9 +76,12 @@ class PPOConfig:
     past_errors: int = _field(2, "past errors among the features", low=0, high=MOST_REMEMBERED)
     past_actions: int = _field(2, "past actions among the features", low=0, high=MOST_REMEMBERED)
     integral_time: float = _field(0.1, "time constant of the leaky integral; 0: none", unit="s", low=0.0)
+    elastic_target: bool = _field(
+        False, "errors count from where the motors of the unloaded arm belong, and past excess torques are seen"
+    )
     hidden: tuple[int, ...] = _field((64, 64), "widths of the hidden layers", low=1, high=1024)
     # The training
-    steps: int = _field(4_000_000, "environment steps, of all lanes together", low=1)
+    steps: int = _field(8_000_000, "environment steps, of all lanes together", low=1)
     lanes: int = _field(64, "arms that are trained on at once", low=1, high=65536)
     rollout: int = _field(64, "steps of each lane between two updates", low=2)
     batch_size: int = _field(1024, "samples in a gradient step; must divide lanes times rollout", low=2)
@@ -103,6 +113,11 @@ class PPOConfig:
             raise ValueError(
                 f"--batch-size {self.batch_size} must divide --lanes times --rollout = {self.lanes * self.rollout}"
             )
+        if self.base != "none" and max(self.scale) > LARGEST_SHIFT:
+            raise ValueError(
+                f"--scale {self.scale[0]:g} {self.scale[1]:g} is out of range; allowed with a --base: (0, "
+                f"{LARGEST_SHIFT:g}] rad"
+            )
         if self.final_learning_rate > self.learning_rate:
             raise ValueError(
                 f"--final-learning-rate {self.final_learning_rate:g} is out of range; allowed: [0, --learning-rate = "
@@ -113,14 +128,19 @@ class PPOConfig:
     def features(self) -> FeatureDefinition:
         """What the policy sees."""
         return FeatureDefinition(
-            past_errors=self.past_errors, past_actions=self.past_actions, integral_time=self.integral_time
+            past_errors=self.past_errors,
+            past_actions=self.past_actions,
+            integral_time=self.integral_time,
+            elastic_target=self.elastic_target,
         )
 
     @property
     def action(self) -> ActionDefinition:
         """What the policy's action means."""
         base = None if self.base == "none" else self.base
-        return ActionDefinition(torque_scale=self.torque_scale, period=self.action_period, base=base)
+        return ActionDefinition(
+            scale=self.scale, period=self.action_period, base=base, smoothing_time=self.smoothing_time
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields, ready for JSON."""
@@ -271,9 +291,28 @@ def _help(field: dataclasses.Field[Any]) -> str:
 
 
 # At the end: making them runs the checks.
-ROBUST = PPOConfig(distribution="robust", steps=20_000_000)
+ROBUST = PPOConfig(
+    distribution="robust",
+    hidden=(128, 128),
+    steps=12_000_000,
+    lanes=256,
+    rollout=32,
+    batch_size=2048,
+    epochs=5,
+    evaluation_interval=500_000,
+)
 PRESETS: dict[str, PPOConfig] = {
     "nominal": PPOConfig(),
     "robust": ROBUST,
-    "residual": dataclasses.replace(ROBUST, base="fuzzy-4-tip", torque_scale=(40.0, 18.0)),
+    "residual": dataclasses.replace(
+        ROBUST,
+        base="fuzzy-4-tip",
+        scale=(0.01, 0.02),
+        smoothing_time=0.06,
+        elastic_target=True,
+        hidden=(64, 64),
+        steps=6_000_000,
+        batch_size=1024,
+        epochs=10,
+    ),
 }

@@ -75,7 +75,7 @@ class Training:
         self.config, self.folder, self._report = config, folder, report
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
-        self._seconds, self._since = 0.0, time.perf_counter()  # of the runs before this one, up to their checkpoint
+        self._before, self._since = (0.0, 0.0), _clocks()  # of the runs before this one, up to their checkpoint
         torch.set_num_threads(config.threads)
         self.envs = learning_envs(config, _base(config, config.action_period))
         self._evaluation_base = _base(config, EVALUATION_PERIOD)
@@ -95,7 +95,7 @@ class Training:
         found = read_checkpoint(folder / CHECKPOINT)
         try:
             training = cls(PPOConfig.from_dict(found["config"]), folder, report)
-            training.rows, training.best, training._seconds = found["rows"], found["best"], found["seconds"]
+            training.rows, training.best, training._before = found["rows"], found["best"], found["seconds"]
             learner = found["learner"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
@@ -108,7 +108,7 @@ class Training:
         Raises:
             OSError: something cannot be written; the last checkpoint is whole.
         """
-        self._since = time.perf_counter()
+        self._since = _clocks()
         self.folder.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(self.folder)
         write_atomically(self.folder / CURVE, _csv(self.rows, header=True))  # without rows after the checkpoint
@@ -126,16 +126,18 @@ class Training:
                     raise  # it says what is left
                 text = f"{error.strerror or error}; {CHECKPOINT} is whole: make room and resume"
                 raise OSError(error.errno, text, error.filename or str(self.folder)) from None
-            times = {"wall_time_s": round(self._elapsed(), 1)}
+            wall, cpu = self._elapsed()
+            times = {"wall_time_s": round(wall, 1), "cpu_time_s": round(cpu, 1)}
             write_atomically(self.folder / TIMES, json.dumps(times, indent=1) + "\n")
         if self._writer is not None:
             self._writer.close()
         self.envs.close()
         return self.bundle()
 
-    def _elapsed(self) -> float:
-        """Return the wall time of the training so far [s], without what a kill undid."""
-        return self._seconds + time.perf_counter() - self._since
+    def _elapsed(self) -> tuple[float, float]:
+        """Return wall and processor time of the training so far [s], without what a kill undid."""
+        (wall, cpu), (wall_before, cpu_before), (wall_since, cpu_since) = _clocks(), self._before, self._since
+        return wall_before + wall - wall_since, cpu_before + cpu - cpu_since
 
     def bundle(self) -> PolicyBundle:
         """Return the policy of this moment as it is shipped."""
@@ -255,6 +257,11 @@ class _AfterUpdates(BaseCallback):
     def _finish(self) -> None:
         mean, self._sum, self._count = self._sum / self._count, 0.0, 0
         self._run.after_update(mean)
+
+
+def _clocks() -> tuple[float, float]:
+    """Return wall and processor time [s], from any beginning."""
+    return time.perf_counter(), time.process_time()
 
 
 def tensorboard_installed() -> bool:

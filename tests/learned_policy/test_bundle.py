@@ -100,7 +100,7 @@ DAMAGES = {
     "activation": (lambda f: edited(f, lambda d: d["network"].update(activation="relu")), "activation 'relu'"),
     "other features": (lambda f: edited(f, lambda d: d["features"].update(past_errors=9)), "has 20 inputs"),
     "a feature unknown": (lambda f: edited(f, lambda d: d["features"].update(tip=1)), "unexpected keyword.*'tip'"),
-    "a negative torque": (lambda f: edited(f, lambda d: d["action"].update(torque_scale=[-1, 2])), "torque_scale"),
+    "a negative torque": (lambda f: edited(f, lambda d: d["action"].update(scale=[-1, 2])), "scale"),
     "a period of text": (lambda f: edited(f, lambda d: d["action"].update(period="2")), "action period = '2'"),
     "a curve of text": (lambda f: edited(f, lambda d: d.update(curve="up")), "curve must be a list"),
     "infinite weight": (
@@ -197,8 +197,10 @@ def test_loading_takes_no_learning_library_and_no_pickle(folder):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"torque_scale": (0.0, 1.0)}, "torque_scale"),
-        ({"torque_scale": [1.0, 1.0]}, "torque_scale"),
+        ({"scale": (0.0, 1.0)}, "scale"),
+        ({"scale": [1.0, 1.0]}, "scale"),
+        ({"base": "fuzzy-4"}, r"scale = \(400.0, 180.0\) is out of range; allowed: two numbers in \(0, 0.5\] rad"),
+        ({"smoothing_time": -1.0}, "smoothing_time = -1.0 s is out of range"),
         ({"period": -1.0}, "action period = -1.0 s"),
         ({"base": ""}, "base = ''"),
     ],

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy import elastic_target
 from fuzzyarm.learned_policy.definition import FeatureDefinition
 from fuzzyarm.learned_policy.features import Features
 
@@ -14,19 +16,41 @@ DEFINITIONS = {
     "nothing remembered": FeatureDefinition(past_errors=0, past_actions=0, integral_time=0.0),
     "errors only": FeatureDefinition(past_errors=3, past_actions=0, integral_time=0.0),
     "actions and integral": FeatureDefinition(past_errors=0, past_actions=4, integral_time=0.05, error_scale=0.1),
+    "elastic target": FeatureDefinition(elastic_target=True, past_actions=3),
+    "elastic target, nothing remembered": FeatureDefinition(
+        past_errors=0, past_actions=0, integral_time=0.0, elastic_target=True
+    ),
 }
+LIMIT = np.array([200.0, 90.0])  # N m, lower than some of what is commanded below
+ARM = ArmParameters(torque_limit=tuple(LIMIT))
 
 
 def history(steps=12, lanes=3, seed=0):
-    """Observations (steps, lanes, 10) and actions (steps, lanes, 2)."""
+    """Observations (steps, lanes, 10), actions (steps, lanes, 2), torques (steps, lanes, 2); the motion is smooth."""
     rng = np.random.default_rng(seed)
-    return rng.normal(size=(steps, lanes, 10)), rng.uniform(-1.0, 1.0, (steps, lanes, 2))
+    time, phase = PERIOD * np.arange(steps)[:, np.newaxis, np.newaxis], rng.uniform(0.0, 6.0, (lanes, 2))
+    motion = [np.sin(5.0 * time + phase), 5.0 * np.cos(5.0 * time + phase), -25.0 * np.sin(5.0 * time + phase)]
+    observations = np.concatenate([rng.normal(size=(steps, lanes, 4)), *motion], axis=-1)
+    return observations, rng.uniform(-1.0, 1.0, (steps, lanes, 2)), 150.0 * rng.normal(size=(steps, lanes, 2))
 
 
-def expected(definition, observations, actions, k):
+def targets(definition, observations):
+    """What errors count from, (steps, lanes, 6), and u_ff, (steps, lanes, 2)."""
+    if not definition.elastic_target:
+        return observations[..., 4:], None
+    target = elastic_target.ElasticTarget(ARM, PERIOD)
+    memory = np.zeros((observations.shape[1], elastic_target.MEMORY_SIZE))
+    aims, feedforwards = np.empty((*observations.shape[:2], 6)), np.empty((*observations.shape[:2], 2))
+    for observation, aim, feedforward in zip(observations, aims, feedforwards, strict=True):
+        target.advance(observation, memory, aim, feedforward)
+    return aims, feedforwards
+
+
+def expected(definition, observations, actions, torques, k):
     """The features at instant k, from the whole history."""
     d = definition
-    error, rate = (observations[..., 4 + i : 6 + i] - observations[..., i : 2 + i] for i in (0, 2))
+    aims, feedforwards = targets(d, observations)
+    error, rate = (aims[..., i : 2 + i] - observations[..., i : 2 + i] for i in (0, 2))
     reference, velocity, acceleration = (observations[k, :, i : i + 2] for i in (4, 6, 8))
 
     def before(signal, n):
@@ -40,23 +64,31 @@ def expected(definition, observations, actions, k):
         ages = PERIOD * np.arange(k, 0, -1)
         weights = PERIOD * np.exp(-ages / d.integral_time)
         parts.append(np.arcsinh(np.tensordot(weights, error[:k], axes=1) / d.integral_scale))
+    if d.elastic_target:
+        excess = np.clip(torques, -LIMIT, LIMIT) - feedforwards
+        parts += [before(excess, n) / d.excess_scale for n in range(1, d.past_actions + 1)]
     return np.hstack(parts)
 
 
 @pytest.mark.parametrize("definition", DEFINITIONS.values(), ids=DEFINITIONS)
 def test_features_are_those_of_the_equations(definition):
-    observations, actions = history()
-    features, memory = Features(definition, PERIOD), np.zeros((3, definition.memory_size))
+    observations, actions, torques = history()
+    features = Features(definition, PERIOD, ARM)
+    memory = np.zeros((3, features.memory_size))
     for k in range(len(observations)):
         shown = np.full((3, definition.size), np.nan)
         features.fill(observations[k], memory, shown)
-        np.testing.assert_allclose(shown, expected(definition, observations, actions, k), rtol=1e-12, atol=1e-14)
+        wanted = expected(definition, observations, actions, torques, k)
+        np.testing.assert_allclose(shown, wanted, rtol=1e-12, atol=1e-14)
         features.advance(observations[k], actions[k], memory)
+        features.command(torques[k] + 1.0, memory)  # within a hold the last command counts
+        features.command(torques[k], memory)
 
 
 def test_a_constant_error_fills_the_leaky_integral_to_its_limit():
     definition = FeatureDefinition(integral_time=0.02)
-    features, memory = Features(definition, PERIOD), np.zeros((1, definition.memory_size))
+    features = Features(definition, PERIOD)
+    memory = np.zeros((1, features.memory_size))
     observation = np.zeros((1, 10))
     observation[0, 4] = 0.003
     for _ in range(2000):
@@ -72,6 +104,7 @@ def test_a_constant_error_fills_the_leaky_integral_to_its_limit():
         ({"past_errors": -1}, "past_errors = -1 is out of range; allowed: 0, 1, ..., 100"),
         ({"past_actions": True}, "past_actions = True"),
         ({"integral_time": math.nan}, r"integral_time = nan s is out of range; allowed: \[0, inf\) s"),
+        ({"elastic_target": 1}, "elastic_target = 1 must be true or false"),
         ({"error_scale": 0.0}, r"error_scale = 0.0 is out of range; allowed: \(0, inf\)"),
     ],
 )

@@ -1,6 +1,7 @@
 """A learned policy in use: the protocol of every policy, the hold, the base, and what it does not see."""
 
 import dataclasses
+import math
 
 import gymnasium as gym
 import numpy as np
@@ -9,6 +10,8 @@ from made import bundle
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.paths import Line
+from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.eval.margins import spectral_radius
 from fuzzyarm.eval.margins_table import MarginsConfig, margin_notes, margins
 from fuzzyarm.learned_policy.bundle import BundleError
@@ -34,8 +37,8 @@ def torques(policy, shown, starts=None):
 
 
 def test_it_is_the_network_on_the_features_times_the_torque():
-    made, shown = bundle(ActionDefinition(torque_scale=(30.0, 20.0), period=1e-3)), observations(6)
-    features, memory = Features(made.features, 1e-3), np.zeros((LANES, made.features.memory_size))
+    made, shown = bundle(ActionDefinition(scale=(30.0, 20.0), period=1e-3)), observations(6)
+    features, memory = Features(made.features, 1e-3), np.zeros((LANES, Features(made.features, 1e-3).memory_size))
     for answer, observation in zip(torques(LearnedPolicy(made), shown), shown, strict=True):
         seen, action = np.empty((LANES, made.features.size)), np.empty((LANES, 2))
         features.fill(observation, memory, seen)
@@ -65,17 +68,50 @@ def test_lanes_that_begin_at_different_calls_hold_their_own():
             assert action.tobytes() == together[k, lane].tobytes()
 
 
-def test_the_base_is_evaluated_at_every_call_and_added():
-    base = load_policy("fuzzy-4-tip", allow_unproven=True)
-    residual = ActionDefinition(torque_scale=(40.0, 18.0), base="fuzzy-4-tip")
+def test_the_base_is_evaluated_at_every_call_and_told_that_the_motors_stand_elsewhere():
     envs = gym.make_vec("FuzzyArm-v0", num_envs=4, variation="plants")
     shown, _ = envs.reset(seed=0)
     shown = np.array([shown + 1e-4 * k for k in range(6)])
-    alone, own = torques(base, shown), torques(LearnedPolicy(bundle(ActionDefinition((40.0, 18.0)))), shown)
-    both = torques(LearnedPolicy(bundle(residual), base=load_policy("fuzzy-4-tip", allow_unproven=True)), shown)
-    assert np.abs(alone + own).max() < 500.0
-    np.testing.assert_allclose(both, np.clip(alone + own, *np.array([[-1], [1]]) * [500.0, 250.0]), rtol=1e-12)
-    assert not np.array_equal(both[0], both[1]) and np.array_equal(own[0], own[1])
+    scale = (0.001, 0.002)
+    shift = torques(LearnedPolicy(bundle(ActionDefinition(scale))), shown)  # the same network, as if it were a torque
+    shifted = shown.copy()
+    shifted[..., :2] -= shift
+    base, alone = load_policy("fuzzy-4-tip", allow_unproven=True), torques(load_policy("fuzzy-4-tip"), shown)
+    both = torques(LearnedPolicy(bundle(ActionDefinition(scale, base="fuzzy-4-tip")), base=base), shown)
+    np.testing.assert_array_equal(both, torques(base, shifted))
+    assert np.array_equal(shift[0], shift[1]) and not np.array_equal(both[0], both[1])
+    assert np.abs(both - alone).min() > 1e-3
+
+
+def test_a_shifted_base_brings_the_motors_to_its_target_plus_the_shift():
+    """At rest, by the base's integral: no correction of torques could do that."""
+    action = ActionDefinition((0.004, 0.006), base="fuzzy-4")
+    made = bundle(action)
+    silent = [np.zeros_like(part) for part in made.network.weights]
+    biases = (*(np.zeros_like(part) for part in made.network.biases[:-1]), np.array([0.5, -0.5], dtype=np.float32))
+    constant = dataclasses.replace(
+        made, network=dataclasses.replace(made.network, weights=tuple(silent), biases=biases)
+    )
+    policy = LearnedPolicy(constant, base=load_policy("fuzzy-4"))
+    env = gym.make("FuzzyArm-v0", reference=JointReference(Line((0.4, 0.5), (0.4, 0.501)), duration=3.0)).unwrapped
+    (observation, _), state, ended = env.reset(seed=0), None, False
+    while not ended:
+        action, state = policy.predict(observation, state)
+        observation, _, terminated, ended, _ = env.step(action)
+        assert not terminated
+    np.testing.assert_allclose(observation[:2] - observation[4:6], [0.002, -0.003], atol=2e-5)
+
+
+def test_a_smoothed_action_is_a_first_order_lag_of_what_the_network_says():
+    shown = observations(9)
+    shown[..., :4] = shown[..., 4:8]  # no error, and no memory: the network sees the reference alone
+    memoryless = {"past_errors": 0, "past_actions": 0, "integral_time": 0.0}
+    told = torques(LearnedPolicy(bundle(ActionDefinition((3.0, 2.0), 1e-3), **memoryless)), shown)
+    action = ActionDefinition((3.0, 2.0), 1e-3, smoothing_time=4e-3)
+    smoothed, keep, expected = torques(LearnedPolicy(bundle(action, **memoryless)), shown), math.exp(-0.25), 0.0
+    for k, answer in enumerate(smoothed):
+        expected = keep * expected + (1.0 - keep) * told[k]
+        np.testing.assert_allclose(answer, expected, rtol=1e-12, atol=1e-15)
 
 
 def test_the_torque_stays_within_the_robots_limits():
@@ -106,7 +142,7 @@ def test_periods_and_bases_that_do_not_fit_are_named():
         LearnedPolicy(bundle(), 1.5e-3)
     with pytest.raises(ValueError, match=r"control_period = 0.004 s"):
         LearnedPolicy(bundle(), 4e-3)
-    residual, base = bundle(ActionDefinition(base="fuzzy-4")), load_policy("fuzzy-4", allow_unproven=True)
+    residual, base = bundle(ActionDefinition((0.01, 0.01), base="fuzzy-4")), load_policy("fuzzy-4", allow_unproven=True)
     with pytest.raises(ValueError, match="trained on the base fuzzy-4; base = none"):
         LearnedPolicy(residual)
     with pytest.raises(ValueError, match="trained on the base None; base = FuzzyPolicy"):
@@ -127,14 +163,14 @@ class TestRegistry:
         np.testing.assert_array_equal(torques(load_policy(str(tmp_path / "mine")), shown), expected)
 
     def test_its_base_comes_with_it(self, tmp_path):
-        mine = bundle(action=ActionDefinition(torque_scale=(40.0, 18.0), base="fuzzy-4-tip"))
+        mine = bundle(action=ActionDefinition(scale=(0.02, 0.01), base="fuzzy-4-tip"))
         mine.save(tmp_path / "mine")
         shown = observations(6)
         expected = torques(LearnedPolicy(mine, base=load_policy("fuzzy-4-tip")), shown)
         np.testing.assert_array_equal(torques(load_policy(tmp_path / "mine"), shown), expected)
 
     def test_a_base_that_is_no_shipped_policy_is_refused(self, tmp_path):
-        mine = bundle(action=ActionDefinition(base="/somewhere/else.json"))
+        mine = bundle(action=ActionDefinition((0.01, 0.01), base="/somewhere/else.json"))
         mine.save(tmp_path / "mine")
         with pytest.raises(ValueError, match="which is none of: fuzzy-32"):
             load_policy(tmp_path / "mine")
@@ -147,7 +183,7 @@ class TestRegistry:
 
 def test_margins_are_taken_over_the_action_period(tmp_path):
     """A network that always answers zero leaves the base alone, at the period of the network."""
-    mine = bundle(action=ActionDefinition(torque_scale=(40.0, 18.0), base="fuzzy-4", period=2e-3))
+    mine = bundle(action=ActionDefinition(scale=(0.02, 0.01), base="fuzzy-4", period=2e-3))
     silent = [np.zeros_like(part) for part in (*mine.network.weights, *mine.network.biases)]
     half = len(silent) // 2
     network = dataclasses.replace(mine.network, weights=tuple(silent[:half]), biases=tuple(silent[half:]))

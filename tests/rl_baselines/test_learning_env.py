@@ -54,7 +54,7 @@ def vector(lanes, **arguments):
 
 CONFIGS = {
     "torques": configured(lanes=5),
-    "residual": configured(lanes=5, base="fuzzy-4-tip", torque_scale=(40.0, 18.0)),
+    "residual": configured(lanes=5, base="fuzzy-4-tip", scale=(0.01, 0.02), elastic_target=True, smoothing_time=0.03),
 }
 
 
@@ -67,10 +67,12 @@ def test_training_and_the_shipped_policy_see_and_do_the_same(config):
     policy, plain = LearnedPolicy(made, PERIOD, base=base_of(config)), vector(5, **arguments)
     training.seed(3)
     features, (observation, _) = training.reset(), plain.reset(seed=3)
-    state, starts, ends = None, None, 0
+    state, starts, ends = None, np.ones(5, dtype=bool), 0
+    applied, keep = np.zeros((5, 2)), config.action.smoothing
     for _ in range(60):
         action = np.empty((5, 2))
         made.network.act(features, action)
+        applied = keep * np.where(starts[:, np.newaxis], 0.0, applied) + (1.0 - keep) * action
         features, _, dones, infos = training.step(action)
         torque, state = policy.predict(observation, state, starts)
         observation, _, terminated, truncated, info = plain.step(torque)
@@ -83,14 +85,22 @@ def test_training_and_the_shipped_policy_see_and_do_the_same(config):
             ends += 1
             last = infos[lane]["terminal_observation"]
             assert last.shape == (config.features.size,) and np.array_equal(last[4:6], info["final_obs"][lane][4:6])
-            assert np.array_equal(last[14:16], action[lane])  # the action before it
+            assert np.array_equal(last[14:16], applied[lane])  # the action before it
             assert not features[lane, 10:].any()  # nothing is remembered of the episode that ended
     assert ends == 10 and np.ptp(torque) > 1.0
 
 
 @pytest.mark.parametrize("distribution", ["nominal", "robust"])
 def test_arms_left_and_taken_up_again_go_on_bit_for_bit(distribution):
-    config = configured(lanes=4, distribution=distribution, circles=2, base="fuzzy-4-tip", torque_scale=(400.0, 180.0))
+    config = configured(
+        lanes=4,
+        distribution=distribution,
+        circles=2,
+        base="fuzzy-4-tip",
+        scale=(0.4, 0.18),
+        elastic_target=True,
+        smoothing_time=0.004,
+    )
     first, second = (learning_envs(config, base_of(config)) for _ in range(2))
     first.seed(7)
     first.reset()
@@ -164,7 +174,7 @@ def test_the_sharpened_reward_has_a_slope_everywhere():
 
 
 def test_robust_episodes_differ_and_hold_the_papers_circle_as_often_as_asked():
-    envs = learning_envs(configured(distribution="robust", lanes=512, circles=32), None)
+    envs = learning_envs(configured(distribution="robust", lanes=512, references=32, circles=32), None)
     envs.seed(0)
     envs.reset()
     drawn = envs.venv.vector_info["variation"]

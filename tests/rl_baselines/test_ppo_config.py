@@ -47,11 +47,13 @@ def test_every_field_is_a_flag_with_help(name, capsys):
     if isinstance(field.default, int) and not isinstance(field.default, bool):
         value = field.default * 2 or 1
     flag = f"--{name.replace('_', '-')}"
-    words = [flag, *texts(value)] if not isinstance(value, bool) else [f"--no-{flag[2:]}"]
-    assert getattr(chosen(*words), name) == value
-    assert (
-        chosen(*words, "--seed", 5) == dataclasses.replace(PPOConfig(), **{name: value} | {"seed": 5}) or name == "seed"
-    )
+    words = [flag, *texts(value)] if not isinstance(value, bool) else [flag if value else f"--no-{flag[2:]}"]
+    more = {} if name == "seed" else {"seed": 5}
+    if name == "base":  # actions are angles then
+        more["scale"] = (0.01, 0.02)
+    for other_name, other_value in more.items():
+        words += [f"--{other_name}", *texts(other_value)]
+    assert chosen(*words) == dataclasses.replace(PPOConfig(), **{name: value} | more)
     with pytest.raises(SystemExit):
         chosen("--help")
     assert flag in capsys.readouterr().out and len(field.metadata["help"]) > 10
@@ -72,13 +74,14 @@ BAD = {
     "--learning-rate 0": r"--learning-rate 0.0 is out of range; allowed: \(0, inf\)",
     "--final-learning-rate 1": r"--final-learning-rate 1 is out of range; allowed: \[0, --learning-rate = 0.001\]",
     "--batch-size 100": "--batch-size 100 must divide --lanes times --rollout = 4096",
-    "--torque-scale 1 0": r"--torque-scale 0.0 is out of range; allowed: \(0, inf\) N m",
-    "--torque-scale x 0": r"--torque-scale x 0 must be a number; allowed: \(0, inf\) N m",
+    "--scale 1 0": r"--scale 0.0 is out of range; allowed: \(0, inf\)",
+    "--scale x 0": r"--scale x 0 must be a number; allowed: \(0, inf\)",
     "--hidden 64 0": "--hidden 0 is out of range",
     "--distribution other": "--distribution other is unknown; choose from: nominal, robust",
     "--preset other": "--preset other is unknown; choose from: nominal, robust, residual",
     "--action-period 1": r"--action-period 1.0 is out of range; allowed: \(0, 0.1\] s",
-    "--base fuzzy-5": "unknown policy 'fuzzy-5'",
+    "--base fuzzy-4": r"--scale 400 180 is out of range; allowed with a --base: \(0, 0.5\] rad",
+    "--base fuzzy-5 --scale 0.1 0.1": "unknown policy 'fuzzy-5'",
     "--action-period 0.0015": "which is no whole multiple of control_period",
     "--resume --lanes 32 --preset robust": "--resume goes on as the run was configured; leave out --preset, --lanes",
     "--resume": "there is nothing to resume here",
@@ -101,7 +104,7 @@ def test_a_bad_value_is_one_line_and_exit_code_2(flags, message, tmp_path, capsy
     [
         ({"lanes": True}, "--lanes True is out of range"),
         ({"lanes": 8.0}, "--lanes 8.0 is out of range"),
-        ({"torque_scale": (1.0,)}, "must be a tuple of numbers"),
+        ({"scale": (1.0,)}, "must be a tuple of numbers"),
         ({"hidden": [8]}, "must be a tuple of numbers"),
         ({"base": ""}, "must be of type str"),
         ({"tensorboard": 1}, "must be of type bool"),
