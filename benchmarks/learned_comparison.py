@@ -1,27 +1,35 @@
 """Learned policies beside model-based ones: tip errors over the seeds of a training, on eight tasks.
 
-    python benchmarks/learned_comparison.py --learned NAME FOLDER [FOLDER ...] [--learned ...]
-                                            [--json FILE] [--figure FILE.png]
+    python benchmarks/learned_comparison.py [--learned NAME FOLDER [FOLDER ...]] [--learned ...]
+                                            [--json FILE] [--figure FILE.png] [--curves FILE.png]
 
 NAME is what one configuration is called, each FOLDER what `fuzzyarm train ppo --out FOLDER` made of it with another
-seed. What is run of each is its bundle `policy`, the last one. The bundle `best` was picked for the smallest error on
-the paper's circle, which is what this table measures: the smallest of many evaluations says more of luck than the
-last. All finished seeds belong into the command, the bad ones too.
+seed; without --learned it is every folder NAME-SEED of benchmarks/learned. What is run of each is its bundle `policy`,
+the last one. The bundle `best` was picked for the smallest error on the paper's circle, which is what this table
+measures: the smallest of many evaluations says more of luck than the last. All finished seeds belong into the command,
+the bad ones too.
 
 The tasks: the paper's three cases, and without load another radius, two other durations, the other direction and an
 eight. A policy of `--preset nominal` has seen the first of them only. Those trained on the robust distribution have
 seen the paper's circle, under other loads and on other plants, and none of the other motions.
 
 A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.metrics`; over seeds the
-interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.statistics`. An episode that ended early has
-failed: how many of the seeds did is a column, and the errors are of the others alone, a dash where there is none. An
-error says little where seeds failed; what each seed did is in the JSON file. The model-based policies have no seed,
-and nothing is random in these tasks: one episode is all there is.
+interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.statistics`. An episode has failed if it ended
+early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a policy may lose the path by
+a metre and never leave the joints' box, and that says nothing of how well it tracks. How many of the seeds failed is a
+column, and the errors are of the others alone, a dash where there is none. An error says little where seeds failed;
+what each seed did is in the JSON file. The model-based policies have no seed, and nothing is random in these tasks: one
+episode is all there is.
 
 The median seed, the one to ship, has the median score: the rms in Case 1 of a policy trained on the nominal
 distribution, the mean rms over the three cases of any other, the two rules by which the training itself judges. The
-figure shows it on the task where it is worst, beside the model-based policy that is best there. About a tenth of a
-second per episode.
+figure of --figure shows it on the task where it is worst, beside the model-based policy that is best there; that of
+--curves shows every seed's rms over the steps of its training.
+
+The second table has the score in the last tenth of the training over that in the tenth before (`plateau`), the median
+over the seeds and their range. A ratio near 1 says that the error no longer fell when the training ended. The learning
+rate falls to nearly nothing by then, so that is weaker than to have trained twice as long and seen no gain. About a
+tenth of a second per episode.
 """
 
 from __future__ import annotations
@@ -29,19 +37,17 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import hashlib
-import io
 import json
 import math
+import shlex
 import statistics
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from learned_figures import Shown, Training, WorstTask, draw_learning_curves, draw_worst_tasks, png
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -52,7 +58,6 @@ from fuzzyarm.envs.disturbances import CASES
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.paths import Circle, Lemniscate
 from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval import figures
 from fuzzyarm.eval.metrics import metrics
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.rollout import Policy, Rollout, rollout
@@ -63,12 +68,16 @@ from fuzzyarm.learned_policy.policy import LearnedPolicy
 
 SCHEMA = "fuzzyarm-learned-comparison/1"
 MODEL_BASED = ("fuzzy-4", "fuzzy-1", "fuzzy-4-tip", "computed-torque", "computed-torque-tip", "elastic-observer")
+ORIENTATION = ("fuzzy-4-tip", "computed-torque")  # beside the learning curves, with the best in each case
 CONTROL_PERIOD = 1e-3  # s
+LOST = 100.0  # mm, half the radius of the paper's circle
 MEASURES = {"tip_error_max_mm": "max [mm]", "tip_error_rms_mm": "rms [mm]"}
 BUNDLE, TIMES = "policy", "run.json"
+MEASURED_TIMES = {"wall_time_s": "wall time of a seed [s]", "cpu_time_s": "processor time [s]"}
 # In which the seeds of one configuration may differ: nothing of it changes what is learned from a seed.
 OF_THE_RUN = ("seed", "steps_done", "threads", "evaluation_interval", "checkpoint_interval", "tensorboard")
-MAGNIFICATIONS = (100, 50, *figures.MAGNIFICATIONS)  # of a deviation in the figure, the largest that has room
+ROOT = Path(__file__).resolve().parents[1]
+LEARNED = ROOT / "benchmarks" / "learned"  # the trainings of the repository, NAME-SEED/
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,12 +121,12 @@ class TrainedSeed:
     Attributes:
         folder: of the training.
         policy: its last bundle at work.
-        wall_time: of the training [s]; None if it was not recorded.
+        times: of the training [s] by `MEASURED_TIMES`; None where it was not recorded.
     """
 
     folder: Path
     policy: LearnedPolicy
-    wall_time: float | None
+    times: dict[str, float | None]
 
     @property
     def seed(self) -> int:
@@ -128,6 +137,16 @@ class TrainedSeed:
     def training(self) -> dict[str, Any]:
         """The configuration, and the steps that were done."""
         return self.policy.bundle.training
+
+    @property
+    def distribution(self) -> str:
+        """What was trained on."""
+        return str(self.training.get("distribution"))
+
+    @property
+    def curve(self) -> list[dict[str, Any]]:
+        """What was measured on the way."""
+        return self.policy.bundle.curve
 
 
 def trained_seed(folder: Path) -> TrainedSeed:
@@ -151,7 +170,11 @@ def trained_seed(folder: Path) -> TrainedSeed:
         raise ValueError(
             f"{folder} is unfinished, {done} of {asked} steps; go on with fuzzyarm train ppo --resume --out {folder}"
         )
-    return TrainedSeed(folder, policy, _wall_time(folder / TIMES))
+    measured = ("steps", *(f"{case}_rms_mm" for case in CASES))
+    curve = policy.bundle.curve
+    if not (curve and all(_is_number(row.get(key)) and row[key] > 0 for row in curve for key in measured)):
+        raise ValueError(f"{folder / BUNDLE} has no curve with positive {', '.join(measured)} in all rows; train anew")
+    return TrainedSeed(folder, policy, _times(folder / TIMES))
 
 
 def trained_seeds(name: str, folders: Sequence[Path]) -> list[TrainedSeed]:
@@ -192,18 +215,26 @@ def episode(policy: Policy, name: str, task: Task) -> Rollout:
     return rollout(env, policy, policy_name=name, case=task.case, seed=0)
 
 
+def failure(run: Rollout) -> tuple[str, int] | None:
+    """Return ``"ended early"`` or ``"lost the path"`` and at which sample that was; None for one that did neither."""
+    if not run.completed:
+        return "ended early", len(run.time) - 1
+    far = 1e3 * run.tip_error > LOST
+    return ("lost the path", int(np.argmax(far))) if far.any() else None
+
+
 def assess(policy: Policy, name: str, seed: int | None) -> list[dict[str, Any]]:
     """Return one record per task; errors of an episode that ended early are those up to its end."""
     records = []
     for task in TASKS.values():
         run = episode(policy, name, task)
-        measured = metrics(run)
+        measured, failed = metrics(run), failure(run)
         records.append(
             {
                 "policy": name,
                 "seed": seed,
                 "task": task.name,
-                "completed": run.completed,
+                "failed": failed and failed[0],
                 "reason": run.reason,
                 "ended_at": float(run.time[-1]),
                 **{key: measured[key] for key in MEASURES},
@@ -225,29 +256,60 @@ def summarised(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         for (of, policy), group in groups.items():
             if of != task:
                 continue
-            completed = [record for record in group if record["completed"]]
-            row = {"task": task, "policy": policy, "episodes": len(group), "failed": len(group) - len(completed)}
+            good = [record for record in group if record["failed"] is None]
+            row = {"task": task, "policy": policy, "episodes": len(group), "failed": len(group) - len(good)}
             for key in MEASURES:
-                values = [record[key] for record in completed]
+                values = [record[key] for record in good]
                 row[key] = estimate(values)._asdict() if values else None
             rows.append(row)
     return rows
 
 
+def judged_cases(distribution: str) -> tuple[str, ...]:
+    """Return the cases in which what was trained on a distribution is judged: Case 1 for ``"nominal"``, else all."""
+    return ("nominal",) if distribution == "nominal" else tuple(CASES)
+
+
 def scores(records: Sequence[dict[str, Any]], distribution: str) -> dict[int, float]:
-    """Return by seed what it is judged by [mm]: the mean rms over the judged cases, infinite if one ended early.
+    """Return by seed what it is judged by [mm]: the mean rms over the judged cases, infinite if one failed.
 
     Args:
         records: of one learned policy's seeds.
-        distribution: what was trained on; ``"nominal"`` is judged in Case 1, any other in the three cases.
+        distribution: what was trained on, see `judged_cases`.
     """
-    judged = ("nominal",) if distribution == "nominal" else tuple(CASES)
+    judged = judged_cases(distribution)
     result: dict[int, float] = {}
     for seed in dict.fromkeys(record["seed"] for record in records):
         found = [record for record in records if record["seed"] == seed and record["task"] in judged]
-        complete = all(record["completed"] for record in found)
-        result[seed] = statistics.mean(record["tip_error_rms_mm"] for record in found) if complete else math.inf
+        failed = any(record["failed"] for record in found)
+        result[seed] = math.inf if failed else statistics.mean(record["tip_error_rms_mm"] for record in found)
     return result
+
+
+def plateau(curve: Sequence[Mapping[str, Any]], distribution: str) -> float | None:
+    """Return how the score at the end of a training compares with that just before: 1 if nothing changed any more.
+
+    With S the steps of the last evaluation and the score the mean rms over the judged cases, it is
+
+        mean score over 0.9 S < steps <= S  /  mean score over 0.8 S < steps <= 0.9 S.
+
+    Args:
+        curve: of a bundle, one mapping per evaluation, the last one last.
+        distribution: what was trained on, see `judged_cases`.
+
+    Returns:
+        The ratio; None if one of the two has no evaluation, or if in a judged case one ended early.
+    """
+    total, judged = curve[-1]["steps"], judged_cases(distribution)
+    last: list[float] = []
+    before: list[float] = []
+    for row in curve:
+        if 10 * row["steps"] > 8 * total:
+            ended_early = any(row.get(f"{case}_share", 1.0) < 1.0 for case in judged)
+            score = math.nan if ended_early else statistics.mean(row[f"{case}_rms_mm"] for case in judged)
+            (last if 10 * row["steps"] > 9 * total else before).append(score)
+    ratio = statistics.mean(last) / statistics.mean(before) if before else math.nan
+    return ratio if math.isfinite(ratio) else None
 
 
 def median_seed(score: Mapping[int, float]) -> int:
@@ -259,7 +321,9 @@ def median_seed(score: Mapping[int, float]) -> int:
     return ranked[(len(ranked) - 1) // 2]
 
 
-def compare(learned: Mapping[str, Sequence[TrainedSeed]], progress: Callable[[str], None]) -> dict[str, Any]:
+def compare(
+    learned: Mapping[str, Sequence[TrainedSeed]], command: str, progress: Callable[[str], None]
+) -> dict[str, Any]:
     """Run everything and return the document; `progress` is called with a line before each policy."""
     records, described = [], []
     for name in MODEL_BASED:
@@ -270,18 +334,20 @@ def compare(learned: Mapping[str, Sequence[TrainedSeed]], progress: Callable[[st
         for run in runs:
             progress(f"{name}, seed {run.seed}")
             own += assess(run.policy, name, run.seed)
-        score = scores(own, runs[0].training.get("distribution", ""))
-        described.append(_described(name, runs, score))
+        described.append(_described(name, runs, scores(own, runs[0].distribution)))
         records += own
     return {
         "schema": SCHEMA,
-        "command": _command(learned),
+        "command": command,
         **provenance(),
         "method": {
             "control_period": CONTROL_PERIOD,
             "mean": "interquartile",
             "interval": {"method": "percentile bootstrap", "level": LEVEL, "resamples": RESAMPLES, "seed": SEED},
-            "failed": "ended early; not among the errors",
+            "failed": {
+                "lost_mm": LOST,
+                "rule": f"ended early, or the tip was ever more than {LOST:g} mm off; not among the errors",
+            },
         },
         "tasks": [
             {"name": task.name, "title": task.title, "case": task.case, **_motion(task.reference)}
@@ -307,11 +373,12 @@ def _described(name: str, runs: Sequence[TrainedSeed], score: Mapping[int, float
         "median_seed": median_seed(score),
         "runs": [
             {
-                "folder": _folder_name(run),
+                "folder": _folder_name(run.folder),
                 "seed": run.seed,
                 "steps": run.training["steps_done"],
-                "wall_time_s": run.wall_time,
+                **run.times,
                 "score_mm": score[run.seed] if math.isfinite(score[run.seed]) else None,
+                "plateau": plateau(run.curve, run.distribution),
                 "weights_sha256": hashlib.sha256((run.folder / BUNDLE / WEIGHTS).read_bytes()).hexdigest(),
                 "versions": run.policy.bundle.versions,
             }
@@ -320,27 +387,32 @@ def _described(name: str, runs: Sequence[TrainedSeed], score: Mapping[int, float
     }
 
 
-def _folder_name(run: TrainedSeed) -> str:
-    """Return a folder without where it lies, which is nobody else's business."""
-    return run.folder.resolve().name
+def _folder_name(folder: Path) -> str:
+    """Return a folder as seen from the repository's root; of one elsewhere its name, the rest is nobody's business."""
+    folder = folder.resolve()
+    return folder.relative_to(ROOT).as_posix() if folder.is_relative_to(ROOT) else folder.name
 
 
-def _command(learned: Mapping[str, Sequence[TrainedSeed]]) -> str:
-    words = [word for name, runs in learned.items() for word in ("--learned", name, *map(_folder_name, runs))]
-    return " ".join(["python benchmarks/learned_comparison.py", *words])
+def _command(given: Sequence[Sequence[str]]) -> str:
+    """Return the command with what `--learned` names."""
+    words = ["python", "benchmarks/learned_comparison.py"]
+    for name, *folders in given:
+        words += ["--learned", name, *(_folder_name(Path(folder)) for folder in folders)]
+    return shlex.join(words)
 
 
-def _wall_time(path: Path) -> float | None:
-    """Return ``wall_time_s`` of a training's `TIMES` if it has one."""
+def _times(path: Path) -> dict[str, float | None]:
+    """Return what a training's `TIMES` has of `MEASURED_TIMES`."""
     if not path.exists():
-        return None
+        return dict.fromkeys(MEASURED_TIMES)
     try:
-        seconds = json.loads(path.read_text(encoding="utf-8"))["wall_time_s"]
-    except (ValueError, KeyError, TypeError):
-        seconds = None
-    if not _is_number(seconds) or not 0.0 <= seconds < math.inf:
-        raise ValueError(f"{path} is damaged: wall_time_s must be a number of seconds; remove it for a dash instead")
-    return float(seconds)
+        times = {name: json.loads(path.read_text(encoding="utf-8")).get(name) for name in MEASURED_TIMES}
+    except (ValueError, AttributeError):
+        raise ValueError(f"{path} is damaged: it must be a JSON mapping; remove it for dashes instead") from None
+    for name, seconds in times.items():
+        if seconds is not None and not (_is_number(seconds) and 0.0 <= seconds < math.inf):
+            raise ValueError(f"{path} is damaged: {name} must be a number of seconds; remove it for a dash instead")
+    return times
 
 
 def _is_number(value: Any) -> bool:
@@ -358,18 +430,25 @@ def error_cells(document: Mapping[str, Any]) -> tuple[list[str], list[tuple[str,
 
 
 def training_cells(document: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Return headings and cells of the trainings; a dash for a wall time that was not recorded with every seed."""
+    """Return headings and cells of the trainings; a dash for what is not there of every seed."""
     rows = []
     for one in document["learned"]:
         runs = one["runs"]
-        times = [run["wall_time_s"] for run in runs]
-        time = "-"
-        if None not in times:
-            time = f"{statistics.median(times):.0f} ({min(times):.0f} to {max(times):.0f})"
+        times = [_median([run[name] for run in runs], "{:.0f}") for name in MEASURED_TIMES]
+        ratio = _median([run["plateau"] for run in runs], "{:.2f}")
         seeds = ", ".join(str(run["seed"]) for run in runs)
         steps = ", ".join(f"{count:,}" for count in sorted({run["steps"] for run in runs}))
-        rows.append([one["name"], seeds, str(one["median_seed"]), steps, time])
-    return ["learned policy", "seeds", "median seed", "steps of a seed", "wall time of a seed [s]"], rows
+        rows.append([one["name"], seeds, str(one["median_seed"]), steps, *times, ratio])
+    headings = ["learned policy", "seeds", "median seed", "steps of a seed", *MEASURED_TIMES.values()]
+    return [*headings, "last tenth / tenth before"], rows
+
+
+def _median(values: Sequence[float | None], form: str) -> str:
+    """Return the median and the range; a dash if a value is missing."""
+    there = [value for value in values if value is not None]
+    if len(there) < len(values):
+        return "-"
+    return "{} ({} to {})".format(*map(form.format, (statistics.median(there), min(there), max(there))))
 
 
 def _spread(mean: float, low: float | None, high: float | None) -> str:
@@ -393,8 +472,9 @@ def print_tables(document: Mapping[str, Any], console: Console) -> None:
         table.add_row(*map(Text, cells))
     console.print(table)
     console.print(
-        "\nTip error, interquartile mean over the seeds that did not fail (bootstrap interval of 95 %); failed: "
-        "episodes that ended early. Where a heading does not say otherwise, on the paper's circle in 1.5 s.\n",
+        "\nTip error, interquartile mean over the seeds that did not fail (bootstrap interval of 95 %); failed: ended "
+        f"early, or the tip was ever more than {LOST:g} mm off. Where a heading does not say otherwise, on the paper's "
+        "circle in 1.5 s.\n",
         highlight=False,
         soft_wrap=True,
     )
@@ -403,6 +483,12 @@ def print_tables(document: Mapping[str, Any], console: Console) -> None:
     for cells in trainings:
         table.add_row(*map(Text, cells))
     console.print(table)
+    console.print(
+        "\nTimes and ratios: median over the seeds (range). Last tenth / tenth before: of a training, the mean rms in "
+        "the cases by which it is judged.",
+        highlight=False,
+        soft_wrap=True,
+    )
 
 
 def _table(headings: Sequence[str], terminal: bool) -> Table:
@@ -414,93 +500,86 @@ def _table(headings: Sequence[str], terminal: bool) -> Table:
 
 def worst_task(records: Sequence[dict[str, Any]]) -> str:
     """Return the task with the largest rms among some records, or among those that failed if there are any."""
-    worst: str = max(records, key=lambda record: (not record["completed"], record["tip_error_rms_mm"]))["task"]
+    worst: str = max(records, key=lambda record: (record["failed"] is not None, record["tip_error_rms_mm"]))["task"]
     return worst
 
 
 def best_model_based(records: Sequence[dict[str, Any]], task: str) -> str:
     """Return the model-based policy with the smallest rms on a task; one that failed comes last."""
     found = [record for record in records if record["task"] == task and record["seed"] is None]
-    best: str = min(found, key=lambda record: (not record["completed"], record["tip_error_rms_mm"]))["policy"]
+    best: str = min(found, key=lambda record: (record["failed"] is not None, record["tip_error_rms_mm"]))["policy"]
     return best
 
 
-def draw(document: Mapping[str, Any], learned: Mapping[str, Sequence[TrainedSeed]]) -> Figure:
-    """Return the figure: a row per learned policy, the path in the plane beside the tip error over time."""
-    figure = Figure(figsize=(9.0, 4.6 * len(learned)))
-    rows = figure.subfigures(len(learned), 1, squeeze=False)[:, 0]
-    for row, one in zip(rows, document["learned"], strict=True):
+def worst_tasks(document: Mapping[str, Any], learned: Mapping[str, Sequence[TrainedSeed]]) -> list[WorstTask]:
+    """Return for each learned policy's median seed the task where it is worst, run again beside the best rival's."""
+    rows = []
+    for one in document["learned"]:
         name, seed = one["name"], one["median_seed"]
         own = [record for record in document["episodes"] if (record["policy"], record["seed"]) == (name, seed)]
         task = TASKS[worst_task(own)]
         best = best_model_based(document["episodes"], task.name)
         policy = next(run.policy for run in learned[name] if run.seed == seed)
-        rival = load_policy(best, control_period=CONTROL_PERIOD)
-        runs = [episode(policy, f"{name}, seed {seed}", task), episode(rival, best, task)]
-        plane, errors = row.subplots(1, 2)
-        _draw_plane(plane, task, runs)
-        _draw_errors(errors, runs)
-        row.suptitle(f"{name} where it is worst: {task.title}", x=0.01, ha="left", fontsize=10.5, weight="bold")
-        row.legend(loc="outside lower center", ncols=3)
-    return figure
+        mine = _shown(episode(policy, f"{name}, seed {seed}", task))
+        rival = _shown(episode(load_policy(best, control_period=CONTROL_PERIOD), best, task))
+        where = "where it is worst" if mine.failed_at is None else "where it fails"
+        rows.append(WorstTask(f"{name} {where}: {task.title}", task.reference, (mine, rival), LOST))
+    return rows
 
 
-def _draw_plane(axes: Axes, task: Task, runs: Sequence[Rollout]) -> None:
-    """Draw the plane of the arm, y to the right and x down: r and for each policy r + factor (p - r)."""
-    reference = task.reference.tip(np.linspace(0.0, task.reference.duration, 1001)).position
-    room = figures.ROOM * float(np.ptp(reference, axis=0).max())
-    largest = max(float(run.tip_error.max()) for run in runs)
-    factor = next((factor for factor in MAGNIFICATIONS if factor * largest <= room), 1)
-    for run, look in zip(runs, _looks(), strict=False):
-        path = run.tip_reference + factor * (run.tip - run.tip_reference)
-        axes.plot(path[:, 1], path[:, 0], **look)
-        if not run.completed:
-            axes.plot(path[-1, 1], path[-1, 0], "x", color=look["color"], zorder=5.0)
-    axes.plot(reference[:, 1], reference[:, 0], **figures.REFERENCE)
-    axes.plot(*reference[0, ::-1], "o", color="black", markersize=5, zorder=4.0)
-    axes.margins(0.05)
-    axes.set(xlabel="y, to the side [m]", ylabel="x, down [m]", title=f"tip, deviation × {factor}")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.invert_yaxis()
+def _shown(run: Rollout) -> Shown:
+    """Return an episode with what the legend says of it."""
+    how, sample = failure(run) or ("", None)
+    label = f"{run.policy}: rms {_number(metrics(run)['tip_error_rms_mm'])} mm"
+    return Shown(run, f"{label}, {how}" if how else label, sample)
 
 
-def _draw_errors(axes: Axes, runs: Sequence[Rollout]) -> None:
-    """Draw the tip error over time, a micrometre at least, and put its rms into the legend of both panels."""
-    for run, look in zip(runs, _looks(), strict=False):
-        error = 1e3 * np.maximum(run.tip_error, 1e-3 * figures.LOWEST)
-        rms = metrics(run)["tip_error_rms_mm"]
-        ended = "" if run.completed else ", ended early"
-        axes.plot(run.time, error, label=f"{run.policy}: rms {_number(rms)} mm{ended}", **look)
-        if not run.completed:
-            axes.plot(run.time[-1], error[-1], "x", color=look["color"], clip_on=False, zorder=5.0)
-    axes.set(yscale="log", xlabel="time [s]", ylabel="tip error [mm]", title="tip error")
+def trainings(document: Mapping[str, Any], learned: Mapping[str, Sequence[TrainedSeed]]) -> list[Training]:
+    """Return the curves of every seed."""
+    return [
+        Training(one["name"], {run.seed: run.curve for run in learned[one["name"]]}, one["median_seed"])
+        for one in document["learned"]
+    ]
 
 
-def _looks() -> list[dict[str, Any]]:
-    colors = matplotlib.rcParams["axes.prop_cycle"].by_key()["color"]
-    return [{"color": color, "linestyle": dashes} for color, dashes in zip(colors, figures.DASHES, strict=False)]
-
-
-def figure_bytes(document: Mapping[str, Any], learned: Mapping[str, Sequence[TrainedSeed]]) -> bytes:
-    """Return the figure as PNG in the project's style."""
-    content = io.BytesIO()
-    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-        draw(document, learned).savefig(content, format="png")
-    return content.getvalue()
+def orientation(document: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Return by case the rms [mm] of `ORIENTATION` and of the best model-based policy, but for any that failed."""
+    levels: dict[str, dict[str, float]] = {}
+    for case in CASES:
+        rows = {row["policy"]: row["tip_error_rms_mm"] for row in document["rows"] if row["task"] == case}
+        wanted = dict.fromkeys((*ORIENTATION, best_model_based(document["episodes"], case)))
+        levels[case] = {policy: rows[policy]["mean"] for policy in wanted if rows[policy] is not None}
+    return levels
 
 
 def _checked_outputs(options: argparse.Namespace) -> None:
     """Refuse before anything runs what could not be written in the end."""
-    for flag, path in (("--json", options.json), ("--figure", options.figure)):
+    for flag, path in (("--json", options.json), ("--figure", options.figure), ("--curves", options.curves)):
         if path is not None and (path.is_dir() or not path.parent.is_dir()):
             raise ValueError(f"{flag} {path} must be a file in a folder that is there; make the folder first")
-    if options.figure is not None and options.figure.suffix != ".png":
-        raise ValueError(f"--figure {options.figure} must end in .png")
+        if path is not None and flag != "--json" and path.suffix != ".png":
+            raise ValueError(f"{flag} {path} must end in .png")
+
+
+def _found() -> list[list[str]]:
+    """Return of the folder `LEARNED` what `--learned` would name: each name, then its folders."""
+    groups: dict[str, list[str]] = {}
+    for folder in sorted(LEARNED.iterdir()) if LEARNED.is_dir() else []:
+        if folder.is_dir():
+            name, dash, _ = folder.name.rpartition("-")
+            if not (name and dash):
+                raise ValueError(
+                    f"{folder} must be called NAME-SEED; rename it, or give --learned NAME FOLDER [FOLDER ...]"
+                )
+            groups.setdefault(name, [name]).append(str(folder))
+    if not groups:
+        raise ValueError(f"{LEARNED} holds no folder NAME-SEED; give --learned NAME FOLDER [FOLDER ...]")
+    return list(groups.values())
 
 
 def _chosen(given: Sequence[Sequence[str]]) -> dict[str, list[TrainedSeed]]:
     """Load what `--learned` names."""
-    if not given or not all(given):
+    if not all(given):
         raise ValueError("no learned policy is named; give --learned NAME FOLDER [FOLDER ...]")
     names = [words[0] for words in given]
     for name in names:
@@ -518,20 +597,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         default=[],
         metavar=("NAME", "FOLDER"),
-        help="a name and the folders of its seeds' trainings; repeatable",
+        help="a name and the folders of its seeds' trainings; repeatable; default: those in benchmarks/learned",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw the worst tasks")
+    parser.add_argument("--curves", type=Path, metavar="FILE.png", help="also draw the learning curves")
     options = parser.parse_args(arguments)
     try:
         _checked_outputs(options)
-        learned = _chosen(options.learned)
-        document = compare(learned, lambda line: print(line, file=sys.stderr, flush=True))
-        picture = figure_bytes(document, learned) if options.figure else b""
+        learned = _chosen(options.learned or _found())
+        command = _command(options.learned)
+        document = compare(learned, command, lambda line: print(line, file=sys.stderr, flush=True))
+        files: dict[Path, str | bytes] = {}
         if options.json:
-            write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
+            files[options.json] = json.dumps(document, indent=1, allow_nan=False) + "\n"
         if options.figure:
-            write_atomically(options.figure, picture)
+            files[options.figure] = png(lambda: draw_worst_tasks(worst_tasks(document, learned)))
+        if options.curves:
+            rows, levels = trainings(document, learned), orientation(document)
+            files[options.curves] = png(lambda: draw_learning_curves(rows, levels))
+        for path, content in files.items():
+            write_atomically(path, content)
     except OSError as error:
         print(f"{error.filename}: {error.strerror}" if error.filename else error, file=sys.stderr)
         return 2
