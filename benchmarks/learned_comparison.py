@@ -46,8 +46,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from learned_figures import Shown, Training, WorstTask, draw_learning_curves, draw_worst_tasks, png
+from learned_tasks import CONTROL_PERIOD, LOST, MEASURES, TASKS, assess, episode, failure
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -55,12 +55,11 @@ from rich.text import Text
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.disturbances import CASES
-from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.paths import Circle, Lemniscate
 from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.eval.metrics import metrics
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.rollout import Policy, Rollout, rollout
+from fuzzyarm.eval.rollout import Rollout
 from fuzzyarm.eval.statistics import LEVEL, RESAMPLES, SEED, estimate
 from fuzzyarm.files import write_atomically
 from fuzzyarm.learned_policy.bundle import WEIGHTS
@@ -69,49 +68,12 @@ from fuzzyarm.learned_policy.policy import LearnedPolicy
 SCHEMA = "fuzzyarm-learned-comparison/1"
 MODEL_BASED = ("fuzzy-4", "fuzzy-1", "fuzzy-4-tip", "computed-torque", "computed-torque-tip", "elastic-observer")
 ORIENTATION = ("fuzzy-4-tip", "computed-torque")  # beside the learning curves, with the best in each case
-CONTROL_PERIOD = 1e-3  # s
-LOST = 100.0  # mm, half the radius of the paper's circle
-MEASURES = {"tip_error_max_mm": "max [mm]", "tip_error_rms_mm": "rms [mm]"}
 BUNDLE, TIMES = "policy", "run.json"
 MEASURED_TIMES = {"wall_time_s": "wall time of a seed [s]", "cpu_time_s": "processor time [s]"}
 # In which the seeds of one configuration may differ: nothing of it changes what is learned from a seed.
 OF_THE_RUN = ("seed", "steps_done", "threads", "evaluation_interval", "checkpoint_interval", "tensorboard")
 ROOT = Path(__file__).resolve().parents[1]
 LEARNED = ROOT / "benchmarks" / "learned"  # the trainings of the repository, NAME-SEED/
-
-
-@dataclasses.dataclass(frozen=True)
-class Task:
-    """What is to be followed, and under which load.
-
-    Attributes:
-        name: key in the document.
-        title: heading in the table.
-        case: name of the case.
-        reference: the motion.
-    """
-
-    name: str
-    title: str
-    case: str = "nominal"
-    reference: JointReference = dataclasses.field(default_factory=JointReference)
-
-
-TASKS = {
-    task.name: task
-    for task in (
-        *(Task(case.name, case.title, case.name) for case in CASES.values()),
-        Task("small", "Case 1, radius 0.15 m", reference=JointReference(Circle(radius=0.15))),
-        Task("fast", "Case 1, in 1.2 s", reference=JointReference(duration=1.2)),
-        Task("slow", "Case 1, in 2.0 s", reference=JointReference(duration=2.0)),
-        Task("backward", "Case 1, counter-clockwise", reference=JointReference(Circle(turns=1.0))),
-        Task(  # about as long as the circle, 0.61 to 0.89 m from the base where the arm reaches 1 m
-            "lemniscate",
-            "Case 1, lemniscate",
-            reference=JointReference(Lemniscate(center=(0.35, 0.65), half_width=0.2, angle=0.75 * math.pi)),
-        ),
-    )
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,40 +169,6 @@ def trained_seeds(name: str, folders: Sequence[Path]) -> list[TrainedSeed]:
 def configuration(training: Mapping[str, Any]) -> dict[str, Any]:
     """Return of a bundle's training what all seeds share."""
     return {key: value for key, value in training.items() if key not in OF_THE_RUN}
-
-
-def episode(policy: Policy, name: str, task: Task) -> Rollout:
-    """Run one episode of a task."""
-    env = FuzzyArmEnv(task.case, reference=task.reference, control_period=CONTROL_PERIOD)
-    return rollout(env, policy, policy_name=name, case=task.case, seed=0)
-
-
-def failure(run: Rollout) -> tuple[str, int] | None:
-    """Return ``"ended early"`` or ``"lost the path"`` and at which sample that was; None for one that did neither."""
-    if not run.completed:
-        return "ended early", len(run.time) - 1
-    far = 1e3 * run.tip_error > LOST
-    return ("lost the path", int(np.argmax(far))) if far.any() else None
-
-
-def assess(policy: Policy, name: str, seed: int | None) -> list[dict[str, Any]]:
-    """Return one record per task; errors of an episode that ended early are those up to its end."""
-    records = []
-    for task in TASKS.values():
-        run = episode(policy, name, task)
-        measured, failed = metrics(run), failure(run)
-        records.append(
-            {
-                "policy": name,
-                "seed": seed,
-                "task": task.name,
-                "failed": failed and failed[0],
-                "reason": run.reason,
-                "ended_at": float(run.time[-1]),
-                **{key: measured[key] for key in MEASURES},
-            }
-        )
-    return records
 
 
 def summarised(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -29,6 +29,7 @@ def loaded(path):
     return module
 
 
+tasks = loaded(ROOT / "benchmarks" / "learned_tasks.py")  # under its name, as if run from that folder
 figures = loaded(ROOT / "benchmarks" / "learned_figures.py")
 comparison = loaded(ROOT / "benchmarks" / "learned_comparison.py")
 made = loaded(ROOT / "tests" / "learned_policy" / "made.py")
@@ -153,7 +154,9 @@ def test_failure_is_to_end_early_or_to_be_100_mm_off(followed, distance, complet
 
 def test_an_idle_arm_loses_the_path_within_the_box(tmp_path, monkeypatch):
     """Its episodes last to the end and still are among the failures."""
-    monkeypatch.setattr(comparison, "TASKS", {case: comparison.TASKS[case] for case in ("nominal", "payload")})
+    two = {case: comparison.TASKS[case] for case in ("nominal", "payload")}
+    for module in (tasks, comparison):
+        monkeypatch.setattr(module, "TASKS", two)
     idle = comparison.trained_seed(finished_run(tmp_path / "idle", 0, IDLE)).policy
     records = comparison.assess(idle, "idle", 0)
     assert [one["failed"] for one in records] == ["lost the path"] * 2
@@ -390,7 +393,8 @@ def test_curves_have_lines_for_orientation(result):
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     """A repository of its own with few tasks and policies; returns its folder of trainings."""
-    monkeypatch.setattr(comparison, "TASKS", {case: comparison.TASKS[case] for case in comparison.CASES})
+    for module in (tasks, comparison):
+        monkeypatch.setattr(module, "TASKS", {case: comparison.TASKS[case] for case in comparison.CASES})
     monkeypatch.setattr(comparison, "MODEL_BASED", comparison.ORIENTATION)
     monkeypatch.setattr(comparison, "ROOT", tmp_path)
     monkeypatch.setattr(comparison, "LEARNED", tmp_path / "benchmarks" / "learned")
