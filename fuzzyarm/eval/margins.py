@@ -40,7 +40,8 @@ POSTURES = 16  # instants, evenly spaced over the paper's path; 300 change a gai
 PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
 MEMORY_STEP = 1e-8  # relative to max(1, |s|); an integral can move the torque by 5e8 N m per rad s
 TORQUE_STEP = 1.0  # N m; the plant is linear in the torque
-NEWTON_STEPS, NEWTON_TOLERANCE = 12, 1e-9  # the tolerance: change of a state [rad, rad/s] over one period
+NEWTON_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01)  # of a step
+NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-9  # the tolerance: change of a state [rad, rad/s] over one period
 NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is another one
 GAIN_RATIO, GAIN_SPAN = 1.1, 100.0  # a margin is searched from κ = 1 in factors of 1.1, up to 100 and down to 0.01
 GAIN_TOLERANCE = 1e-4  # of a gain margin, relative
@@ -133,7 +134,8 @@ def gain_margin(
 
 def largest_radius(loops: Sequence[LocalLoop], loop_gain: float = 1.0, delay: float = 0.0) -> float:
     """Return max |λ| over loops, as `spectral_radius` does for those of the path."""
-    return float(np.abs(np.linalg.eigvals([loop.matrix(loop_gain, delay) for loop in loops])).max())
+    # One by one: where a learned law saturates, less of its memory is read, and the matrix is smaller.
+    return max(float(np.abs(np.linalg.eigvals(loop.matrix(loop_gain, delay))).max()) for loop in loops)
 
 
 def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> tuple[float, float]:
@@ -182,13 +184,34 @@ def _linearise(
             raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
         if np.all(np.abs(change) <= NEWTON_TOLERANCE) and np.all(np.abs(point[:2] - posture) <= NEWTON_REACH):
             break
-        point[kept] += np.linalg.lstsq(np.eye(len(change)) - matrix, change)[0]
+        point = _nearer(arm, point, kept, np.linalg.lstsq(np.eye(len(change)) - matrix, change)[0])
     else:
-        raise ValueError(f"no equilibrium within {NEWTON_REACH} rad of posture {posture} rad: are torques clipped?")
+        raise ValueError(
+            f"no equilibrium within {NEWTON_REACH} rad of posture {posture} rad: are torques clipped, or does the "
+            "policy not hold still there?"
+        )
     largest, limit = np.abs(loop.torque) + PLANT_STEP * np.abs(loop.law[:2, :8]).max(axis=1), parameters.torque_limit
     if np.any(largest >= limit):  # a clipped torque has no slope
         raise ValueError(f"posture {posture} rad takes {loop.torque} N m of {limit} N m: no linear loop at a limit")
     return loop
+
+
+def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Return the point after a Newton step, shortened until the loop rests better there than at `point`.
+
+    Full steps do for laws that are nearly linear; a network's may need shorter ones. The shortest is taken anyway.
+    """
+
+    def unrest(at: np.ndarray) -> float:
+        return float(np.linalg.norm((arm.advance(at) - at)[kept]))
+
+    before = unrest(point)
+    for share in NEWTON_SHARES:
+        moved = point.copy()
+        moved[kept] += share * step
+        if unrest(moved) < before:
+            break
+    return moved
 
 
 class _FrozenArm:
