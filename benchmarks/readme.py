@@ -18,12 +18,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from learned_comparison import training_cells
+
 from fuzzyarm.eval.margins_table import margin_cells, margin_notes
 from fuzzyarm.eval.table import markdown_table
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
 NAMES = (
+    "learned_comparison",
     "accuracy",
     "computed_torque_tuning",
     "tip_feedforward",
@@ -59,7 +62,12 @@ def measure() -> None:
     subprocess.run(command, check=True)
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         subprocess.run([sys.executable, str(ROOT / "benchmarks" / f"{name}.py")], check=True)
-    extra = {"complexity": ["--figure", str(ROOT / "docs" / "complexity.png")], "synthesis": ["--large"]}
+    docs = ROOT / "docs"
+    extra = {
+        "complexity": ["--figure", str(docs / "complexity.png")],
+        "synthesis": ["--large"],
+        "learned_comparison": ["--figure", str(docs / "learned.png"), "--curves", str(docs / "learning_curves.png")],
+    }
     for name in NAMES:
         script = ROOT / "benchmarks" / f"{name}.py"
         command = [sys.executable, str(script), "--json", str(RESULTS / f"{name}.json"), *extra.get(name, [])]
@@ -85,6 +93,7 @@ def sections() -> dict[str, str]:
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {_made_with(stored['evaluate'])}\n\n"
         f"{_paper_line(stored['evaluate'])}",
         "tip": _tip_table(stored["tip_feedforward"]),
+        "learned": _learned_tables(stored["learned_comparison"]),
         "speed": f"{_speed_table(stored['bench'])}\n\n{_peer_line(stored['mujoco_arm'])} {_soak_line(stored['soak'])}",
         "accuracy": _accuracy_table(stored["accuracy"]),
         "margins": _margins_table(stored["margins"], stored["computed_torque_tuning"]),
@@ -237,6 +246,35 @@ def _tip_table(document: dict[str, Any]) -> str:
         for row in document["rows"]
     ]
     return f"{_table(headings, rows, left=2)}\n\n`{document['command']}`; {_made_with(document)}"
+
+
+def _learned_tables(document: dict[str, Any]) -> str:
+    """Return a table of the largest errors, one of the rms errors, and one of the trainings."""
+    titles = {task["name"]: task["title"].removeprefix("Case 1, ").partition(":")[0] for task in document["tasks"]}
+    policies = list(dict.fromkeys(row["policy"] for row in document["rows"]))
+    cells = {(row["policy"], row["task"]): row for row in document["rows"]}
+    parts = []
+    for key, heading in (("tip_error_max_mm", "largest tip error [mm]"), ("tip_error_rms_mm", "rms tip error [mm]")):
+        rows = [[name, *(_learned_cell(cells[name, task], key) for task in titles)] for name in policies]
+        parts.append(_table([heading, *titles.values()], rows))
+    method = document["method"]
+    parts.append(
+        "Beside the cases other circles and an eight, without load. Of learned policies the interquartile mean over "
+        f"the seeds with its {100 * method['interval']['level']:.0f} % bootstrap interval, without those that failed: "
+        f"{method['failed']['rule'].partition(';')[0]}. `{document['command']}`; {_made_with(document)}"
+    )
+    parts.append(_table(*training_cells(document)))
+    return "\n\n".join(parts)
+
+
+def _learned_cell(row: dict[str, Any], key: str) -> str:
+    """Return an error [mm] with its interval if it has one, and how many seeds failed if any did."""
+    failed = f"{row['failed']} of {row['episodes']} failed" if row["failed"] else ""
+    if row[key] is None:
+        return failed
+    mean, low, high = (f"{value:#.2g}" if value is not None else "" for value in row[key].values())
+    interval = f" ({low} to {high})" if low else ""
+    return f"{mean}{interval}{', ' if failed else ''}{failed}"
 
 
 def _gains_table(document: dict[str, Any]) -> str:

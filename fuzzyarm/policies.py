@@ -16,11 +16,22 @@ _MOTOR_SIDE = (*_FUZZY, "computed-torque")
 TIP = "-tip"
 """Ending of the name, or of the file, of a policy that is told to bring the tip to the reference, not the motors."""
 
-NAMES = (*_MOTOR_SIDE, *(name + TIP for name in _MOTOR_SIDE), "elastic-observer")
+LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
+"""Policies trained with PPO, of each the median seed; what they were trained on is in their ``policy.json``."""
+
+NAMES = (*_MOTOR_SIDE, *(name + TIP for name in _MOTOR_SIDE), "elastic-observer", *LEARNED)
 """Policies by name. More controller files, witnesses of the paper's own form, lie beside those of the fuzzy ones."""
 
-COMPARED = ("fuzzy-4", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")
-"""What `fuzzyarm evaluate` runs if not told otherwise."""
+COMPARED = (
+    "fuzzy-4",
+    "computed-torque",
+    "fuzzy-4-tip",
+    "computed-torque-tip",
+    "elastic-observer",
+    "ppo-robust",
+    "ppo-residual",
+)
+"""What `fuzzyarm evaluate` runs if not told otherwise; `ppo-nominal` leaves the domain where it was not trained."""
 
 
 def load_policy(
@@ -38,7 +49,8 @@ def load_policy(
         name: one of `NAMES`, or the path of a controller file (ending in ``.json`` or ``.json-tip``), or the folder of
             a learned policy (`learned_policy.bundle`).
         control_period: time between two calls of `predict` [s].
-        robot: the arm the policy is for, default Table 1. A controller file must have been designed for it.
+        robot: the arm the policy is for, default Table 1. A controller file must have been designed for it, and
+            learned policies know none but Table 1.
         allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
 
     Raises:
@@ -67,6 +79,9 @@ def load_policy(
     if text in _FUZZY:
         with resources.as_file(resources.files("fuzzyarm.fuzzy_policy.controllers") / f"{text}.json") as path:
             return FuzzyPolicy(_trusted_controller(path, robot, allow_unproven), control_period)
+    if text in LEARNED:
+        with resources.as_file(resources.files("fuzzyarm.learned_policy.policies") / text) as folder:
+            return _learned(folder, control_period, robot)
     if text.endswith(".json"):
         return FuzzyPolicy(_trusted_controller(Path(name), robot, allow_unproven), control_period)
     if Path(name).is_dir():
@@ -83,10 +98,16 @@ def policy_label(name: str) -> str:
 
 
 def _learned(folder: Path, control_period: float, robot: ArmParameters) -> ModelBasedPolicy:
-    """Load a learned policy, with the policy that it adds to if there is one."""
+    """Load a learned policy, with the policy that it is based on if there is one."""
+    from fuzzyarm.envs.parameters import ArmParameters
     from fuzzyarm.learned_policy.bundle import PolicyBundle
     from fuzzyarm.learned_policy.policy import LearnedPolicy
 
+    if robot != ArmParameters():
+        raise ValueError(
+            f"{folder.name} was trained on the arm of Table 1 and knows no other; take computed-torque, or design a "
+            "controller with fuzzyarm design --robot FILE"
+        )
     bundle = PolicyBundle.load(folder)
     base = bundle.action.base
     if base is not None and base not in NAMES:
