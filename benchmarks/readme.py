@@ -272,9 +272,13 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
     failed = f"{row['failed']} of {row['episodes']} failed" if row["failed"] else ""
     if row[key] is None:
         return failed
-    mean, low, high = (f"{value:#.2g}" if value is not None else "" for value in row[key].values())
+    mean, low, high = ("" if value is None else _two_digits(value) for value in row[key].values())
     interval = f" ({low} to {high})" if low else ""
     return f"{mean}{interval}{', ' if failed else ''}{failed}"
+
+
+def _two_digits(value: float) -> str:
+    return f"{value:#.2g}".removesuffix(".")
 
 
 def _gains_table(document: dict[str, Any]) -> str:
