@@ -1,0 +1,61 @@
+"""Drift: what counts as moved, and the file of what is expected."""
+
+import json
+import math
+
+import pytest
+
+from fuzzyarm.eval.paper import drift
+from fuzzyarm.eval.paper.claim import Claim, Tolerance
+from fuzzyarm.eval.paper.drift import find_drift, load_expected, store_expected
+
+CLAIM = Claim("peak", "6.2", "228", "peak", "N m", 228.0, dict, tolerance=Tolerance(relative=0.01, absolute=1.0))
+STORED = {"peak": {"a": 200.0, "b": -200.0}}
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "moved"),
+    [
+        (203.0, -203.0, []),
+        (203.1, -200.0, ["a"]),
+        (200.0, -196.9, ["b"]),
+        (math.nan, -200.0, ["a"]),
+        (math.inf, -math.inf, ["a", "b"]),
+    ],
+)
+def test_a_number_moves_beyond_its_tolerance(a, b, moved):
+    assert [entry.label for entry in find_drift([CLAIM], {"peak": {"a": a, "b": b}}, STORED)] == moved
+
+
+def test_without_a_tolerance_any_change_is_drift():
+    exact = Claim("rules", "6.2", "4", "rules", "-", 4.0, dict)
+    assert not find_drift([exact], {"rules": {"fewest": 1}}, {"rules": {"fewest": 1.0}})
+    assert find_drift([exact], {"rules": {"fewest": 2}}, {"rules": {"fewest": 1.0}})
+
+
+def test_a_number_that_is_new_or_gone_is_drift_and_named():
+    measured = {"peak": {"a": 200.0, "c": 1.0}}
+    found = find_drift([CLAIM], measured, STORED | {"other": {"x": 2.0}})
+    assert [(entry.key, entry.label) for entry in found] == [("peak", "b"), ("peak", "c"), ("other", "x")]
+    assert "peak, b: measured none, stored -200 N m" in str(found[0])
+    assert "peak, c: measured 1 N m, stored none" in str(found[1])
+
+
+def test_stored_numbers_come_back_exactly(tmp_path):
+    path, numbers = tmp_path / "expected.json", {"peak": {"a": 1.0 / 3.0}, "rules": {"fewest": 1}}
+    store_expected(numbers, {"commit": "abc"}, path)
+    assert load_expected(path) == numbers
+    assert json.loads(path.read_text())["commit"] == "abc"
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "other/1", "measured": {}}', '{"schema": 1'])
+def test_a_damaged_file_says_how_to_make_it_anew(tmp_path, text):
+    path = tmp_path / "expected.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"expected\.json is damaged .* --renew"):
+        load_expected(path)
+
+
+def test_the_shipped_file_says_what_it_was_made_with():
+    document = json.loads(drift.EXPECTED.read_text(encoding="utf-8"))
+    assert {"schema", "commit", "versions", "machine", "measured"} == document.keys()

@@ -1,0 +1,109 @@
+"""The report of `fuzzyarm paper` and its exit codes."""
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from fuzzyarm.cli import main
+from fuzzyarm.eval.paper import drift
+from fuzzyarm.eval.paper.claims import CLAIMS
+from fuzzyarm.eval.paper.report import compare, print_report
+
+
+@pytest.fixture
+def gathered(monkeypatch, evidence):
+    """Let the command take what the session has gathered."""
+    monkeypatch.setattr("fuzzyarm.eval.paper.evidence.gather", lambda progress=None: evidence)
+
+
+@pytest.fixture
+def undrawn(gathered, monkeypatch):
+    """Let it draw nothing besides."""
+    monkeypatch.setattr("fuzzyarm.eval.paper.figures.write_figures", lambda evidence, folder, progress=None: [])
+
+
+def run(*arguments):
+    return main(["paper", *map(str, arguments)])
+
+
+def test_the_command_writes_tables_data_and_figures(gathered, tmp_path, capsys):
+    assert run("--out", tmp_path) == 0
+    out = capsys.readouterr()
+    assert out.err == ""
+    assert "\x1b" not in out.out
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"paper.md", "paper.json", *(f"figure-{number:02}.png" for number in range(2, 11))}
+    text = (tmp_path / "paper.md").read_text(encoding="utf-8")
+    assert "| N_var, the paper | 5138 | 1298 | 338 | 98 |" in text
+    assert "| N_row, the paper | 33816 | 8728 | 2328 | 664 |" in text
+    assert text.index("| true-variables:") < text.index("| N_row, the paper")
+    assert "![figure-02](figure-02.png)" in text
+    for claim in CLAIMS:
+        assert f"{claim.key}: {claim.quantity}" in text and f"{claim.key}: {claim.quantity}" in out.out
+        assert claim.reason in text
+
+
+def test_json_has_every_value_with_the_papers_and_what_it_was_made_with(undrawn, comparison, tmp_path, capsys):
+    assert run("--json", "--out", tmp_path) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads((tmp_path / "paper.json").read_text())
+    assert {"commit", "versions", "machine"} <= document.keys()
+    claims = {entry["key"]: entry for entry in document["claims"]}
+    assert list(claims) == [claim.key for claim in CLAIMS]
+    torque = {value["label"]: value for value in claims["peak-torque-1"]["values"]}["consistent-4"]
+    assert (torque["paper"], torque["agrees"], torque["drifted"]) == (228.0, True, False)
+    assert torque["measured"] == comparison.measured["peak-torque-1"]["consistent-4"]
+
+
+def test_a_number_that_moved_is_named_and_exit_code_1(undrawn, tmp_path, capsys, monkeypatch):
+    moved = {key: dict(values) for key, values in drift.load_expected().items()}
+    moved["case-1-largest-tip"]["consistent-4"] *= 1.01
+    moved["table-2-rows"]["4 rules"] += 1
+    monkeypatch.setattr("fuzzyarm.eval.paper.drift.load_expected", lambda: moved)
+    assert run("--out", tmp_path) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith("fuzzyarm paper: table-2-rows, 4 rules: measured 664, stored 665")
+    assert lines[1].startswith("fuzzyarm paper: case-1-largest-tip, consistent-4: measured 2.51")
+    text = (tmp_path / "paper.md").read_text(encoding="utf-8")
+    assert "2 of " in text and "- table-2-rows, 4 rules: measured 664" in text
+
+
+def test_renew_stores_what_is_measured(undrawn, comparison, tmp_path, capsys, monkeypatch):
+    expected = tmp_path / "expected.json"
+    monkeypatch.setattr(drift, "EXPECTED", expected)
+    assert run("--out", tmp_path / "first") == 2  # nothing is stored yet
+    assert "expected.json" in capsys.readouterr().err
+    assert run("--renew", "--out", tmp_path / "first") == 0
+    assert drift.load_expected() == comparison.measured
+    assert run("--out", tmp_path / "second") == 0
+
+
+def test_bad_usage_is_one_line_and_exit_code_2(undrawn, tmp_path, capsys, monkeypatch):
+    occupied = tmp_path / "file"
+    occupied.write_text("mine")
+    assert run("--out", occupied) == 2
+    assert capsys.readouterr().err.startswith("fuzzyarm paper: cannot write to")
+    damaged = tmp_path / "expected.json"
+    damaged.write_text("{}")
+    monkeypatch.setattr(drift, "EXPECTED", damaged)
+    assert run("--out", tmp_path / "out") == 2
+    assert "--renew" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as stop:
+        run()
+    assert stop.value.code == 2
+
+
+def test_a_terminal_gets_lines_and_every_number(comparison):
+    console = Console(force_terminal=True, no_color=True, width=200, file=io.StringIO(), record=True)
+    print_report(comparison, console)
+    text = console.export_text()
+    assert "─" in text and "printed form" in text
+    assert all(key not in text for key in ("tip-speed:", "case-1-largest-tip:"))
+    assert "33816*" in text and "55.56*" in text and "2.511" in text
+
+
+def test_nothing_stored_means_that_all_has_moved(evidence, comparison):
+    assert len(compare(evidence, {}).drifted) == sum(map(len, comparison.measured.values()))
