@@ -1,0 +1,143 @@
+// The arms, each as the rollout left it at the present instant.
+
+/** Base, elbow and tip [m] at joint angles [rad]. */
+function joints(q1, q2) {
+  const [length1, length2] = report.length;
+  const elbow = [length1 * Math.cos(q1), length1 * Math.sin(q1)];
+  return [[0, 0], elbow, [elbow[0] + length2 * Math.cos(q1 + q2), elbow[1] + length2 * Math.sin(q1 + q2)]];
+}
+
+/** What every picture shows [m]: base, elbow of the steadiest run of each case, the reference with room around it. */
+function viewOf(scenes) {
+  const low = [-0.1, -0.06], high = [0.1, 0.06];
+  const include = (point, room) => point.forEach((value, axis) => {
+    low[axis] = Math.min(low[axis], value - room);
+    high[axis] = Math.max(high[axis], value + room);
+  });
+  for (const { runs, time, reference } of scenes) {
+    const steadier = (a, b) => b.samples - a.samples || a.peak - b.peak;
+    const { samples, link } = [...runs].sort(steadier)[0];
+    for (let k = 0; k < samples; k += 10) include(joints(link[2 * k], link[2 * k + 1])[1], 0.06);
+    for (let k = 0; k < time.length; k += 10) include([reference[2 * k], reference[2 * k + 1]], ROOM);
+  }
+  return { low, high };
+}
+
+function drawArm(canvas, policy) {
+  const { scene } = state, run = scene.runs[policy], k = sampleOf(run);
+  const context = fitted(canvas), [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const { low, high } = view;
+  const scale = Math.min(width / (high[1] - low[1]), height / (high[0] - low[0]));
+  const pixel = ([x, y]) => [
+    0.5 * width + scale * (y - 0.5 * (low[1] + high[1])), 0.5 * height + scale * (x - 0.5 * (low[0] + high[0]))];
+  const reference = (sample) => [scene.reference[2 * sample], scene.reference[2 * sample + 1]];
+  const factor = factorOf(run);
+  const magnified = (sample) =>
+    reference(sample).map((value, axis) => value + factor * run.deviation[2 * sample + axis]);
+  const thickness = 0.03 * scale * (report.length[0] + report.length[1]);
+
+  disc(context, pixel([0, 0]), scale * (report.length[0] + report.length[1]), colours.reach);
+  const path = Array.from(scene.time, (_, sample) => pixel(reference(sample)));
+  stroke(context, path, colours.reference, Math.max(2, 0.012 * scale));
+
+  // the arm as its motors stand, then the links
+  const motors = [0, 1].map((joint) => run.link[2 * k + joint] + BENDING * run.bending[2 * k + joint]);
+  stroke(context, joints(...motors).map(pixel), colours.soft, 1.5, [5, 4]);
+  const links = joints(run.link[2 * k], run.link[2 * k + 1]).map(pixel);
+  drawMounting(context, links[0], thickness);
+  for (const [start, end, share] of [[0, 1, 1], [1, 2, 0.75]]) {
+    stroke(context, [links[start], links[end]], colours.edge, share * thickness + 3);
+    stroke(context, [links[start], links[end]], colours.steel, share * thickness);
+  }
+  for (const joint of [0, 1]) {
+    disc(context, links[joint], 0.6 * thickness, colours.edge);
+    disc(context, links[joint], 0.27 * thickness, colours.paper);
+  }
+  if (scene.payload) drawPayload(context, links[2], scene.payload, scale);
+  if (scene.force) {
+    const [down, right] = scene.force.subarray(2 * state.sample, 2 * state.sample + 2);
+    drawForce(context, links[2], [right, down], scale);
+  }
+
+  // where the tip has been, and in pale where it will be
+  const trace = Array.from({ length: run.samples }, (_, sample) => pixel(magnified(sample)));
+  context.globalAlpha = 0.28;
+  stroke(context, trace, colourOf(policy), 1.5);
+  context.globalAlpha = 1;
+  stroke(context, trace.slice(0, k + 1), colourOf(policy), 2.5);
+  stroke(context, [pixel(reference(k)), trace[k]], colours.ink, 1.2);
+  disc(context, pixel(reference(k)), 2.5, colours.ink);
+  disc(context, trace[k], 6.5, colours.paper);
+  disc(context, trace[k], 5, colourOf(policy));
+  if (run.ended && state.sample >= run.samples - 1) drawEnd(context, width, run.ended);
+}
+
+function drawMounting(context, [right, down], thickness) {
+  const at = ([x, y]) => [right + x * thickness, down + y * thickness];
+  polygon(context, [[-0.6, 0], [-1.1, -1.7], [1.1, -1.7], [0.6, 0]].map(at), colours.edge);
+  stroke(context, [[-1.8, -1.7], [1.8, -1.7]].map(at), colours.edge, 3);
+}
+
+function drawPayload(context, tip, mass, scale) {
+  const radius = Math.max(6, 0.022 * scale * Math.cbrt(mass));
+  disc(context, tip, radius + 1.5, colours.edge);
+  disc(context, tip, radius, colours.payload);
+  context.fillStyle = "#1c2630";
+  context.font = font(Math.min(11, radius), "600");
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.fillText(`${mass}`, ...tip);
+}
+
+/** An arrow that pushes the tip; `force` is [right, down] in N. */
+function drawForce(context, tip, force, scale) {
+  const size = Math.hypot(...force);
+  if (size < 1) return;
+  const [right, down] = force.map((part) => part / size);
+  const at = (back, side) => [tip[0] - back * right - side * down, tip[1] - back * down + side * right];
+  const shaft = (0.16 * scale * size) / state.scene.strongest, head = 0.3 * shaft;
+  stroke(context, [at(shaft, 0), at(head, 0)], colours.force, 4);
+  polygon(context, [at(0, 0), at(head + 4, 0.6 * head), at(head + 4, -0.6 * head)], colours.force);
+  context.font = font(12, "600");
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.fillText(`${size.toFixed(0)} N`, ...at(shaft + 14, 0));
+}
+
+function drawEnd(context, width, ended) {
+  context.font = font(12, "600");
+  context.textAlign = "center";
+  context.textBaseline = "top";
+  context.fillStyle = colours.ink;
+  wrapped(context, `ended early at ${ended.time.toFixed(3)} s: ${ended.reason}`, width - 20).forEach((line, row) => {
+    const half = 0.5 * context.measureText(line).width + 4;
+    context.fillStyle = colours.paper;
+    context.fillRect(0.5 * width - half, 6 + 16 * row, 2 * half, 16);
+    context.fillStyle = colours.ink;
+    context.fillText(line, 0.5 * width, 8 + 16 * row);
+  });
+}
+
+function wrapped(context, text, width) {
+  const lines = [""];
+  for (const word of text.split(" ")) {
+    const longer = `${lines.at(-1)} ${word}`.trim();
+    if (context.measureText(longer).width <= width) lines[lines.length - 1] = longer;
+    else lines.push(word);
+  }
+  return lines;
+}
+
+/** How many times larger deviations are drawn: as chosen, or so that three policies in four stay near the reference. */
+function magnification() {
+  if ($("magnification").value !== "auto") return Number($("magnification").value);
+  const peaks = state.scene.runs.map((run) => run.peak).sort((a, b) => a - b);
+  const typical = peaks[Math.floor(0.75 * (peaks.length - 1))];
+  return MAGNIFICATIONS.findLast((factor) => factor * typical <= 1.2 * ROOM) ?? 1;
+}
+
+/** The same for one run: unless chosen otherwise, what would be far out of the picture is drawn to scale. */
+function factorOf(run) {
+  const factor = magnification();
+  return $("magnification").value === "auto" && factor * run.peak > 5 * ROOM ? 1 : factor;
+}

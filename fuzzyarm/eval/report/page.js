@@ -1,0 +1,208 @@
+// The page: what the reader does, and what is shown then.
+
+const view = viewOf(report.cases);
+const plots = PLOTS.map((kind) => new Plot(kind));
+const arms = report.policies.map((name, policy) => {
+  const canvas = element("canvas"), readout = element("p", { className: "readout" });
+  canvas.setAttribute("role", "img");
+  canvas.style.aspectRatio = (view.high[1] - view.low[1]) / (view.high[0] - view.low[0]);
+  const note = element("span", { className: "badge" });
+  const caption = element("figcaption", {}, element("b", { textContent: name }), note);
+  const figure = element("figure", { className: `p${policy % 8}` }, caption, canvas, readout);
+  figure.dataset.policy = policy;
+  return { figure, canvas, readout, note };
+});
+
+/** Millimetres with three digits, below one in micrometres. */
+function lengthText(metres) {
+  const millimetres = 1e3 * metres;
+  if (millimetres >= 100) return `${millimetres.toFixed(0)} mm`;
+  if (millimetres >= 0.01) return `${millimetres.toFixed(millimetres < 10 ? (millimetres < 1 ? 3 : 2) : 1)} mm`;
+  return `${(1e3 * millimetres).toFixed(millimetres < 1e-3 ? 3 : 2)} µm`;
+}
+
+const signed = (value) => value.toFixed(1).replace("-", "−");
+
+function show() {
+  const { scene, sample } = state, time = `${scene.time[sample].toFixed(3)} s`;
+  $("scrubber").value = sample;
+  $("scrubber").setAttribute("aria-valuetext", time);
+  $("time").textContent = time;
+  for (const policy of chosen()) {
+    const run = scene.runs[policy], k = sampleOf(run), { canvas, readout } = arms[policy];
+    drawArm(canvas, policy);
+    readout.replaceChildren(
+      element("b", { textContent: lengthText(run.error[k]) }),
+      element("span", { textContent: `Γ ${signed(run.torque[2 * k])}, ${signed(run.torque[2 * k + 1])} N m` }),
+    );
+  }
+  plots.forEach((plot) => plot.draw());
+}
+
+/** Lay everything out anew: another case, choice of policies, size or theme. */
+function refresh() {
+  readColours();
+  const { scene } = state;
+  const rows = Math.ceil(state.chosen.size / Math.max(2, Math.floor($("arms").clientWidth / 236)));
+  const columns = Math.max(2, Math.ceil(state.chosen.size / Math.max(1, rows)));
+  $("arms").style.gridTemplateColumns = `repeat(${columns}, minmax(0, 1fr))`;
+  state.sample = Math.min(state.sample, scene.time.length - 1);
+  $("scrubber").max = scene.time.length - 1;
+  document.querySelector("#key .force").hidden = !scene.force;
+  $("magnified").textContent = magnification() === 1 ? "to scale" : `× ${magnification()}`;
+  document.querySelectorAll('[role="tab"]').forEach((tab, index) => {
+    const selected = report.cases[index] === scene;
+    tab.setAttribute("aria-selected", selected);
+    tab.tabIndex = selected ? 0 : -1;
+  });
+  arms.forEach(({ figure, canvas, note }, policy) => {
+    const run = scene.runs[policy];
+    figure.hidden = !state.chosen.has(policy);
+    note.textContent = factorOf(run) === magnification() ? "" : "tip error to scale";
+    note.hidden = !note.textContent;
+    const worst = lengthText(run.peak);
+    canvas.setAttribute("aria-label", `Arm under ${report.policies[policy]}, ${scene.title}, tip error up to ${worst}`);
+  });
+  document.querySelectorAll(".chip canvas").forEach((canvas, policy) => {
+    const context = fitted(canvas);
+    context.lineCap = "butt";
+    stroke(context, [[0, 6], [34, 6]], colourOf(policy), 3, dashesOf(policy));
+  });
+  plots.forEach((plot) => plot.prepare());
+  show();
+}
+
+/** The sample nearest to a time [s]. */
+function nearest(time) {
+  const times = state.scene.time;
+  let [low, high] = [0, times.length - 1];
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= time) low = middle;
+    else high = middle;
+  }
+  return time - times[low] < times[high] - time ? low : high;
+}
+
+function goTo(sample) {
+  state.sample = Math.max(0, Math.min(state.scene.time.length - 1, sample));
+  state.clock = state.scene.time[state.sample];
+  show();
+}
+
+function setPlaying(playing) {
+  state.playing = playing;
+  $("play").textContent = playing ? "❚❚ Pause" : "▶ Play";
+  if (!playing) return;
+  if (state.sample === state.scene.time.length - 1) goTo(0);
+  state.clock = state.scene.time[state.sample];
+  let before = performance.now();
+  requestAnimationFrame(function frame(now) {
+    if (!state.playing) return;
+    const elapsed = Math.max(0, now - before) / 1e3;
+    if (!reducedMotion.matches || elapsed >= STEP) {
+      before = now;
+      state.clock += elapsed * Number($("speed").value);
+      if (state.clock >= state.scene.time.at(-1)) {
+        if ($("loop").checked) state.clock = state.scene.time[0];
+        else {
+          goTo(state.scene.time.length - 1);
+          return setPlaying(false);
+        }
+      }
+      state.sample = nearest(state.clock);
+      show();
+    }
+    requestAnimationFrame(frame);
+  });
+}
+
+function selectCase(index) {
+  if (!report.cases[index]) return;
+  state.scene = report.cases[index];
+  refresh();
+  goTo(state.sample);
+}
+
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  $("theme").textContent = theme === "dark" ? "Light" : "Dark";
+  $("theme").setAttribute("aria-label", `Switch to ${theme === "dark" ? "light" : "dark"} colours`);
+  refresh();
+}
+
+function build() {
+  report.cases.forEach((scene, index) => {
+    const tab = element("button", { type: "button", textContent: scene.title, onclick: () => selectCase(index) });
+    tab.setAttribute("role", "tab");
+    tab.setAttribute("aria-controls", "panel");
+    $("cases").append(tab);
+  });
+  $("cases").addEventListener("keydown", (event) => {
+    const tabs = [...$("cases").children], turn = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!turn) return;
+    event.stopPropagation();
+    const next = (tabs.indexOf(document.activeElement) + turn + tabs.length) % tabs.length;
+    selectCase(next);
+    tabs[next].focus();
+  });
+  report.policies.forEach((name, policy) => {
+    const box = element("input", { type: "checkbox", checked: state.chosen.has(policy) });
+    box.addEventListener("change", () => {
+      if (box.checked) state.chosen.add(policy);
+      else state.chosen.delete(policy);
+      refresh();
+    });
+    const chip = element("label", { className: `chip p${policy % 8}` }, box, element("canvas"), name);
+    const highlight = (on) => () => {
+      state.highlighted = on ? policy : null;
+      plots.forEach((plot) => plot.prepare());
+      plots.forEach((plot) => plot.draw());
+    };
+    chip.addEventListener("pointerenter", highlight(true));
+    chip.addEventListener("pointerleave", highlight(false));
+    $("policies").append(chip);
+  });
+  $("magnification").append(element("option", { value: "auto", textContent: "× auto" }),
+    ...MAGNIFICATIONS.map((factor) => element("option", { value: factor, textContent: `× ${factor}` })));
+  $("arms").append(...arms.map(({ figure }) => figure));
+  $("plots").append(...plots.map(({ figure }) => figure));
+  for (const part of [document.querySelector(".controls"), $("policies"), $("key"), $("theme")]) part.hidden = false;
+}
+
+/** Keys of the whole page, unless the focused control uses them itself. */
+function onKey(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const focused = event.target.tagName, own = focused === "SELECT" || event.target.closest("[role=region]");
+  const pressed = focused === "BUTTON" || focused === "SUMMARY" || event.target.type === "checkbox";
+  const far = event.shiftKey ? 50 : 1;
+  const actions = {
+    " ": () => setPlaying(!state.playing),
+    ArrowLeft: () => goTo(state.sample - far),
+    ArrowRight: () => goTo(state.sample + far),
+    Home: () => goTo(0),
+    End: () => goTo(state.scene.time.length - 1),
+  };
+  const action = actions[event.key] ?? (/^[1-9]$/.test(event.key) ? () => selectCase(Number(event.key) - 1) : null);
+  if (!action || own || (event.key === " " && pressed)) return;
+  event.preventDefault();
+  action();
+}
+
+build();
+$("play").addEventListener("click", () => setPlaying(!state.playing));
+$("scrubber").addEventListener("input", () => goTo(Number($("scrubber").value)));
+$("magnification").addEventListener("change", refresh);
+$("theme").addEventListener("click", () => {
+  const dark = (document.documentElement.dataset.theme ?? (systemDark.matches ? "dark" : "light")) === "dark";
+  setTheme(dark ? "light" : "dark");
+});
+systemDark.addEventListener("change", () => {
+  $("theme").textContent = systemDark.matches ? "Light" : "Dark";
+  delete document.documentElement.dataset.theme;
+  refresh();
+});
+document.addEventListener("keydown", onKey);
+$("theme").textContent = systemDark.matches ? "Light" : "Dark";
+window.addEventListener("resize", refresh);
+refresh();

@@ -1,0 +1,148 @@
+"""The HTML page of an evaluation: one file, nothing fetched, everything escaped.
+
+``page.html`` has the structure, ``page.css`` the look, and the scripts, joined as one, the replay. A content security
+policy names the digests of script and style, so that a browser runs and loads nothing else.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import json
+from html import escape
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from fuzzyarm import __version__
+from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.eval.evaluate import EvaluationConfig
+from fuzzyarm.eval.report.certificates import SCOPE, Observations, bound_charts, bound_note, statements
+from fuzzyarm.eval.report.observed import observe_policies
+from fuzzyarm.eval.report.payload import payload
+from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
+from fuzzyarm.eval.report.summary import error_charts, finished, table
+from fuzzyarm.files import write_atomically
+from fuzzyarm.policies import policy_label
+
+SCRIPTS = ("data.js", "canvas.js", "arms.js", "plots.js", "page.js")
+
+
+def write_report(folder: Path, out: Path) -> None:
+    """Write the report of the evaluation in `folder` to `out`, whole or not at all.
+
+    Raises:
+        ValueError: the folder holds no evaluation, or a damaged or mixed one; nothing is written.
+        OSError: a file cannot be read or written.
+    """
+    stored = read_evaluation(folder)
+    write_atomically(out, page(stored, observe_policies(stored.config, stored.bounds)))
+
+
+def page(stored: StoredEvaluation, observed: Observations) -> str:
+    """Return the page; `observed` stands beside the certified bounds, see `observe_policies`."""
+    structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, SCRIPTS))
+    config, data, early = stored.config, payload(stored), not finished(stored.rows)
+    return Template(structure).substitute(
+        policy=_security_policy(style, script),
+        title="Robot-arm tracking, policies compared",
+        style=style,
+        command=escape(command(config)),
+        meta=escape(_subtitle(stored)),
+        glance=error_charts(stored.rows),
+        glance_note=" of the policies that finished; × ended early" if early else "",
+        sampling=escape(_sampling(config, data["stride"])),
+        table=table(stored.rows),
+        table_note=escape(_table_note(config, early)),
+        scope=escape(SCOPE),
+        bounds=bound_charts(stored, observed),
+        bounds_note=bound_note(observed),
+        statements=statements(stored.certificates),
+        made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
+        data=_script_data(data),
+        script=script,
+    )
+
+
+def command(config: EvaluationConfig) -> str:
+    """Return the command that makes an evaluation of this configuration; of another arm it cannot name the file."""
+    default = EvaluationConfig()
+    named = dataclasses.replace(config, parameters=default.parameters, control_period=default.control_period)
+    robot = "" if config.parameters == default.parameters else " --robot FILE"
+    return f"{named.command()}{robot}"
+
+
+def _part(name: str) -> str:
+    return resources.files("fuzzyarm.eval.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _security_policy(style: str, script: str) -> str:
+    """Allow this style, this script and the empty icon, and nothing from anywhere."""
+    style_digest, script_digest = (
+        base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii") for text in (style, script)
+    )
+    return (
+        f"default-src 'none'; style-src 'sha256-{style_digest}'; script-src 'sha256-{script_digest}'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _script_data(data: dict[str, Any]) -> str:
+    """Return JSON that cannot end the script element it stands in."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _subtitle(stored: StoredEvaluation) -> str:
+    config, made = stored.config, stored.made_with
+    parts = [
+        made["date"].replace("T", " ").replace("+00:00", " UTC"),
+        f"FuzzyArm {made['versions']['fuzzyarm']}",
+        f"seeds {_seeds(config)}" if config.seeds > 1 else "seed 0",
+        f"control period {1e3 * config.control_period:g} ms",
+        f"policies: {len(config.policies)}, cases: {len(config.cases)}",
+    ]
+    return " · ".join(parts)
+
+
+def _seeds(config: EvaluationConfig) -> str:
+    return f"0 to {config.seeds - 1}" if config.seeds > 1 else "0"
+
+
+def _sampling(config: EvaluationConfig, stride: int) -> str:
+    samples = "every sample" if stride == 1 else f"one sample in {stride} and the last of each episode"
+    seed = " of seed 0" if config.seeds > 1 else ""
+    return f"Replay and curves show {samples}{seed} in single precision; charts and table are of the full data."
+
+
+def _table_note(config: EvaluationConfig, early: bool) -> str:
+    note = (
+        "★ smallest of its column and case, left out where more than half share it; of a range the larger side counts."
+    )
+    if early:
+        note += " An episode that ended early competes for no star: its numbers are of a shorter motion."
+    if config.seeds > 1:
+        note += f" Medians over {config.seeds} seeds, with ranges."
+    return note
+
+
+def _made(stored: StoredEvaluation) -> dict[str, str]:
+    """Return what the evaluation and this page were made with."""
+    config, made, paper = stored.config, stored.made_with, ArmParameters().to_dict()
+    changed = {key: value for key, value in config.parameters.to_dict().items() if value != paper[key]}
+    noise = "{:g} rad, {:g} rad/s".format(*config.encoder_noise) if any(config.encoder_noise) else "none"
+    machine = made["machine"]
+    return {
+        "command": command(config),
+        "date": made["date"],
+        "policies": ", ".join(map(policy_label, config.policies)),
+        "seeds": _seeds(config),
+        "encoder noise": noise,
+        "arm": json.dumps(changed) if changed else "Table 1 of the paper",
+        "versions": ", ".join(f"{name} {version}" for name, version in made["versions"].items()),
+        "commit": str(made["commit"] or "none"),
+        "machine": f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}",
+        "report": f"fuzzyarm report, FuzzyArm {__version__}; this file fetches nothing",
+    }

@@ -1,0 +1,163 @@
+"""A headless Chromium, driven through its DevTools protocol."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import itertools
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.client import connect
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+)
+PATIENCE = 60.0  # s
+
+
+def executable() -> str | None:
+    """Return where Chromium is, None if it is not installed."""
+    return shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+class Tab:
+    """One page and everything that it logged and asked for."""
+
+    def __init__(self, connection: Any) -> None:
+        self._connection, self._ids = connection, itertools.count(1)
+        self.problems: list[str] = []
+        self.requests: list[str] = []
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Call a method of the protocol and return its result; events that come meanwhile are recorded."""
+        number = next(self._ids)
+        self._connection.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        while True:
+            message = json.loads(self._connection.recv(timeout=PATIENCE))
+            if message.get("id") == number:
+                if "error" in message:
+                    raise RuntimeError(f"{method}: {message['error']}")
+                return message["result"]
+            self._record(message.get("method"), message.get("params", {}))
+
+    def _record(self, method: str | None, event: dict[str, Any]) -> None:
+        if method == "Runtime.exceptionThrown":
+            self.problems.append(json.dumps(event["exceptionDetails"]))
+        elif method == "Runtime.consoleAPICalled":
+            self.problems.append(json.dumps(event["args"]))
+        elif method == "Log.entryAdded":
+            self.problems.append(event["entry"]["text"])
+        elif method == "Network.requestWillBeSent":
+            self.requests.append(event["request"]["url"])
+
+    def open(self, path: Path, *, width: int = 1280, height: int = 900, scheme: str = "light") -> None:
+        """Open a file in a window of this size, for a reader who prefers this colour scheme."""
+        self.size(width, height)
+        self.prefer(scheme)
+        self.problems.clear(), self.requests.clear()
+        self.call("Page.navigate", url=path.as_uri())
+        self.wait_for("document.readyState === 'complete' && location.protocol === 'file:'")
+
+    def size(self, width: int, height: int, scale: float = 1.0) -> None:
+        """Set the size of the window [CSS px] and its pixels per CSS px."""
+        metrics = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **metrics)
+
+    def prefer(self, scheme: str, motion: str = "no-preference") -> None:
+        """Set the reader's preferences: ``light`` or ``dark``, ``no-preference`` or ``reduce``."""
+        features = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
+        self.call("Emulation.setEmulatedMedia", features=[{"name": n, "value": v} for n, v in features.items()])
+
+    def run(self, expression: str) -> Any:
+        """Return the value of a JavaScript expression; a promise is awaited."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in answer:
+            raise RuntimeError(f"{expression}: {answer['exceptionDetails']['exception'].get('description')}")
+        return answer["result"].get("value")
+
+    def wait_for(self, condition: str) -> None:
+        """Wait until a JavaScript expression is true."""
+        deadline = time.monotonic() + PATIENCE
+        while not self.run(condition):
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"not true after {PATIENCE:g} s: {condition}")
+            time.sleep(0.02)
+
+    def press(self, key: str, *, shift: bool = False) -> None:
+        """Press and release a key, named as in `KeyboardEvent.key`."""
+        text = {"text": key} if len(key) == 1 else {}
+        event = {"key": key, "code": "Space" if key == " " else key, "modifiers": 8 * shift}
+        codes = {" ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39, "Tab": 9}
+        event["windowsVirtualKeyCode"] = codes.get(key, ord(key[0]))
+        self.call("Input.dispatchKeyEvent", type="keyDown", **event, **text)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **event)
+
+    def click(self, right: float, down: float) -> None:
+        """Click at a place of the window [CSS px]."""
+        for kind in ("mousePressed", "mouseReleased"):
+            where = {"x": right, "y": down, "button": "left", "buttons": 1, "clickCount": 1}
+            self.call("Input.dispatchMouseEvent", type=kind, **where)
+
+    def screenshot(self, path: Path, *, whole: bool = False) -> None:
+        """Save what the window shows, or the whole page, as PNG."""
+        picture = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(picture["data"]))
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[Tab]:
+    """Run a Chromium of its own, with a fresh profile, and give its first tab."""
+    with tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True) as profile:
+        command = [str(executable()), *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        log = Path(profile) / "log.txt"
+        with log.open("wb") as output:
+            process = subprocess.Popen(command, stdout=output, stderr=output)
+        try:
+            port = _port(Path(profile) / "DevToolsActivePort", process, log)
+            with connect(f"ws://127.0.0.1:{port[0]}{port[1]}", max_size=None) as browser:
+                target = _first_page(browser)
+            address = f"ws://127.0.0.1:{port[0]}/devtools/page/{target}"
+            with connect(address, max_size=None) as connection:
+                yield Tab(connection)
+        finally:
+            process.terminate()
+            process.wait(PATIENCE)
+
+
+def _port(path: Path, process: subprocess.Popen[bytes], log: Path) -> tuple[str, str]:
+    """Return port and path of the browser's socket once it has written them down."""
+    deadline = time.monotonic() + PATIENCE
+    while not path.is_file() or path.read_text().count("\n") < 1:
+        if process.poll() is not None or time.monotonic() > deadline:
+            raise RuntimeError(f"Chromium did not start: {log.read_text(errors='replace')[-2000:]}")
+        time.sleep(0.05)
+    port, address = path.read_text().split("\n")[:2]
+    return port, address
+
+
+def _first_page(browser: Any) -> str:
+    browser.send(json.dumps({"id": 1, "method": "Target.getTargets"}))
+    while True:
+        message = json.loads(browser.recv(timeout=PATIENCE))
+        if message.get("id") == 1:
+            targets = message["result"]["targetInfos"]
+            return str(next(target["targetId"] for target in targets if target["type"] == "page"))

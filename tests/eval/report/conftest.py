@@ -1,0 +1,70 @@
+"""One small evaluation on disk and its report, for all tests of the report."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import browser
+import pytest
+from altered import NASTY, wild, with_runs, write
+
+from fuzzyarm.cli import main
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.eval.evaluate import Evaluation, EvaluationConfig, evaluate
+from fuzzyarm.eval.report.observed import Observed, observe
+from fuzzyarm.eval.rigid import RigidLoop
+from fuzzyarm.policies import load_policy
+
+
+@pytest.fixture(scope="session")
+def evaluation() -> Evaluation:
+    return evaluate(
+        EvaluationConfig(policies=("fuzzy-4", "computed-torque", "fuzzy-4-tip"), cases=("nominal", "machining"))
+    )
+
+
+@pytest.fixture(scope="session")
+def seen() -> Observed:
+    """What is observed of fuzzy-4, which takes seconds."""
+    return observe(RigidLoop(load_policy("fuzzy-4").controller), JointReference())  # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope="session")
+def folder(evaluation, seen, tmp_path_factory) -> Path:
+    """The evaluation of three policies in two cases, with its report."""
+    path = write(evaluation, tmp_path_factory.mktemp("report") / "evaluation")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fuzzyarm.eval.report.observed.observe", lambda loop, reference: seen)
+        assert main(["report", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="session")
+def nasty_folder(evaluation, tmp_path_factory) -> Path:
+    """Computed torque and a wild policy with a nasty name."""
+    runs = []
+    for run in evaluation.rollouts:
+        if run.policy == "computed-torque":
+            runs += [run, wild(run, NASTY, 700)]
+    made = with_runs(evaluation, runs)
+    path = write(made, tmp_path_factory.mktemp("nasty") / "evaluation")
+    assert main(["report", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[browser.Tab]:
+    if browser.executable() is None:
+        if os.environ.get("CI_BROWSER") == "1":
+            pytest.fail("CI_BROWSER=1 demands Chromium: apt-get install chromium")
+        pytest.skip("Chromium is not installed (apt-get install chromium)")
+    with browser.chromium() as tab:
+        yield tab
+
+
+@pytest.fixture
+def stored(folder) -> dict:
+    return json.loads((folder / "results.json").read_text())

@@ -1,0 +1,68 @@
+"""What is observed beside the certified bounds: the benchmark's numbers, within the bounds, or a reason in words."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.eval.evaluate import EvaluationConfig, certified_bounds
+from fuzzyarm.eval.report.observed import observe_policies
+from fuzzyarm.policies import load_policy
+
+ROOT = Path(__file__).parents[3]
+STORED = json.loads((ROOT / "benchmarks" / "results" / "certified_bounds.json").read_text())["bounds"]["fuzzy-4"]
+CLAIMED = certified_bounds(load_policy("fuzzy-4"), JointReference())
+
+
+@pytest.fixture(scope="module")
+def controller():
+    return load_policy("fuzzy-4").controller
+
+
+def test_it_is_what_the_benchmark_finds_and_within_the_certificate(controller, seen):
+    decay, gain = STORED["decay_per_s"], STORED["gain_rad_per_Nm"]
+    np.testing.assert_allclose([seen.decay, seen.gain], [decay["observed"], gain["observed"]], rtol=2e-3)
+    assert controller.alpha <= seen.decay and seen.gain <= controller.gamma
+    assert seen.probe == "worst torque found"
+
+
+def test_the_bounds_are_those_of_the_controller(controller):
+    assert (CLAIMED["alpha"], CLAIMED["gamma"], CLAIMED["form"]) == (controller.alpha, controller.gamma, "consistent")
+    assert certified_bounds(load_policy("fuzzy-4-tip"), JointReference()) == CLAIMED
+    assert certified_bounds(load_policy("computed-torque"), JointReference()) is None
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Count what is observed instead of observing it."""
+    calls = []
+    monkeypatch.setattr("fuzzyarm.eval.report.observed.observe", lambda loop, reference: calls.append(loop) or "seen")
+    return calls
+
+
+def test_a_file_is_observed_once_for_all_its_policies(quick):
+    config = EvaluationConfig(policies=("fuzzy-4", "computed-torque", "fuzzy-4-tip"))
+    bounds = {"fuzzy-4": CLAIMED, "computed-torque": None, "fuzzy-4-tip": CLAIMED}
+    assert observe_policies(config, bounds) == {"fuzzy-4": "seen", "fuzzy-4-tip": "seen"}
+    assert len(quick) == 1
+
+
+def test_a_changed_or_lost_file_is_told_and_not_observed(quick, controller, tmp_path):
+    path = tmp_path / "mine.json"
+    config = EvaluationConfig(policies=(str(path),))
+    assert "is gone" in observe_policies(config, {"mine": CLAIMED})["mine"]
+    load_policy("fuzzy-1").controller.save(path)
+    assert "has changed since" in observe_policies(config, {"mine": CLAIMED})["mine"]
+    dataclasses.replace(controller, alpha=60.0).save(path)
+    assert "no longer proven" in observe_policies(config, {"mine": CLAIMED})["mine"]
+    controller.save(path)
+    assert observe_policies(config, {"mine": CLAIMED}) == {"mine": "seen"}
+    assert len(quick) == 1
+
+
+def test_bounds_of_the_papers_form_are_of_other_quantities(quick):
+    text = observe_policies(EvaluationConfig(policies=("x",)), {"x": CLAIMED | {"form": "paper"}})["x"]
+    assert "of other quantities" in text and not quick

@@ -1,0 +1,263 @@
+"""The page in a real Chromium: it loads, plays, seeks and listens to keys; nothing is fetched, nothing is logged."""
+
+import json
+
+import numpy as np
+import pytest
+from altered import NASTY
+
+POLICIES = ("fuzzy-4", "computed-torque", "fuzzy-4-tip")
+PICTURES = "[...document.querySelectorAll('#arms canvas, #plots canvas')].map((canvas) => canvas.toDataURL())"
+READOUT = "[...document.querySelectorAll('.readout')].map((line) => line.textContent)"
+TIME = "document.getElementById('time').textContent"
+SAMPLE = "Number(document.getElementById('scrubber').value)"
+
+
+@pytest.fixture
+def page(chromium, folder):
+    """The report, opened anew; whatever a test does must leave the console silent and the network alone."""
+    path = folder / "report.html"
+    chromium.open(path)
+    yield chromium
+    assert chromium.problems == []
+    assert chromium.requests == [path.as_uri()]
+    assert chromium.run("performance.getEntriesByType('resource').length") == 0
+
+
+@pytest.fixture(scope="module")
+def rollouts(folder):
+    """The file as anybody would read it: {(case, policy): {signal: array}}."""
+    with np.load(folder / "rollouts.npz") as file:
+        count = sum(name.endswith(".policy") for name in file.files)
+        runs = [
+            {name.split(".")[1]: file[name] for name in file.files if name.startswith(f"{k}.")} for k in range(count)
+        ]
+    return {(str(run["case"]), str(run["policy"])): run for run in runs}
+
+
+def seek(page, sample):
+    page.run(f"(() => {{ const s = document.getElementById('scrubber'); s.value = {sample};"
+             "s.dispatchEvent(new Event('input')); })()")  # fmt: skip
+
+
+def shown(page):
+    """Return (tip error [mm], (torque 1, torque 2) [N m]) as the readouts show them, by policy."""
+    result = {}
+    for policy, line in zip(POLICIES, page.run(READOUT), strict=True):
+        error, torques = line.split("Γ ")
+        size, unit = error.split()
+        first, second = torques.replace("−", "-").removesuffix(" N m").split(", ")
+        result[policy] = float(size) * {"mm": 1.0, "µm": 1e-3}[unit], (float(first), float(second))
+    return result
+
+
+def test_it_loads_and_shows_every_policy_in_every_case(page):
+    assert page.run("document.querySelectorAll('#arms figure:not([hidden])').length") == 3
+    assert page.run("[...document.querySelectorAll('[role=tab]')].map((tab) => tab.textContent)") == [
+        "Case 1: nominal",
+        "Case 2: machining force",
+    ]
+    assert page.run(TIME) == "0.001 s"
+
+
+def test_playing_moves_the_arms_and_the_cursors_and_stops_at_the_end(page):
+    before = page.run(PICTURES)
+    page.run("document.getElementById('play').click()")
+    page.wait_for(f"{SAMPLE} > 100")
+    after = page.run(PICTURES)
+    assert all(a != b for a, b in zip(before, after, strict=True))
+    assert "Pause" in page.run("document.getElementById('play').textContent")
+    page.run("document.getElementById('play').click()")
+    stopped = page.run(SAMPLE)
+    page.run("new Promise((resolve) => setTimeout(resolve, 100))")
+    assert page.run(SAMPLE) == stopped
+    seek(page, 1450)
+    page.run("document.getElementById('play').click()")
+    page.wait_for("document.getElementById('play').textContent.includes('Play')")
+    assert page.run(TIME) == "1.500 s"
+    page.run("document.getElementById('loop').click(), document.getElementById('play').click()")
+    page.wait_for(f"{SAMPLE} > 0 && {SAMPLE} < 1400")
+
+
+def test_speed_is_that_of_the_clock(page):
+    """× 0.1: simulated over wall time, both at the same picture, after the page has drawn it."""
+    page.run("document.getElementById('speed').value = '0.1', document.getElementById('play').click()")
+    page.wait_for(f"{SAMPLE} > 5")
+    instant = "new Promise((resolve) => requestAnimationFrame((now) => resolve([now, state.clock])))"
+    wall, clock = page.run(instant)
+    page.run("new Promise((resolve) => setTimeout(resolve, 300))")
+    wall_later, clock_later = page.run(instant)
+    assert (clock_later - clock) / (1e-3 * (wall_later - wall)) == pytest.approx(0.1, rel=0.02)
+
+
+@pytest.mark.parametrize("sample", [0, 1, 620, 1499])
+def test_the_scrubber_shows_the_sample_of_the_file(page, rollouts, sample):
+    for index, case in enumerate(("nominal", "machining")):
+        page.press(str(index + 1))
+        seek(page, sample)
+        for policy, (error, torque) in shown(page).items():
+            run = rollouts[case, policy]
+            assert page.run(TIME) == f"{run['time'][sample]:.3f} s"
+            assert error == pytest.approx(1e3 * run["tip_error"][sample], rel=6e-3, abs=6e-7)
+            assert torque == pytest.approx(run["torque"][sample], abs=0.051)
+
+
+@pytest.mark.parametrize("sample", [100, 900])
+def test_the_arm_is_where_the_links_are(page, rollouts, sample):
+    """The white hole of the elbow is at the angle of the first link, in a frame with x down and y to the right."""
+    seek(page, sample)
+    view = page.run("view")
+    low, high = np.array(view["low"]), np.array(view["high"])
+    for index, policy in enumerate(POLICIES):
+        q1 = rollouts["nominal", policy]["q_link"][sample, 0]
+        elbow = 0.5 * np.array([np.cos(q1), np.sin(q1)])
+        down, right = (elbow - low) / (high - low)
+        found = page.run(
+            f"(() => {{ const canvas = document.querySelectorAll('#arms canvas')[{index}]; return [...canvas"
+            f".getContext('2d').getImageData({right} * canvas.width, {down} * canvas.height, 1, 1).data]; }})()"
+        )
+        assert min(found) > 240, (policy, found)
+
+
+def test_keys(page):
+    def after(*presses, **options):
+        for key in presses:
+            page.press(key, **options)
+        return page.run(SAMPLE)
+
+    assert after("End") == 1499
+    assert after("ArrowLeft", "ArrowLeft", "ArrowRight") == 1498
+    assert after("ArrowLeft", shift=True) == 1448
+    assert after("Home") == 0
+    assert after("ArrowLeft") == 0
+    page.press("2")
+    assert page.run("document.querySelector('[aria-selected=true]').textContent") == "Case 2: machining force"
+    for focused in ("body", "#scrubber", "#play"):
+        page.run(f"document.querySelector('{focused}').focus()")
+        page.press(" ")
+        page.wait_for(f"{SAMPLE} > 0")
+        page.press(" ")
+        assert page.run("state.playing") is False
+        assert after("Home") == 0
+        assert after("ArrowRight") == 1
+        assert after("Home") == 0
+
+
+def test_tab_reaches_every_control_and_each_has_a_name(page):
+    reached = set()
+    for _ in range(20):
+        page.press("Tab")
+        reached.add(page.run("(document.activeElement.id || document.activeElement.tagName)"))
+    assert {"theme", "play", "scrubber", "speed", "magnification", "loop", "INPUT"} <= reached
+    roles = {"button", "slider", "combobox", "checkbox", "tab", "image", "region", "tabpanel"}
+    nodes = page.call("Accessibility.getFullAXTree")["nodes"]
+    named = [(n["role"]["value"], n["name"].get("value")) for n in nodes if n.get("role", {}).get("value") in roles]
+    assert all(name for _, name in named), named
+    assert {role for role, _ in named} >= {"button", "slider", "combobox", "checkbox", "tab", "image"}
+
+
+def test_the_case_tabs_turn_with_arrow_keys(page):
+    page.run("document.querySelector('[role=tab]').focus()")
+    page.press("ArrowRight")
+    assert page.run("document.activeElement.textContent") == "Case 2: machining force"
+    assert page.run("document.activeElement.ariaSelected") == "true"
+    assert page.run(SAMPLE) == 0
+
+
+def test_policies_can_be_left_out(page):
+    before = page.run(PICTURES)[-1]
+    for policy, left in ((0, 2), (1, 1), (2, 0)):
+        page.run(f"document.querySelectorAll('.chip input')[{policy}].click()")
+        assert page.run("document.querySelectorAll('#arms figure:not([hidden])').length") == left
+    assert page.run(PICTURES)[-1] != before
+    page.press("ArrowRight")  # with nobody left there is nothing to draw, and nothing fails
+
+
+def test_space_on_a_checkbox_ticks_it_and_plays_nothing(page):
+    page.run("document.querySelector('.chip input').focus()")
+    page.press(" ")
+    assert page.run("document.querySelectorAll('#arms figure:not([hidden])').length") == 2
+    assert page.run("state.playing") is False
+
+
+def test_a_click_in_a_plot_moves_the_time(page):
+    page.run("document.querySelector('#plots canvas').scrollIntoView({ behavior: 'instant', block: 'center' })")
+    box = page.run("document.querySelector('#plots canvas').getBoundingClientRect().toJSON()")
+    plot = page.run("EDGE")
+    width = box["width"] - plot["left"] - plot["right"]
+    page.click(box["left"] + plot["left"] + width / 3.0, box["top"] + 0.5 * box["height"])
+    assert page.run("state.clock") == pytest.approx(0.5, abs=0.01)
+
+
+def test_magnification_is_said_and_drawn(page):
+    before = page.run(PICTURES)
+    automatic = page.run("document.getElementById('magnified').textContent")
+    assert automatic == "× 25"  # 3.9 mm becomes a tenth of a metre
+    page.run("(() => { const m = document.getElementById('magnification'); m.value = '1';"
+             "m.dispatchEvent(new Event('change')); })()")  # fmt: skip
+    assert page.run("document.getElementById('magnified').textContent") == "to scale"
+    assert page.run(PICTURES)[0] != before[0]
+
+
+def brightness(page):
+    colour = page.run("getComputedStyle(document.body).backgroundColor")
+    return float(np.mean(json.loads(f"[{colour[colour.index('(') + 1 : -1]}]")[:3]))
+
+
+def test_dark_and_light(page, folder):
+    assert brightness(page) > 240
+    light = page.run(PICTURES)
+    page.run("document.getElementById('theme').click()")
+    assert brightness(page) < 40
+    assert all(a != b for a, b in zip(light, page.run(PICTURES), strict=True))
+    page.run("document.getElementById('theme').click()")
+    assert page.run(PICTURES) == light
+    page.prefer("dark")
+    page.wait_for("document.getElementById('theme').textContent === 'Light'")
+    assert brightness(page) < 40
+
+
+def test_reduced_motion_plays_in_steps(page):
+    page.prefer("light", motion="reduce")
+    count = (
+        "new Promise((resolve) => { const times = new Set(), begin = performance.now(); requestAnimationFrame("
+        f"function look(now) {{ times.add({TIME}); if (now - begin > 700) resolve(times.size);"
+        "else requestAnimationFrame(look); }); document.getElementById('play').click(); })"
+    )
+    assert 2 <= page.run(count) <= 4
+
+
+def test_nothing_can_be_fetched(chromium, folder):
+    """The page's own policy refuses: the violation is reported by the browser."""
+    chromium.open(folder / "report.html")
+    blocked = (
+        "new Promise((resolve) => { document.addEventListener('securitypolicyviolation', (event) =>"
+        "resolve(event.effectiveDirective)); fetch('http://127.0.0.1:9/').catch(() => {}); })"
+    )
+    assert chromium.run(blocked) == "connect-src"
+    inline = blocked.replace("fetch('http://127.0.0.1:9/').catch(() => {})", "document.body.append(Object.assign("
+                             "document.createElement('script'), { textContent: 'window.intruder = 1' }))")  # fmt: skip
+    assert chromium.run(inline) == "script-src-elem"
+    assert chromium.run("window.intruder") is None
+
+
+@pytest.mark.parametrize("width", [360, 1280])
+def test_no_sideways_scrolling(chromium, folder, nasty_folder, width):
+    for path in (folder / "report.html", nasty_folder / "report.html"):
+        chromium.open(path, width=width, height=740)
+        assert chromium.run("document.documentElement.scrollWidth") <= width
+        assert chromium.run("document.querySelector('#scrubber').clientWidth") >= 60
+
+
+def test_nasty_names_and_early_ends(chromium, nasty_folder):
+    path = nasty_folder / "report.html"
+    chromium.open(path)
+    assert chromium.run("document.querySelectorAll('#arms figcaption b')[1].textContent") == NASTY
+    assert chromium.run("document.images.length") == 0
+    assert "1 of 1" in chromium.run("document.querySelector('table').textContent")
+    seek(chromium, 699)
+    last = chromium.run(READOUT)[1]
+    seek(chromium, 1200)
+    assert chromium.run(READOUT)[1] == last  # it stays where it ended
+    assert chromium.run(READOUT)[0] != last
+    assert chromium.problems == [] and chromium.requests == [path.as_uri()]

@@ -1,0 +1,64 @@
+"""Rollouts on disk: bit for bit, tied to their results, and nothing is executed."""
+
+import dataclasses
+import zipfile
+
+import numpy as np
+import pytest
+
+from fuzzyarm.eval.rollout import Rollout
+from fuzzyarm.eval.rollout_file import digest, read_rollouts, write_rollouts
+
+FIELDS = [field.name for field in dataclasses.fields(Rollout)]
+
+
+def test_a_round_trip_keeps_every_bit(evaluation, tmp_path):
+    again = read_rollouts(write_rollouts(evaluation.rollouts, tmp_path))
+    for before, after in zip(evaluation.rollouts, again, strict=True):
+        for name in FIELDS:
+            assert np.array_equal(getattr(before, name), getattr(after, name)), name
+            assert type(getattr(before, name)) is type(getattr(after, name)), name
+    assert digest(again) == digest(evaluation.rollouts)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_the_digest_sees_a_change_in_any_field(evaluation, name):
+    run = evaluation.rollouts[0]
+    value = getattr(run, name)
+    if isinstance(value, np.ndarray):
+        value = value.copy()
+        value.flat[-1] = np.nextafter(value.flat[-1], np.inf)
+    else:
+        value = {str: "other", bool: False, int: 1, float: 0.5}[type(value)]
+    assert digest([dataclasses.replace(run, **{name: value})]) != digest([run])
+
+
+def test_nothing_is_unpickled(tmp_path, capsys):
+    class Loud:
+        def __reduce__(self):
+            return print, ("executed",)
+
+    path = tmp_path / "rollouts.npz"
+    np.savez(path, **{"0.policy": np.array(Loud(), dtype=object)})
+    with pytest.raises(ValueError, match="is damaged"):
+        read_rollouts(path)
+    assert "executed" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("damage", [b"", b"no zip", None])
+def test_a_damaged_file_is_told(evaluation, tmp_path, damage):
+    path = write_rollouts(evaluation.rollouts[:1], tmp_path)
+    path.write_bytes(path.read_bytes()[:-200] if damage is None else damage)
+    with pytest.raises(ValueError, match=r"rollouts\.npz is damaged"):
+        read_rollouts(path)
+
+
+def test_a_flipped_bit_is_told(evaluation, tmp_path):
+    path = write_rollouts(evaluation.rollouts[:1], tmp_path)
+    with zipfile.ZipFile(path) as archive:
+        start = archive.getinfo("0.torque.npy").header_offset + 200
+    content = bytearray(path.read_bytes())
+    content[start] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="is damaged"):
+        read_rollouts(path)
