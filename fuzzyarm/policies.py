@@ -43,7 +43,8 @@ def load_policy(
 ) -> ModelBasedPolicy:
     """Return a policy by name, or from the path of a controller file or of a learned policy's folder.
 
-    With the ending ``-tip`` the policy compensates the bending of the joints, see `fuzzy_policy.tip`.
+    With the ending ``-tip`` the policy compensates the bending of the joints, see `fuzzy_policy.tip`. Nothing that a
+    name can say makes this function run code: a name may stand in a file, and a file is not to be trusted.
 
     Args:
         name: one of `NAMES`, or the path of a controller file (ending in ``.json`` or ``.json-tip``), or the folder of
@@ -86,10 +87,21 @@ def load_policy(
         return FuzzyPolicy(_trusted_controller(Path(name), robot, allow_unproven), control_period)
     if Path(name).is_dir():
         return _learned(Path(name), control_period, robot)
+    if is_code(text):
+        raise ValueError(
+            f"{text} names code, which load_policy does not run: import it, or give it to fuzzyarm evaluate --policy"
+        )
     raise ValueError(
         f"unknown policy {text!r}; choose from: {', '.join(NAMES)}, or the path of a controller file (.json, "
-        f".json{TIP}), or of a learned policy's folder"
+        f".json{TIP}), or of a learned policy's folder, on the command line also package.module:factory"
     )
+
+
+def is_code(name: str) -> bool:
+    """Return whether a name is of the form ``package.module:factory``, which `eval.own_policy` imports."""
+    module, _, factory = name.partition(":")
+    parts = (*module.split("."), *factory.split("."))
+    return all(part.isidentifier() for part in parts) and not Path(name).exists()
 
 
 def policy_label(name: str) -> str:

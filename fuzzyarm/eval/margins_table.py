@@ -23,10 +23,11 @@ from fuzzyarm.envs.dynamics import Payload
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.eval.margins import GAIN_SPAN, POSTURES, LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.own_policy import OwnPolicy, find_policy
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.rollout import Policy
 from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
-from fuzzyarm.policies import NAMES, load_policy, policy_label
+from fuzzyarm.policies import NAMES, policy_label
 
 SCHEMA = "fuzzyarm-margins/1"
 CONTROL_PERIOD = 1e-3  # s
@@ -75,7 +76,7 @@ class MarginsConfig:
     """What is measured.
 
     Attributes:
-        policies: names or controller files.
+        policies: names as `find_policy` takes them.
         robot: TOML file of another arm than Table 1, of the plant and of the policies' models.
     """
 
@@ -132,11 +133,11 @@ def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) 
     }
 
 
-def _loaded(name: str, parameters: ArmParameters) -> ModelBasedPolicy:
+def _loaded(name: str, parameters: ArmParameters) -> ModelBasedPolicy | OwnPolicy:
     """Return a policy for `CONTROL_PERIOD`, or for the time it holds an action: over that its loop is one map."""
-    policy = load_policy(name, control_period=CONTROL_PERIOD, robot=parameters)
+    policy = find_policy(name, control_period=CONTROL_PERIOD, robot=parameters)
     period = getattr(policy, "action_period", CONTROL_PERIOD)
-    return policy if period == CONTROL_PERIOD else load_policy(name, control_period=period, robot=parameters)
+    return policy if period == CONTROL_PERIOD else find_policy(name, control_period=period, robot=parameters)
 
 
 def measure(policy: Policy, parameters: ArmParameters, control_period: float) -> dict[str, Any]:
