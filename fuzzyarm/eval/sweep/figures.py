@@ -1,0 +1,227 @@
+"""Figures of a sweep: for each policy a heat map of the tip error over two quantities, and how the error is spread."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from fuzzyarm.envs.disturbances import CASES
+from fuzzyarm.eval.figures import DASHES
+from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig, column_label, quantity_of
+from fuzzyarm.files import write_atomically
+from fuzzyarm.policies import policy_label
+
+PLANTS_PER_BIN, MOST_BINS = 12, 20
+COLORS = "viridis_r"  # the same order of lightness for any colour vision, and in grey: dark is bad
+EMPTY, HATCH = "#FFFFFF", "////"
+FINE, COARSE = 1.0 / 40.0, 5.0
+"""Of the bound of success: errors that are smaller or larger than this have all the same colour."""
+LEFT = 1.0 / 200.0  # of the bound: where the curves begin
+MARKERS = "os^Dv"
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """A plane cut into cells.
+
+    Attributes:
+        columns: the two columns of the plants that span it, across and up.
+        edges: of the cells along each, (across + 1,) and (up + 1,).
+        places: (n, 2) the cell of each plant, across and up.
+    """
+
+    columns: tuple[str, str]
+    edges: tuple[np.ndarray, np.ndarray]
+    places: np.ndarray
+
+    @classmethod
+    def of(cls, config: SweepConfig, plants: np.ndarray) -> Cells:
+        """Cut the plane of a sweep: a grid as it is, else into bins of about `PLANTS_PER_BIN` plants."""
+        first, second = config.plane
+        bins = int(np.clip(np.sqrt(len(plants) / PLANTS_PER_BIN), 2, MOST_BINS))
+        edges, places = [], []
+        for column in (first, second):
+            values = plants[:, COLUMNS.index(column)]
+            if config.grid or column == "delay":
+                centers = np.unique(values)
+                middles = 0.5 * (centers[1:] + centers[:-1])
+                ends = 2.0 * centers[[0, -1]] - middles[[0, -1]]
+                edges.append(np.concatenate([ends[:1], middles, ends[1:]]))
+            else:
+                edges.append(np.linspace(values.min(), values.max(), bins + 1))
+            places.append(np.clip(np.searchsorted(edges[-1], values, side="right") - 1, 0, len(edges[-1]) - 2))
+        return cls((first, second), (edges[0], edges[1]), np.stack(places, axis=1))
+
+    def medians(self, errors: np.ndarray) -> np.ndarray:
+        """Return the median error of each cell (up, across); inf where half ended early, nan where no plant is."""
+        across, up = (len(edges) - 1 for edges in self.edges)
+        flat, order = self.places[:, 1] * across + self.places[:, 0], np.argsort(errors, kind="stable")
+        found = np.full(up * across, np.nan)
+        for cell in np.unique(flat):
+            members = errors[order][flat[order] == cell]
+            found[cell] = members[(len(members) - 1) // 2]
+        return found.reshape(up, across)
+
+
+def write_sweep_figures(
+    config: SweepConfig,
+    results: dict[str, np.ndarray],
+    rows: Sequence[dict[str, Any]],
+    folder: Path,
+    progress: Callable[[], None] = lambda: None,
+) -> list[Path]:
+    """Write every figure of `draw_sweep` as ``<name>.png`` and ``<name>.svg``, and return the paths.
+
+    Raises:
+        OSError: the folder is missing or not writable; no file is left half written.
+    """
+    paths = []
+    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
+        for name, figure in draw_sweep(config, results, rows).items():
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")  # laid out once, for both formats
+            for ending, metadata in ((".png", {}), (".svg", {"Date": None})):
+                content = io.BytesIO()
+                figure.savefig(content, format=ending[1:], metadata=metadata)
+                paths.append(folder / f"{name}{ending}")
+                write_atomically(paths[-1], content.getvalue())
+            progress()
+    return paths
+
+
+def draw_sweep(
+    config: SweepConfig, results: dict[str, np.ndarray], rows: Sequence[dict[str, Any]]
+) -> dict[str, Figure]:
+    """Return the figures by name: ``spread``, and ``map-<policy>`` where two quantities vary.
+
+    Args:
+        config: what was run.
+        results: of all plants, see `episodes.measure`.
+        rows: of the summary.
+    """
+    errors = np.where(results["completed"], results["max_mm"], np.inf)
+    policies = [policy_label(name) for name in config.policies]
+    figures = {"spread": _spread(config, policies, errors, rows)}
+    if len(config.plane) == 2:
+        cells = Cells.of(config, results["plants"])
+        maps = np.array([[cells.medians(one) for one in by_case] for by_case in errors])
+        shown = np.clip(maps[np.isfinite(maps)], FINE * config.bound, COARSE * config.bound)
+        low, high = (shown.min(), shown.max()) if len(shown) else (FINE, COARSE)
+        norm = LogNorm(low, max(high, 1.01 * low))
+        for policy, by_case in zip(policies, maps, strict=True):
+            figures[f"map-{policy}"] = _map(config, policy, cells, by_case, norm)
+    return figures
+
+
+def _spread(config: SweepConfig, policies: Sequence[str], errors: np.ndarray, rows: Sequence[dict[str, Any]]) -> Figure:
+    """Return the share of plants whose error is at most that on the horizontal axis, a panel for each case."""
+    figure = Figure(figsize=(1.0 + 3.1 * max(2, len(config.cases)), 3.7))
+    panels = figure.subplots(1, len(config.cases), sharey=True, sharex=True, squeeze=False)[0]
+    colors = matplotlib.rcParams["axes.prop_cycle"].by_key()["color"]
+    share = 100.0 * np.arange(1, errors.shape[-1] + 1) / errors.shape[-1]
+    handles: list[Line2D] = []
+    for axes, c in zip(panels, range(len(config.cases)), strict=True):
+        axes.axvline(config.bound, color="#333333", linewidth=0.9, zorder=1.5)
+        looks = zip(policies, itertools.cycle(colors), itertools.cycle(DASHES), itertools.cycle(MARKERS), strict=False)
+        for p, (policy, color, dashes, marker) in enumerate(looks):
+            ordered = np.sort(errors[p, c])
+            axes.step(ordered, share, where="post", color=color, linestyle=dashes)
+            row = next(row for row in rows if (row["policy"], row["case"]) == (policy, config.cases[c]))
+            for level, found in row["max_mm"].items():
+                if None not in found.values():
+                    reach = [[found["value"] - found["low"]], [found["high"] - found["value"]]]
+                    axes.errorbar(
+                        found["value"],
+                        100.0 * float(level),
+                        xerr=reach,
+                        color=color,
+                        marker=marker,
+                        markersize=5,
+                        markeredgewidth=1.0,
+                        elinewidth=2.2,
+                        capsize=3.5,
+                        zorder=4.0,
+                    )
+            if c == 0:
+                handles.append(Line2D([], [], color=color, linestyle=dashes, marker=marker, markersize=5, label=policy))
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.set(title=CASES[config.cases[c]].title, xlabel="largest tip error [mm]", ylim=(0.0, 102.0))
+    panels[0].set_ylabel("share of plants at or below [%]")
+    panels[0].set_xlim(left=max(LEFT * config.bound, panels[0].get_xlim()[0]))
+    handles.append(Line2D([], [], color="#333333", linewidth=0.9, label=f"bound of success, {config.bound:g} mm"))
+    title = "bars: 95 % intervals at 50, 90 and 99 %; none where episodes that ended early are among them"
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, title=title)
+    return figure
+
+
+def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, norm: LogNorm) -> Figure:
+    """Return the plane of a policy, a panel for each case; the colours mean the same for all policies."""
+    figure = Figure(figsize=(1.6 + 2.9 * max(2, len(config.cases)), 3.9))
+    panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
+    for axes, case, errors in zip(panels, config.cases, medians, strict=True):
+        mesh = _draw_cells(axes, cells, errors, norm)
+        _draw_bound(axes, cells, errors, config.bound)
+        axes.set_title(CASES[case].title)
+        axes.grid(False)
+    across, up = (
+        column_label(column, both_joints=bool(config.grid)) if quantity_of(column) != column else column_label(column)
+        for column in cells.columns
+    )
+    for axes in panels:
+        axes.set_xlabel(across.replace(" [", "\n["))
+    panels[0].set_ylabel(up.replace(" [", "\n["))
+    finite = medians[np.isfinite(medians)]
+    beyond = bool((finite < norm.vmin).any()), bool((finite > norm.vmax).any())
+    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
+    bar = figure.colorbar(mesh, ax=panels, pad=0.02, extend=extend)
+    bar.set_label(
+        "largest tip error [mm],\nmedian of the plants in a cell" if config.plants > 1 else "largest tip error [mm]"
+    )
+    bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    bar.ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "25" else "")
+    figure.suptitle(policy, x=0.01, ha="left", fontsize=10.5)
+    handles: list[Any] = []
+    if (medians < config.bound).any() and (medians > config.bound).any():
+        handles.append(Line2D([], [], color="black", linewidth=1.6, label=f"{config.bound:g} mm, the bound of success"))
+    if np.isinf(medians).any():
+        handles.append(Patch(facecolor="#BBBBBB", hatch=HATCH, edgecolor="black", label="half or more ended early"))
+    if np.isnan(medians).any():
+        handles.append(Patch(facecolor=EMPTY, edgecolor="#999999", label="no plant"))
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    return figure
+
+
+def _draw_cells(axes: Axes, cells: Cells, errors: np.ndarray, norm: LogNorm) -> QuadMesh:
+    """Colour the cells; where half of the plants ended early, hatch them."""
+    mesh = axes.pcolormesh(*cells.edges, np.where(np.isfinite(errors), errors, np.nan), norm=norm, cmap=COLORS)
+    across, up = cells.edges
+    for j, i in np.argwhere(np.isinf(errors)):
+        axes.fill_between(
+            across[i : i + 2], up[j], up[j + 1], facecolor="#BBBBBB", hatch=HATCH, edgecolor="black", linewidth=0.0
+        )
+    return mesh
+
+
+def _draw_bound(axes: Axes, cells: Cells, errors: np.ndarray, bound: float) -> None:
+    """Draw the border between the cells below the bound and those that are not, seen on light and dark."""
+    above, (across, up) = errors >= bound, cells.edges
+    sides: list[Any] = [([across[i + 1]] * 2, up[j : j + 2]) for j, i in np.argwhere(above[:, 1:] != above[:, :-1])]
+    sides += [(across[i : i + 2], [up[j + 1]] * 2) for j, i in np.argwhere(above[1:] != above[:-1])]
+    for color, width in (("white", 3.2), ("black", 1.6)):
+        for side in sides:
+            axes.plot(*side, color=color, linewidth=width, solid_capstyle="projecting")

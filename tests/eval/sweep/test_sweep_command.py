@@ -1,0 +1,207 @@
+"""`fuzzyarm sweep` as a user meets it: outputs, exit codes, one-line errors, and nothing overwritten."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.eval.sweep import store
+
+QUICK = ["--policy", "fuzzy-4", "--case", "nominal", "--plants", "6", "--chunk", "3", "--jobs", "1"]
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def refused(capsys, folder, arguments, expected):
+    """See that a command ends with one line and exit code 2, and changes nothing."""
+    before = contents(folder)
+    assert main(["sweep", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and error.startswith("fuzzyarm sweep: ") and expected in error, error
+    assert contents(folder) == before
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("finished") / "sweep"
+    assert main(["sweep", *QUICK, "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def folder(finished, tmp_path):
+    copy = tmp_path / "sweep"
+    (copy / "chunks").mkdir(parents=True)
+    for path, content in contents(finished).items():
+        (copy / path.relative_to(finished)).write_bytes(content)
+    return copy
+
+
+def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys):
+    out = tmp_path / "new" / "sweep"
+    assert main(["sweep", *QUICK, "--bound", "5", "--worst", "2", "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert "Case 1: nominal" in printed.out and "success, below 5 mm [%]" in printed.out and printed.err == ""
+    assert "\x1b" not in printed.out
+    names = {path.name for path in out.iterdir()}
+    assert names == {
+        "run.json", "chunks", "sweep.json", "sweep.csv", "episodes.npz", "spread.png", "spread.svg",
+        "map-fuzzy-4.png", "map-fuzzy-4.svg",
+    }  # fmt: skip
+    document = json.loads((out / "sweep.json").read_text())
+    assert document["command"].startswith("fuzzyarm sweep --policy fuzzy-4") and document["versions"]["numpy"]
+    (row,) = document["rows"]
+    episodes = np.load(out / "episodes.npz", allow_pickle=False)
+    assert row["success"]["value"] == np.mean(episodes["max_mm"][0, 0] < 5.0)
+    assert len(row["worst"]) == 2 and row["worst"][0]["max_mm"] == episodes["max_mm"].max()
+
+
+def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folder, capsys, monkeypatch):
+    def run_chunk(*_):
+        raise AssertionError("all chunks are there")
+
+    monkeypatch.setattr("fuzzyarm.eval.sweep.run.run_chunk", run_chunk)
+    before = contents(folder / "chunks")
+    assert main(["sweep", "--resume", "--bound", "6.5", "--worst", "1", "--json", "--out", str(folder)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads((folder / "sweep.json").read_text())
+    assert document["config"]["bound"] == 6.5 and len(document["rows"][0]["worst"]) == 1
+    assert contents(folder / "chunks") == before
+
+
+def test_a_replay_gives_the_number_of_the_sweep(folder, capsys):
+    worst = json.loads((folder / "sweep.json").read_text())["rows"][0]["worst"][0]
+    assert main(["sweep", "--replay", "fuzzy-4", "nominal", str(worst["plant"]), "--out", str(folder)]) == 0
+    assert f"tip error up to {worst['max_mm']:.6g} mm" in capsys.readouterr().out
+    replayed = folder / f"replay-fuzzy-4-nominal-{worst['plant']}"
+    episode = np.load(replayed / "episode.npz", allow_pickle=False)
+    assert 1e3 * episode["tip_error"].max() == worst["max_mm"] and (replayed / "overview.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--policy", "nobody"], "unknown policy 'nobody'; choose from: fuzzy-32"),
+        (["--policy", "missing.json"], "missing.json"),
+        (["--policy", "fuzzy-4.json", "--policy", "fuzzy-4"], "fuzzy-4.json"),
+        (["--case", "nowhere"], "choose from: nominal, machining, payload"),
+        (["--plants", "0"], "plants = 0"),
+        (["--distribution", "x"], "choose from: nominal, plants, loads, all"),
+        (["--range", "mass", "a", "1"], "'a' must be a number"),
+        (["--range", "mass", "2", "1"], "mass"),
+        (["--grid", "mass", "0.9", "1.1", "3"], "two different quantities"),
+        (["--grid", "mass", "1", "2", "2.5", "--grid", "delay", "0", "1", "2"], "'2.5' must be a whole number"),
+        (["--backend", "dask"], "choose from: local, ray"),
+        (["--address", "auto"], "--backend ray"),
+        (["--jobs", "0"], "jobs = 0"),
+        (["--backend", "ray", "--address", "127.0.0.1:9"], "no Ray cluster at"),
+        (["--resume"], "holds no sweep to go on with"),
+        (["--replay", "fuzzy-4", "nominal", "0"], "holds no sweep to go on with"),
+    ],
+)
+def test_bad_usage_is_one_line_and_makes_nothing(tmp_path, capsys, arguments, expected):
+    out = tmp_path / "sweep"
+    refused(capsys, tmp_path, [*arguments, "--out", str(out)], expected)
+    assert not out.exists() or not any(out.iterdir())
+
+
+def test_an_empty_folder_is_nothing_to_go_on_with(tmp_path, capsys):
+    refused(capsys, tmp_path, ["--resume", "--out", str(tmp_path)], "run.json is missing")
+
+
+def test_a_folder_that_is_a_file_is_named(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    refused(capsys, tmp_path, [*QUICK, "--out", str(tmp_path / "file" / "sweep")], str(tmp_path / "file"))
+
+
+def test_a_finished_sweep_is_not_overwritten(folder, capsys):
+    refused(capsys, folder, [*QUICK, "--out", str(folder)], "holds a sweep already")
+
+
+@pytest.mark.parametrize("option", [["--plants", "7"], ["--seed", "1"], ["--policy", "fuzzy-2"], ["--chunk", "2"]])
+def test_another_sweep_is_not_mixed_in(folder, capsys, option):
+    refused(capsys, folder, ["--resume", *option, "--out", str(folder)], "choose another --out")
+
+
+@pytest.mark.parametrize("keep", [0, 10, 400])
+def test_a_broken_chunk_is_named(folder, capsys, keep):
+    path = folder / "chunks" / "000001.npz"
+    path.write_bytes(path.read_bytes()[:keep])
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "000001.npz is broken")
+    path.unlink()
+    assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
+
+
+def test_a_chunk_of_another_sweep_is_named(folder, capsys, tmp_path):
+    other = tmp_path / "other"
+    assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
+    capsys.readouterr()
+    (folder / "chunks" / "000000.npz").write_bytes((other / "chunks" / "000000.npz").read_bytes())
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "is of another sweep")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"schema": "x"}'])
+def test_a_broken_run_file_is_named(folder, capsys, text):
+    (folder / "run.json").write_text(text)
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "run.json is broken")
+
+
+def test_a_changed_run_file_is_named(folder, capsys):
+    path = folder / "run.json"
+    path.write_text(path.read_text().replace('"plants": 6', '"plants": 5'))
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "was changed")
+
+
+@pytest.mark.parametrize("name", ["numpy", "code"])
+def test_versions_are_not_mixed(folder, capsys, monkeypatch, name):
+    newer = store.made_with() | {name: "another"}
+    monkeypatch.setattr(store, "made_with", lambda: newer)
+    refused(capsys, folder, ["--resume", "--out", str(folder)], f"other versions than there are now ({name} ")
+
+
+def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys):
+    from importlib import resources
+
+    file, out = tmp_path / "mine.json", tmp_path / "sweep"
+    shipped = resources.files("fuzzyarm.fuzzy_policy.controllers")
+    file.write_bytes((shipped / "fuzzy-1.json").read_bytes())
+    assert main(["sweep", *QUICK, "--policy", str(file), "--out", str(out)]) == 0
+    capsys.readouterr()
+    file.write_bytes((shipped / "fuzzy-2.json").read_bytes())
+    refused(capsys, out, ["--resume", "--out", str(out)], "other policy files than there are now (mine ")
+
+
+def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, capsys, monkeypatch):
+    from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
+
+    def lost(*_):
+        raise WorkersLost("workers died 3 times in a row")
+        yield
+
+    monkeypatch.setattr(Engine, "run", lost)
+    assert main(["sweep", *QUICK, "--out", str(tmp_path / "sweep")]) == 1
+    assert "workers died 3 times in a row; what is done is kept: --resume" in capsys.readouterr().err
+
+
+def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    monkeypatch.delitem(sys.modules, "fuzzyarm.eval.sweep.ray_backend", raising=False)
+    monkeypatch.delattr("fuzzyarm.eval.sweep.ray_backend", raising=False)
+    refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], "pip install 'fuzzyarm[cluster]'")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_parser_loads_neither_numpy_nor_joblib_nor_ray():
+    code = (
+        "import sys; from fuzzyarm.cli import _parser; before = set(sys.modules); "
+        "from fuzzyarm.eval.sweep.command import add_sweep_command; "
+        "print([name for name in ('joblib', 'ray', 'matplotlib', 'rich', 'scipy') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,78 @@
+"""Work on many workers: the same results from all, and whatever worker dies, all of the work."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
+
+
+def slow(number):
+    time.sleep(0.2)
+    return os.getpid()
+
+
+def poison(number):
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * number
+
+
+def failing(number):
+    raise ArithmeticError(f"no {number}")
+
+
+def test_one_local_worker_is_this_process():
+    assert dict(Engine(jobs=1).run(slow, [4, 7])) == {4: os.getpid(), 7: os.getpid()}
+
+
+def test_a_killed_process_loses_no_work():
+    reports, found = [], {}
+    for number, process in Engine(jobs=2).run(slow, range(8), reports.append):
+        found[number] = process
+        if len(found) == 2:
+            os.kill(process, signal.SIGKILL)
+    assert sorted(found) == list(range(8)) and os.getpid() not in found.values()
+    assert len(reports) == 1 and "run again" in reports[0]
+
+
+def test_work_that_always_kills_its_worker_is_given_up():
+    reports, done = [], []
+
+    def run():
+        for number, square in Engine(jobs=2).run(poison, range(6), reports.append):
+            assert square == number * number
+            done.append(number)
+
+    with pytest.raises(WorkersLost, match="died 3 times"):
+        run()
+    assert 3 not in done and len(done) == len(set(done)) and len(reports) >= 2
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_of_the_work_itself_is_raised(jobs):
+    with pytest.raises(ArithmeticError, match="no "):
+        list(Engine(jobs=jobs).run(failing, range(4)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ({"backend": "dask"}, "choose from: local, ray"),
+        ({"jobs": 0}, "jobs = 0"),
+        ({"address": "auto"}, "--backend ray"),
+        ({"backend": "ray", "address": "ray://host:10001"}, "auto or HOST:PORT"),
+    ],
+)
+def test_bad_values_are_named(arguments, expected):
+    with pytest.raises(ValueError, match=expected):
+        Engine(**arguments)
+
+
+def test_a_cluster_that_is_not_there_is_said_at_once():
+    begin = time.perf_counter()
+    with pytest.raises(ValueError, match=r"no Ray cluster at '127\.0\.0\.1:9'"):
+        list(Engine("ray", address="127.0.0.1:9").run(slow, [0]))
+    assert time.perf_counter() - begin < 15.0

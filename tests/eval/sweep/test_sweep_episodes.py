@@ -1,0 +1,172 @@
+"""The numbers of episodes against independent loops over the environments, and against each other."""
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.disturbances import CASES, EncoderNoise
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.variation import Variation
+from fuzzyarm.eval.sweep.config import COLUMNS, DISTRIBUTIONS, NOISE, Axis, SweepConfig
+from fuzzyarm.eval.sweep.episodes import MEASURES, measure, replay, steps
+from fuzzyarm.eval.sweep.plants import Plants
+from fuzzyarm.policies import load_policy
+
+POLICIES = {name: load_policy(name) for name in ("fuzzy-4", "elastic-observer")}
+CONFIG = SweepConfig(policies=tuple(POLICIES), plants=6, distribution="all", seed=40)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return measure(CONFIG, POLICIES, range(6))
+
+
+def tip_errors(env, policy, seed, delay=0, noise=1.0):
+    """Return the tip errors of an episode of one environment, written down anew: how each loop is meant."""
+    observation, info = env.reset(seed=seed)
+    waiting, state, errors, done = None, None, [], False
+    while not done:
+        true = np.concatenate([info["q_motor"], info["dq_motor"]])
+        read = np.concatenate([true + noise * (observation[:4] - true), observation[4:]])
+        torque, state = policy.predict(read, state)
+        waiting = deque([torque] * delay) if waiting is None else waiting
+        waiting.append(torque)
+        observation, _, terminated, truncated, info = env.step(waiting.popleft())
+        errors.append(info["tip_error"])
+        done = terminated or truncated
+    return np.array(errors), truncated
+
+
+def test_the_numbers_are_those_of_single_environments(whole):
+    """Each plant alone: drawn by the environment from its seed, with its own noise and delay."""
+    plants = Plants.draw(CONFIG, range(6))
+    for case in ("nominal", "machining"):
+        c = CONFIG.cases.index(case)
+        for i in (1, 4):
+            noise, delay = plants.column("noise")[i], int(plants.column("delay")[i])
+            noisy = CASES[case].disturbance.__class__(
+                tip_force=CASES[case].disturbance.tip_force, encoder_noise=EncoderNoise(NOISE.position, NOISE.velocity)
+            )
+            env = FuzzyArmEnv(disturbance=noisy, variation=DISTRIBUTIONS["all"].variation())
+            for p, policy in enumerate(POLICIES.values()):
+                errors, completed = tip_errors(env, policy, 40 + i, delay, noise)
+                assert whole["max_mm"][p, c, i] == 1e3 * errors.max()
+                assert whole["rms_mm"][p, c, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-12)
+                assert whole["completed"][p, c, i] == completed
+                assert whole["seconds"][p, c, i] == pytest.approx(1e-3 * len(errors))
+
+
+def test_what_is_drawn_is_what_the_environment_draws_from_the_same_seed():
+    plants = Plants.draw(CONFIG, range(6))
+    env = FuzzyArmEnv(variation=DISTRIBUTIONS["all"].variation())
+    for i in range(6):
+        drawn = env.reset(seed=40 + i)[1]["variation"]
+        assert np.array_equal(plants.values[i, :12], np.concatenate([drawn[n] for n in list(drawn)[:6]]))
+        assert (plants.column("payload")[i], plants.column("force")[i]) == (drawn["payload"], drawn["force"])
+
+
+def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
+    plants = Plants.draw(SweepConfig(plants=3000, distribution="all"), range(3000))
+    noise, delay = plants.column("noise"), plants.column("delay")
+    assert 0.0 <= noise.min() < 0.01 and 1.99 < noise.max() < 2.0
+    assert noise.mean() == pytest.approx(1.0, abs=4 * 2 / math.sqrt(12 * 3000))
+    counts = np.bincount(delay.astype(int))
+    assert len(counts) == 3 and np.all(np.abs(counts - 1000) < 4 * math.sqrt(3000 * 2 / 9))
+    others = np.corrcoef(plants.values.T)[:, [COLUMNS.index("noise"), COLUMNS.index("delay")]]
+    assert np.sum(np.abs(others) > 0.09) == 2  # with themselves
+
+
+@pytest.mark.parametrize("size", [1, 4])
+def test_no_number_depends_on_the_chunk_it_was_computed_in(whole, size):
+    parts = [measure(CONFIG, POLICIES, range(6)[start : start + size]) for start in range(0, 6, size)]
+    for name in MEASURES:
+        assert np.array_equal(np.concatenate([part[name] for part in parts], axis=-1), whole[name]), name
+    assert np.array_equal(np.concatenate([part["plants"] for part in parts]), whole["plants"])
+
+
+def test_no_number_depends_on_the_other_policies_and_cases(whole):
+    alone = SweepConfig(policies=("elastic-observer",), cases=("payload",), plants=6, distribution="all", seed=40)
+    found = measure(alone, {"elastic-observer": POLICIES["elastic-observer"]}, range(6))
+    assert np.array_equal(found["max_mm"][0, 0], whole["max_mm"][1, 2])
+
+
+def test_a_replay_is_the_episode_of_the_sweep_bit_for_bit(whole):
+    for p, policy in enumerate(POLICIES):
+        run = replay(CONFIG, POLICIES, 3, policy, "machining")
+        assert 1e3 * run.tip_error.max() == whole["max_mm"][p, 1, 3]
+        assert 1e3 * np.sqrt(np.cumsum(run.tip_error**2)[-1] / len(run.time)) == whole["rms_mm"][p, 1, 3]
+        assert run.completed == whole["completed"][p, 1, 3] and run.seed == 43
+        assert run.time[-1] == pytest.approx(1.5) and np.abs(run.external_force).max() > 50.0
+        assert np.allclose(np.hypot(*(run.tip - run.tip_reference).T), run.tip_error)
+
+
+@pytest.mark.parametrize(
+    ("member", "policy", "case"), [(6, "fuzzy-4", "payload"), (-1, "fuzzy-4", "payload"), (0, "x", "payload")]
+)
+def test_what_is_not_in_the_sweep_is_not_replayed(member, policy, case):
+    with pytest.raises(ValueError, match="not in the sweep"):
+        replay(CONFIG, POLICIES, member, policy, case)
+
+
+SOFT = SweepConfig(
+    policies=("fuzzy-4",), cases=("payload",), grid=(Axis("stiffness", 0.5, 1.0, 2), Axis("payload", 0.0, 15.0, 2)),
+    distribution="nominal", plants=1,
+)  # fmt: skip
+
+
+def test_an_episode_that_ends_early_counts_up_to_its_end():
+    policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
+    found = measure(SOFT, policies, range(4))
+    ended = np.flatnonzero(~found["completed"][0, 0])
+    assert 0 < len(ended) < 4
+    for i in ended.tolist():
+        stiffness, payload = found["plants"][i, [COLUMNS.index("stiffness_1"), COLUMNS.index("payload")]]
+        drawn = Variation(stiffness=(stiffness,) * 2, payload=(payload,) * 2)
+        errors, completed = tip_errors(FuzzyArmEnv("payload", variation=drawn), policies["fuzzy-4"], 0)
+        assert not completed and len(errors) < 1500
+        assert found["seconds"][0, 0, i] == pytest.approx(1e-3 * len(errors))
+        assert found["max_mm"][0, 0, i] == pytest.approx(1e3 * errors.max(), rel=1e-6)
+        assert found["rms_mm"][0, 0, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-6)
+        run = replay(SOFT, policies, i, "fuzzy-4", "payload")
+        assert not run.completed and "left the domain" in run.reason and len(run.time) == len(errors)
+        assert 1e3 * run.tip_error.max() == found["max_mm"][0, 0, i]
+
+
+def test_a_grid_sets_every_pair_of_values_once_for_each_of_its_plants():
+    config = SweepConfig(grid=(Axis("delay", 0, 3, 4), Axis("mass", 0.9, 1.1, 3)), distribution="loads", plants=2)
+    plants = Plants.draw(config, range(config.total))
+    pairs = np.stack([plants.column("delay"), plants.column("mass_1")], axis=1)
+    expected = [(delay, mass) for delay in range(4) for mass in (0.9, 1.0, 1.1) for _ in range(2)]
+    assert np.allclose(pairs, expected)
+    assert np.array_equal(plants.column("mass_1"), plants.column("mass_2"))
+    assert len(np.unique(plants.column("payload"))) == config.total  # what is drawn differs everywhere
+
+
+@pytest.mark.parametrize(
+    ("grid", "exact"),
+    [
+        ((Axis("stiffness", 0.8, 1.2, 2), Axis("mass", 0.9, 1.1, 2)), True),
+        ((Axis("dry_friction", 0.0, 1.5, 2), Axis("damping", 0.5, 1.5, 2)), True),
+        ((Axis("motor_inertia", 0.9, 1.1, 2), Axis("viscous_friction", 0.5, 1.5, 2)), True),
+        ((Axis("payload", 1.0, 5.0, 2), Axis("force", 0.5, 1.5, 2)), False),  # the order of a sum differs
+    ],
+)
+def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(grid, exact):
+    config = SweepConfig(policies=("fuzzy-4",), cases=("machining",), grid=grid, distribution="nominal", plants=1)
+    policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
+    found = measure(config, policies, range(4))["max_mm"][0, 0]
+    for i, (first, second) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
+        drawn = Variation(**{grid[0].name: (first, first), grid[1].name: (second, second)})
+        errors, _ = tip_errors(FuzzyArmEnv("machining", variation=drawn), policies["fuzzy-4"], 0)
+        assert found[i] == (1e3 * errors.max() if exact else pytest.approx(1e3 * errors.max(), rel=1e-9))
+
+
+def test_a_lane_that_ended_does_not_disturb_its_neighbours():
+    plants = Plants.draw(SOFT, range(4))
+    seen = [step.running.copy() for step in steps(plants, plants.environment(["payload"]), POLICIES["fuzzy-4"])]
+    lengths = np.sum(seen, axis=0)
+    assert len(seen) == lengths.max() == 1500 and lengths.min() < 1500
+    alone = measure(SOFT, {"fuzzy-4": POLICIES["fuzzy-4"]}, [0])
+    assert np.array_equal(measure(SOFT, {"fuzzy-4": POLICIES["fuzzy-4"]}, range(4))["max_mm"][..., :1], alone["max_mm"])

@@ -1,0 +1,100 @@
+import io
+
+import matplotlib.style
+import numpy as np
+import pytest
+
+from fuzzyarm.eval.sweep.config import COLUMNS, Axis, SweepConfig
+from fuzzyarm.eval.sweep.figures import COLORS, Cells, draw_sweep, write_sweep_figures
+from fuzzyarm.eval.sweep.summary import summarise
+
+GRID = SweepConfig(
+    policies=("fuzzy-4", "a"), cases=("nominal", "payload"), distribution="plants", plants=3,
+    grid=(Axis("stiffness", 0.5, 1.5, 5), Axis("delay", 0, 3, 4)),
+)  # fmt: skip
+DRAWN = SweepConfig(policies=("fuzzy-4",), cases=("nominal",), plants=500, distribution="all")
+
+
+def made(config, ended=True):
+    generator = np.random.default_rng(0)
+    plants = generator.uniform(size=(config.total, len(COLUMNS)))
+    plants[:, COLUMNS.index("delay")] = generator.integers(0, 3, config.total)
+    if config.grid:
+        cell = np.arange(config.total) // config.plants
+        first, second = config.grid
+        plants[:, COLUMNS.index("stiffness_1")] = first.values[cell // second.number]
+        plants[:, COLUMNS.index("delay")] = second.values[cell % second.number]
+    shape = len(config.policies), len(config.cases), config.total
+    completed = np.ones(shape, dtype=bool)
+    if ended:
+        completed[..., :3] = False
+    largest = generator.lognormal(2.5, 1.0, shape)
+    return {"plants": plants, "max_mm": largest, "rms_mm": largest / 3, "seconds": largest, "completed": completed}
+
+
+def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
+    results = made(GRID)
+    cells = Cells.of(GRID, results["plants"])
+    errors = results["max_mm"][0, 0]
+    expected = np.median(errors.reshape(5, 4, 3), axis=-1).T
+    assert np.array_equal(cells.medians(errors), expected)
+    assert np.allclose(cells.edges[0], [0.375, 0.625, 0.875, 1.125, 1.375, 1.625])
+    assert np.allclose(cells.edges[1], [-0.5, 0.5, 1.5, 2.5, 3.5])
+
+
+def test_the_bins_of_drawn_plants_hold_the_lower_medians_and_leave_nobody_out():
+    config = SweepConfig(**vars(DRAWN) | {"map": ("mass_1", "delay")})
+    results = made(config)
+    cells = Cells.of(config, results["plants"])
+    errors = np.where(results["completed"], results["max_mm"], np.inf)[0, 0]
+    across, up = cells.edges
+    assert len(up) == 4  # a row for each delay
+    mass, delay = (results["plants"][:, COLUMNS.index(name)] for name in ("mass_1", "delay"))
+    found = cells.medians(errors)
+    for j in range(3):
+        for i in range(len(across) - 1):
+            last = i == len(across) - 2
+            inside = (delay == j) & (mass >= across[i]) & ((mass <= across[i + 1]) if last else (mass < across[i + 1]))
+            values = np.sort(errors[inside])
+            assert found[j, i] == values[(len(values) - 1) // 2] if len(values) else np.isnan(found[j, i])
+
+
+@pytest.mark.parametrize("config", [GRID, DRAWN])
+def test_every_axis_has_its_unit(config):
+    results = made(config)
+    rows = summarise(config, results)["rows"]
+    figures = draw_sweep(config, results, rows)
+    assert set(figures) == {"spread", *(f"map-{name}" for name in config.policies)}
+    for figure in figures.values():
+        panels = [axes for axes in figure.axes if axes.get_title(loc="left") or axes.get_title()]
+        labels = [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()]
+        labels += [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
+        assert len(panels) == len(config.cases) and len(labels) >= 2
+        assert all("[" in label and "]" in label for label in labels)
+
+
+def test_all_policies_share_one_scale_of_colours_which_grey_keeps():
+    figures = draw_sweep(GRID, made(GRID), summarise(GRID, made(GRID))["rows"])
+    norms = {
+        (mesh.norm.vmin, mesh.norm.vmax)
+        for name, figure in figures.items() if name != "spread"
+        for axes in figure.axes for mesh in axes.collections
+        if mesh.get_array() is not None and mesh.get_cmap().name == COLORS
+    }  # fmt: skip
+    assert len(norms) == 1
+    red, green, blue, _ = matplotlib.colormaps[COLORS](np.linspace(0.0, 1.0, 256)).T
+    assert np.all(np.diff(0.299 * red + 0.587 * green + 0.114 * blue) < 0.0)  # darker is worse
+
+
+def test_the_same_sweep_gives_the_same_files(tmp_path):
+    results = made(DRAWN, ended=False)
+    rows = summarise(DRAWN, results)["rows"]
+    folders = [tmp_path / "one", tmp_path / "two"]
+    contents = []
+    for folder in folders:
+        folder.mkdir()
+        paths = write_sweep_figures(DRAWN, results, rows, folder)
+        contents.append({path.name: path.read_bytes() for path in paths})
+    assert contents[0] == contents[1] and len(contents[0]) == 4
+    image = matplotlib.image.imread(io.BytesIO(contents[0]["map-fuzzy-4.png"]))
+    assert image.shape[1] > image.shape[0] > 300

@@ -1,0 +1,140 @@
+"""A whole sweep on every backend, with workers and the driver killed: always the same numbers."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.run import Chunk, load_policies, run_chunk, run_missing
+from fuzzyarm.eval.sweep.store import Store
+
+CONFIG = SweepConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("machining",), plants=24, chunk=2, seed=5)
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    return swept(tmp_path_factory.mktemp("expected"), Engine(jobs=1))
+
+
+def swept(folder, engine, progress=lambda number, chunk: None, report=lambda text: None, config=CONFIG):
+    store = Store.create(folder / "sweep", config)
+    run_missing(store, load_policies(config), engine, progress, report)
+    return store.load_all()
+
+
+def equal(one, other):
+    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
+
+
+class Killer:
+    """Kills the first worker that hands in a chunk, a moment later, in the middle of its next."""
+
+    def __init__(self):
+        self.processes, self.killed = set(), None
+
+    def __call__(self, number, chunk):
+        self.processes.add(chunk.process)
+        if self.killed is None:
+            time.sleep(0.03)
+            os.kill(chunk.process, signal.SIGKILL)
+            self.killed = chunk.process
+
+
+def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected):
+    killer, reports = Killer(), []
+    assert equal(swept(tmp_path, Engine(jobs=2), killer, reports.append), expected)
+    assert os.getpid() not in killer.processes and len(killer.processes) > 1
+    assert len(reports) == 1
+
+
+ON_RAY = """
+import json, os, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from test_sweep_run import CONFIG, Killer, swept
+from fuzzyarm.eval.sweep.engine import Engine
+
+killer, reports, addresses = Killer(), [], set()
+
+def progress(number, chunk):
+    import ray
+    addresses.add(ray.util.get_node_ip_address())
+    killer(number, chunk)
+
+swept(Path(sys.argv[1]), Engine("ray", jobs=3), progress, reports.append)
+import ray
+found = {"reports": reports, "addresses": list(addresses), "workers": sorted(killer.processes), "own": os.getpid()}
+Path(sys.argv[1], "found.json").write_text(json.dumps(found | {"left": ray.is_initialized()}))
+"""
+
+
+def test_ray_gives_the_same_numbers_and_a_killed_worker_costs_only_its_chunk(tmp_path, expected):
+    """In a process of its own: Ray does not wait for its processes, which warns."""
+    command = [sys.executable, "-c", ON_RAY, str(tmp_path), str(Path(__file__).parent)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""  # is for results
+    assert equal(Store.open(tmp_path / "sweep").load_all(), expected)
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert len(found["workers"]) > 2 and found["own"] not in found["workers"]
+    assert found["reports"] == ["a worker died; the chunk it was at is run again"]
+    assert found["addresses"] == ["127.0.0.1"]  # nobody else can reach it
+    assert not found["left"]
+
+
+def test_another_chunk_size_gives_the_same_numbers(tmp_path, expected):
+    config = SweepConfig(**vars(CONFIG) | {"chunk": 24})
+    assert equal(swept(tmp_path, Engine(jobs=1), config=config), expected)
+
+
+def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
+    def old(config, policies, number):
+        chunk = run_chunk(config, policies, number)
+        return Chunk(chunk.arrays, chunk.process, chunk.made_with | {"numpy": "1.0"})
+
+    monkeypatch.setattr("fuzzyarm.eval.sweep.run.run_chunk", old)
+    with pytest.raises(ValueError, match=r"other versions than this process \(numpy 1\.0 and"):
+        swept(tmp_path, Engine(jobs=1))
+    assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
+
+
+def test_an_interrupted_and_then_a_killed_sweep_goes_on_to_the_same_end(tmp_path, capsys):
+    folder = tmp_path / "sweep"
+    arguments = ["--policy", "fuzzy-4", "--case", "machining", "--plants", "60", "--chunk", "2", "--seed", "5"]
+
+    def started(words, files):
+        """Start a sweep in a session of its own, and return it when there are so many chunks."""
+        command = [sys.executable, "-m", "fuzzyarm", "sweep", *words, "--jobs", "2", "--out", str(folder)]
+        process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        deadline = time.monotonic() + 100.0
+        while len(list(folder.glob("chunks/*.npz"))) < files:
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.01)
+        return process
+
+    process = started(arguments, 3)
+    os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C in a terminal does: everybody gets it
+    error = process.communicate(timeout=60)[1].decode()
+    assert process.returncode == 130
+    assert error.splitlines()[-1].startswith("fuzzyarm sweep: interrupted; what is done is kept: --resume --out")
+    done = len(list(folder.glob("chunks/*.npz")))
+    assert 3 <= done < 30
+    process = started(["--resume"], done + 3)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate(timeout=60)
+    kept = {path: path.stat().st_mtime_ns for path in folder.glob("chunks/*.npz")}
+    assert 6 <= len(kept) < 30 and not (folder / "sweep.json").exists()
+    assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
+    assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
+    whole = SweepConfig(policies=("fuzzy-4",), cases=("machining",), plants=60, chunk=60, seed=5)
+    found = np.load(folder / "episodes.npz")
+    assert equal({name: found[name] for name in found.files}, swept(tmp_path / "whole", Engine(jobs=1), config=whole))

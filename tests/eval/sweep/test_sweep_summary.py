@@ -1,0 +1,113 @@
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy.stats import binom, norm
+
+from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig
+from fuzzyarm.eval.sweep.summary import QUANTILES, quantile_ranks, quantiles, summarise, worst
+from fuzzyarm.eval.sweep.table import print_sweep, summary_csv
+
+
+@pytest.mark.parametrize("count", [2, 15, 400, 5000])
+def test_the_intervals_of_quantiles_are_those_of_infinitely_many_resamples(count):
+    """Rank r or below is the quantile k of a resample if at least k + 1 of its n draws are: a binomial tail."""
+    ranks, low, high = quantile_ranks(count)
+    for p, rank, first, last in zip(QUANTILES, ranks, low, high, strict=True):
+        assert rank == sum((i + 1) < p * count - 1e-9 for i in range(count))
+        tail = binom.sf(rank, count, (np.arange(count) + 1.0) / count)
+        slack = 4 * math.sqrt(0.025 * 0.975 / 2000)  # four standard errors of a share of 2000 resamples
+        assert tail[first] > 0.025 - slack and (first == 0 or tail[first - 1] < 0.025 + slack)
+        assert tail[last] > 0.975 - slack and (last == 0 or tail[last - 1] < 0.975 + slack)
+
+
+@pytest.mark.parametrize(("count", "least"), [(300, 0.79), (1000, 0.91), (3000, 0.94), (10000, 0.94)])
+def test_how_often_the_intervals_cover_the_quantiles_of_a_continuous_distribution(count, least):
+    """Of n values a binomial number lies at or below the quantile: it must be above the low rank, not the high one."""
+    _, low, high = quantile_ranks(count)
+    cover = binom.cdf(high, count, QUANTILES) - binom.cdf(low, count, QUANTILES)
+    assert np.all(cover[:2] > 0.94) and np.all(cover < 0.965)
+    assert cover[2] > least  # few plants say little of the 99 % quantile, as the module's words have it
+
+
+def test_the_quantiles_of_values_are_values_of_that_rank_in_any_order():
+    values = np.random.default_rng(1).permutation(np.arange(1000.0)) ** 3
+    ranks, low, high = quantile_ranks(1000)
+    for found, *expected in zip(quantiles(values).values(), ranks, low, high, strict=True):
+        assert list(found.values()) == [float(rank) ** 3 for rank in expected]
+
+
+def test_a_quantile_among_episodes_that_ended_early_is_beyond_every_bound():
+    values = np.concatenate([np.arange(92.0), np.full(8, np.inf)])
+    found = quantiles(values)
+    assert found["0.5"]["value"] == 49.0
+    assert found["0.9"]["value"] == 89.0 and found["0.9"]["high"] is None
+    assert found["0.99"]["value"] is None and found["0.99"]["high"] is None
+
+
+def test_of_a_single_plant_there_is_no_interval():
+    assert quantiles(np.array([3.0]))["0.5"] == {"value": 3.0, "low": None, "high": None}
+
+
+def made(count=200):
+    generator = np.random.default_rng(3)
+    config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=count, bound=10.0, worst=3, seed=7)
+    shape = 1, 2, count
+    results = {
+        "plants": generator.uniform(size=(count, len(COLUMNS))),
+        "max_mm": generator.uniform(1.0, 20.0, shape),
+        "rms_mm": generator.uniform(0.1, 1.0, shape),
+        "seconds": np.full(shape, 1.5),
+        "completed": np.ones(shape, dtype=bool),
+    }
+    results["completed"][0, 1, [4, 9]] = False
+    results["seconds"][0, 1, [4, 9]] = 0.7, 0.2
+    results["max_mm"][0, 1, [4, 9]] = 2.0, 3.0  # small, but not to the end
+    return config, results
+
+
+def test_success_counts_plants_below_the_bound_with_wilsons_interval():
+    config, results = made()
+    row = summarise(config, results)["rows"][1]
+    n, k = 200, sum((results["max_mm"][0, 1] < 10.0) & results["completed"][0, 1])
+    z, share = norm.ppf(0.975), k / n
+    center = (share + z * z / (2 * n)) / (1 + z * z / n)
+    reach = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    assert row["success"] == pytest.approx({"value": share, "low": center - reach, "high": center + reach})
+    assert row["ended_early"] == 2
+
+
+def test_the_worst_plants_come_with_what_makes_them():
+    config, results = made()
+    first, second = summarise(config, results)["rows"]
+    assert [one["plant"] for one in second["worst"]][:2] == [9, 4]  # the earliest end first
+    order = np.argsort(results["max_mm"][0, 0])[::-1][:3]
+    assert [one["plant"] for one in first["worst"]] == order.tolist()
+    for one in first["worst"]:
+        assert one["seed"] == 7 + one["plant"]
+        assert list(one["parameters"].values()) == results["plants"][one["plant"]].tolist()
+        assert one["max_mm"] == results["max_mm"][0, 0, one["plant"]]
+    assert len(worst({name: values[0, 0] for name, values in results.items() if name != "plants"}, 0)) == 0
+
+
+def test_the_table_shows_no_number_without_its_interval():
+    from rich.console import Console
+
+    config, results = made(5000)
+    results["max_mm"][0, 0] = 1.0  # all succeed
+    with (console := Console(width=250)).capture() as captured:
+        print_sweep(summarise(config, results), console)
+    lines = [line for line in captured.get().splitlines() if line.startswith("fuzzy-4")]
+    assert len(lines) == 2 and all(len(re.findall(r"[\d.]+ \([\d.]+ to [\d.]+\)", line)) == 5 for line in lines)
+    assert "100.00 (99.92 to 100.00)" in lines[0]  # Wilson: n/(n + z²) of 5000
+
+
+def test_the_csv_has_every_number_with_both_ends():
+    config, results = made()
+    header, *lines = summary_csv(summarise(config, results)["rows"]).splitlines()
+    assert len(lines) == 2
+    names = header.split(",")
+    for name in [name for name in names if name.endswith("_value")]:
+        assert name.replace("_value", "_low") in names and name.replace("_value", "_high") in names
+    assert "max_mm_0.99_value" in names and "success_value" in names
