@@ -50,17 +50,23 @@ def _fail(message: str, code: int) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from fuzzyarm.eval.sweep.command import add_sweep_command
+
     parser = argparse.ArgumentParser(
         prog="fuzzyarm", description="Tracking control of a two-joint robot arm with elastic joints."
     )
     parser.add_argument("--version", action="version", version=f"fuzzyarm {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_evaluate(commands)
+    _add_leaderboard(commands)
+    _add_report(commands)
     _add_design(commands)
     _add_verify(commands)
     _add_bench(commands)
     _add_margins(commands)
     _add_train(commands)
+    add_sweep_command(commands)
+    _add_paper(commands)
     return parser
 
 
@@ -75,8 +81,9 @@ def _add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         action="append",
         metavar="NAME",
         help="fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip "
-        "to bring the tip to the reference instead of the motors, elastic-observer, or a learned policy's folder; may "
-        "be repeated (default: fuzzy-4, computed-torque, both with -tip, and elastic-observer)",
+        "to bring the tip to the reference instead of the motors, elastic-observer, ppo-nominal, -robust, -residual or "
+        "a learned policy's folder, or code of your own as package.module:factory; may be repeated (default: fuzzy-4, "
+        "computed-torque, both with -tip, elastic-observer and the learned ones)",
     )
     parser.add_argument(
         "--case",
@@ -84,12 +91,11 @@ def _add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         metavar="NAME",
         help="nominal, machining or payload; may be repeated (default: all three)",
     )
-    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="episodes, seeded 0 to N-1 (default: 1)")
+    parser.add_argument("--seeds", type=int, metavar="N", help="episodes, seeded 0 to N-1 (default: 1)")
     parser.add_argument(
         "--encoder-noise",
         type=float,
         nargs=2,
-        default=(0.0, 0.0),
         metavar=("RAD", "RAD_PER_S"),
         help="standard deviation on motor angles [rad] and velocities [rad/s] (default: 0 0)",
     )
@@ -97,12 +103,44 @@ def _add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     parser.add_argument(
         "--out",
         type=Path,
-        default=Path("fuzzyarm-evaluation"),
         metavar="DIR",
         help="folder for results and figures, made if needed (default: fuzzyarm-evaluation)",
     )
     parser.add_argument("--json", action="store_true", help="print the results as JSON instead of the table")
+    parser.add_argument(
+        "--check",
+        type=Path,
+        metavar="FILE",
+        help="run what a results.json, or the folder that holds it, says and compare every number but times; write "
+        "nothing; exit code 1 if one differs. Code of your own that the file names runs only if --policy names it too",
+    )
     parser.set_defaults(run=_evaluate)
+
+
+def _add_leaderboard(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "leaderboard",
+        help="rank the policies of several evaluations",
+        description="Rank the policies of results files by the geometric mean over the cases of the rms tip error. "
+        "Refuses files of different conditions or versions.",
+    )
+    parser.add_argument(
+        "files", nargs="+", type=Path, metavar="FILE", help="results.json, or folder that fuzzyarm evaluate --out wrote"
+    )
+    parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
+    parser.set_defaults(run=_leaderboard)
+
+
+def _add_report(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "report",
+        help="make one HTML page of an evaluation, with a replay",
+        description="Make one self-contained HTML page of an evaluation: tables, curves, a replay of the arms, and "
+        "the certified bounds beside the worst observed. It fetches nothing.",
+    )
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder that fuzzyarm evaluate --out wrote")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="page to write (.html; default: DIR/report.html)")
+    parser.set_defaults(run=_report)
 
 
 def _add_design(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -218,8 +256,8 @@ def _add_margins(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--policy",
         action="append",
         metavar="NAME",
-        help="fuzzy-4, computed-torque, ... a controller file (.json) or a learned policy's folder; may be repeated "
-        "(default: all by name)",
+        help="fuzzy-4, computed-torque, ... a controller file (.json), a learned policy's folder, or code of your own "
+        "as package.module:factory, which must act on batches; may be repeated (default: all by name)",
     )
     parser.add_argument("--robot", type=Path, metavar="FILE", help="TOML file of another arm (default: Table 1)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="results file to write (.json; default: none)")
@@ -242,33 +280,55 @@ def _add_train(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     ppo.set_defaults(run=_train_ppo)
 
 
+def _add_paper(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = commands.add_parser(
+        "paper",
+        help="make the paper's figures and numbers anew and see that ours have not moved",
+        description="Make Figs. 2-10 and Table 2 of the paper anew from the controllers with 32 and 4 rules, and a "
+        "table of what the paper says and what we measure. Exit code 1 if a number has moved by more than its "
+        "tolerance from the one stored in the package. A quarter of a minute.",
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for paper.md, paper.json and the figures"
+    )
+    parser.add_argument(
+        "--renew", action="store_true", help="store what is measured as what is expected from now on, then exit with 0"
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON instead of the tables")
+    parser.set_defaults(run=_paper)
+
+
 def _evaluate(options: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from fuzzyarm.envs.disturbances import CASES
     from fuzzyarm.envs.parameters import ArmParameters
     from fuzzyarm.eval.evaluate import EvaluationConfig, evaluate, write_results
     from fuzzyarm.eval.figures import write_figures
+    from fuzzyarm.eval.rollout_file import write_rollouts
     from fuzzyarm.eval.table import print_table
-    from fuzzyarm.policies import COMPARED
 
-    config = EvaluationConfig(
-        policies=tuple(options.policy or COMPARED),
-        cases=tuple(options.case or CASES),
-        seeds=options.seeds,
-        encoder_noise=tuple(options.encoder_noise),
-        parameters=ArmParameters.from_toml(options.robot) if options.robot else ArmParameters(),
-    )
-    _make_folder(options.out)
+    if options.check is not None:
+        return _check(options)
+    given = {
+        "policies": options.policy and tuple(options.policy),
+        "cases": options.case and tuple(options.case),
+        "seeds": options.seeds,
+        "encoder_noise": options.encoder_noise and tuple(options.encoder_noise),
+        "parameters": options.robot and ArmParameters.from_toml(options.robot),
+    }
+    config = EvaluationConfig(**{name: value for name, value in given.items() if value is not None})
+    out = options.out or Path("fuzzyarm-evaluation")
+    _make_folder(out)
     stderr = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
         episodes = bar.add_task("episodes", total=len(config.policies) * len(config.cases) * config.seeds)
         evaluation = evaluate(config, lambda: bar.advance(episodes))
-        written = write_results(evaluation, options.out)
+        written = write_results(evaluation, out)
         drawing = bar.add_task("figures", total=None)
-        written += write_figures(evaluation.rollouts, options.out, lambda: bar.advance(drawing))
+        written += write_figures(evaluation.rollouts, out, lambda: bar.advance(drawing))
+        written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
     if options.json:
         print(json.dumps(evaluation.to_dict(), indent=1))
     else:
@@ -276,12 +336,65 @@ def _evaluate(options: argparse.Namespace) -> int:
         console = Console() if sys.stdout.isatty() else Console(width=200)
         print_table(evaluation.rows, console)
         for name, text in evaluation.certificates.items():
-            console.print(f"\n{name}: {'no certificate' if text is None else 'certificate. ' + text}", highlight=False)
-        console.print(f"\n{len(written)} files in {options.out}", highlight=False)
+            words = f"\n{name}: {'no certificate' if text is None else 'certificate. ' + text}"
+            console.print(words, highlight=False, markup=False, emoji=False)  # module:factory: would become a picture
+        console.print(f"\n{len(written)} files in {out}", highlight=False)
     for run in evaluation.rollouts:
         if not run.completed:
             print(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}", file=sys.stderr)
     return 0 if evaluation.complete else 1
+
+
+def _check(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from fuzzyarm.eval.check import check, print_check
+    from fuzzyarm.eval.results_file import read_results
+
+    for name in ("case", "seeds", "encoder_noise", "robot", "out", "json"):
+        if getattr(options, name) is not None and getattr(options, name) is not False:
+            option = f"--{name.replace('_', '-')}"
+            raise UsageError(f"--check runs what the file says and writes nothing: leave out {option}")
+    results = read_results(options.check)
+    stderr = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
+        episodes = bar.add_task("episodes", total=len(results.rows))
+        found = check(results, options.policy or (), lambda: bar.advance(episodes))
+    print_check(found, Console() if sys.stdout.isatty() else Console(width=200))
+    return 1 if found.differences else 0
+
+
+def _leaderboard(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from fuzzyarm.eval.leaderboard import leaderboard, markdown, print_leaderboard
+
+    board = leaderboard(options.files)
+    if options.markdown:
+        print(markdown(board))
+    else:
+        # Wide when piped: a plain table must not be folded.
+        print_leaderboard(board, Console() if sys.stdout.isatty() else Console(width=400))
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from fuzzyarm.eval.report.page import write_report
+
+    out = options.out or options.folder / "report.html"
+    if out.suffix != ".html":
+        raise UsageError(f"--out {out} must end in .html")
+    if not out.parent.is_dir() and options.out:
+        raise UsageError(f"--out {out}: the folder {out.parent} does not exist")
+    stderr = Console(stderr=True)
+    with stderr.status("observing the certified loops") if stderr.is_terminal else contextlib.nullcontext():
+        write_report(options.folder, out)
+    print(f"written to {out}")
+    return 0
 
 
 def _design(options: argparse.Namespace) -> int:
@@ -434,6 +547,40 @@ def _train_ppo(options: argparse.Namespace) -> int:
     training.run(config, folder)
     print(f"written to {folder / 'policy'}")
     return 0
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from fuzzyarm.eval.paper.drift import load_expected, store_expected
+    from fuzzyarm.eval.paper.evidence import STEPS, gather
+    from fuzzyarm.eval.paper.figures import write_figures
+    from fuzzyarm.eval.paper.report import compare, print_report, renewed, write_report
+
+    stored = {} if options.renew else load_expected()
+    _make_folder(options.out)
+    stderr = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
+        runs = bar.add_task("runs and proofs", total=STEPS)
+        evidence = gather(lambda: bar.advance(runs))
+        comparison = compare(evidence, stored)
+        if options.renew:
+            comparison = renewed(comparison)
+            store_expected(comparison.measured, comparison.made_with)
+        drawing = bar.add_task("figures", total=None)
+        figures = write_figures(evidence, options.out, lambda: bar.advance(drawing))
+    written = [*figures, *write_report(comparison, figures, options.out)]
+    if options.json:
+        print(json.dumps(comparison.to_dict(), indent=1))
+    else:
+        # Wide when piped: a plain table must not be folded.
+        print_report(comparison, Console() if sys.stdout.isatty() else Console(width=400))
+        print(f"\n{len(written)} files in {options.out}")
+    for moved in comparison.drifted:
+        print(f"fuzzyarm paper: {moved}", file=sys.stderr)
+    return 1 if comparison.drifted else 0
 
 
 def _make_folder(folder: Path) -> None:

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import datetime
 import io
 import json
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from fuzzyarm.envs.disturbances import CASES, EncoderNoise, find_case
+from fuzzyarm.envs.elastic_reference import ElasticReference
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.parameters import ArmParameters
 from fuzzyarm.envs.reference import JointReference
 from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.eval.own_policy import find_policy
+from fuzzyarm.eval.policy_files import policy_files
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.rollout import Rollout, rollout
+from fuzzyarm.eval.rollout import Policy, Rollout, rollout
+from fuzzyarm.eval.rollout_file import digest
 from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.certificate import statement
-from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
+from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.tip import TipPolicy, tip_statement
-from fuzzyarm.policies import COMPARED, load_policy, policy_label
+from fuzzyarm.policies import COMPARED, policy_label
 
 SCHEMA = "fuzzyarm-evaluation/1"
 
@@ -32,7 +38,7 @@ class EvaluationConfig:
     """What is run.
 
     Attributes:
-        policies: names or controller files.
+        policies: names as `find_policy` takes them.
         cases: names of cases.
         seeds: number of episodes of each policy in each case, seeded 0, 1, ...
         encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
@@ -62,15 +68,35 @@ class EvaluationConfig:
                 f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"
             )
 
+    def command(self) -> str | None:
+        """Return the command line of this configuration; None for an arm or control period that no option names."""
+        default = EvaluationConfig()
+        if (self.parameters, self.control_period) != (default.parameters, default.control_period):
+            return None
+        words = ["fuzzyarm", "evaluate"]
+        if self.policies != default.policies:
+            words += [word for policy in self.policies for word in ("--policy", policy)]
+        if self.cases != default.cases:
+            words += [word for case in self.cases for word in ("--case", case)]
+        if self.seeds != default.seeds:
+            words += ["--seeds", str(self.seeds)]
+        if any(self.encoder_noise):
+            words += ["--encoder-noise", *map(repr, self.encoder_noise)]
+        return shlex.join(words)
+
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with."""
+    """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with.
+
+    `certificates` are in words; `bounds` are their numbers and the controller file they are of, see `certified_bounds`.
+    """
 
     config: EvaluationConfig
     rollouts: list[Rollout]
     rows: list[dict[str, Any]]
     certificates: dict[str, str | None]
+    bounds: dict[str, dict[str, Any] | None]
     made_with: dict[str, Any]
 
     @property
@@ -85,7 +111,9 @@ class Evaluation:
             "schema": SCHEMA,
             "config": config,
             **self.made_with,
+            "rollouts_sha256": digest(self.rollouts),
             "certificates": self.certificates,
+            "certified_bounds": self.bounds,
             "results": self.rows,
         }
 
@@ -94,11 +122,11 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     """Run every policy in every case; `progress` is called after each episode.
 
     Raises:
-        ValueError: a policy is unknown or does not fit the robot, or the reference does not fit it.
+        ValueError: a policy is unknown, fails or does not fit the robot, or the reference does not fit it.
         OSError: a controller file cannot be read.
     """
-    policies = {
-        policy_label(name): load_policy(name, control_period=config.control_period, robot=config.parameters)
+    policies: dict[str, Policy] = {
+        policy_label(name): find_policy(name, control_period=config.control_period, robot=config.parameters)
         for name in config.policies
     }
     if len(policies) < len(config.policies):
@@ -115,7 +143,10 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         )
         for name, policy in policies.items():
             for seed in range(config.seeds):
-                rollouts.append(rollout(env, policy, policy_name=name, case=case, seed=seed))
+                try:
+                    rollouts.append(rollout(env, policy, policy_name=name, case=case, seed=seed))
+                except ValueError as error:  # its action was refused, or it failed
+                    raise ValueError(f"policy {name} in case {case}, seed {seed}: {error}") from error
                 if progress:
                     progress()
     rows = [
@@ -124,17 +155,54 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         for run in rollouts
     ]
     certificates = {name: certificate_text(policy, reference) for name, policy in policies.items()}
-    return Evaluation(config, rollouts, rows, certificates, provenance())
+    bounds = {name: certified_bounds(policy, reference) for name, policy in policies.items()}
+    made_with = {
+        "command": config.command(),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        **provenance(),
+        "policy_files": {policy_label(name): policy_files(name) for name in config.policies},
+    }
+    return Evaluation(config, rollouts, rows, certificates, bounds, made_with)
 
 
-def certificate_text(policy: ModelBasedPolicy, reference: JointReference) -> str | None:
-    """Return what is proven of a policy on a reference, and what is not; None without a certificate."""
+def certified_controller(policy: Policy) -> Controller | None:
+    """Return the controller whose certificate holds for a policy; None without a certificate."""
     if isinstance(policy, FuzzyPolicy):
-        return statement(policy.controller)
+        return policy.controller
     # The proof of the paper's form is of the reference model in the loop, which a tip policy replaces.
     if isinstance(policy, TipPolicy) and isinstance(policy.law, FuzzyPolicy) and policy.law.controller.form != "paper":
-        return f"{statement(policy.law.controller)} {tip_statement(reference)}"
+        return policy.law.controller
     return None
+
+
+def certificate_text(policy: Policy, reference: JointReference) -> str | None:
+    """Return what is proven of a policy on a reference, and what is not; None without a certificate."""
+    controller = certified_controller(policy)
+    if controller is None:
+        return None
+    return statement(controller) + (f" {tip_statement(reference)}" if isinstance(policy, TipPolicy) else "")
+
+
+def certified_bounds(policy: Policy, reference: JointReference) -> dict[str, Any] | None:
+    """Return the proven decay rate [1/s] and L2 gain, the form they are of, and the digest of the controller file."""
+    controller = certified_controller(policy)
+    if controller is None or (isinstance(policy, TipPolicy) and not _bent_in_box(reference)):
+        return None
+    return {
+        "form": controller.form,
+        "alpha": controller.alpha,
+        "gamma": controller.gamma,
+        "controller_digest": json.loads(controller.to_json())["digest"],
+    }
+
+
+def _bent_in_box(reference: JointReference) -> bool:
+    """Return whether the motors of a tip policy stay in the box along a reference; else its certificate is void."""
+    try:
+        ElasticReference(reference)
+    except ValueError:
+        return False
+    return True
 
 
 def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:
