@@ -14,17 +14,20 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from learned_comparison import training_cells
 
+from fuzzyarm.envs.disturbances import CASES
+from fuzzyarm.eval.leaderboard import leaderboard, markdown
 from fuzzyarm.eval.margins_table import margin_cells, margin_notes
 from fuzzyarm.eval.table import markdown_table
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
+SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 NAMES = (
     "learned_comparison",
     "accuracy",
@@ -58,6 +61,21 @@ def measure() -> None:
         subprocess.run([sys.executable, "-m", "fuzzyarm", "bench", "--lanes-sweep", "--out", folder], check=True)
         shutil.copy(Path(folder) / "bench.json", RESULTS / "bench.json")
         shutil.copy(Path(folder) / "throughput.png", ROOT / "docs" / "throughput.png")
+        policies = [word for name in SWEPT for word in ("--policy", name)]
+        command = [
+            sys.executable,
+            "-m",
+            "fuzzyarm",
+            "sweep",
+            *policies,
+            "--plants",
+            "10000",
+            "--out",
+            f"{folder}/sweep",
+        ]
+        subprocess.run(command, check=True)
+        shutil.copy(Path(folder) / "sweep" / "sweep.json", RESULTS / "sweep.json")
+        shutil.copy(Path(folder) / "sweep" / "spread.png", ROOT / "docs" / "sweep.png")
     command = [sys.executable, "-m", "fuzzyarm", "margins", "--out", str(RESULTS / "margins.json")]
     subprocess.run(command, check=True)
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
@@ -86,13 +104,15 @@ def fill(text: str) -> str:
 
 def sections() -> dict[str, str]:
     """Return the marked sections from the stored results."""
-    names = ("evaluate", "bench", "margins", "soak", "mujoco_arm", *NAMES)
+    names = ("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", *NAMES)
     stored = {name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8")) for name in names}
     return {
         "results": f"{markdown_table(stored['evaluate']['results'])}\n\n"
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {_made_with(stored['evaluate'])}\n\n"
         f"{_paper_line(stored['evaluate'])}",
         "tip": _tip_table(stored["tip_feedforward"]),
+        "leaderboard": _leaderboard_table(),
+        "sweep": _sweep_table(stored["sweep"]),
         "learned": _learned_tables(stored["learned_comparison"]),
         "speed": f"{_speed_table(stored['bench'])}\n\n{_peer_line(stored['mujoco_arm'])} {_soak_line(stored['soak'])}",
         "accuracy": _accuracy_table(stored["accuracy"]),
@@ -275,6 +295,38 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
     mean, low, high = ("" if value is None else _two_digits(value) for value in row[key].values())
     interval = f" ({low} to {high})" if low else ""
     return f"{mean}{interval}{', ' if failed else ''}{failed}"
+
+
+def _leaderboard_table() -> str:
+    """Return what `fuzzyarm leaderboard --markdown` prints of the stored evaluation, without where each row is from."""
+    lines = markdown(leaderboard([RESULTS / "evaluate.json"])).splitlines()
+    return "\n".join(f"{line.rpartition(' | ')[0]} |" if line.startswith("|") else line for line in lines)
+
+
+def _sweep_table(document: dict[str, Any]) -> str:
+    """Return success and quantiles of the largest tip error, a row per policy and case."""
+    headings = ["case", "policy", f"below {document['config']['bound']:g} mm [%]"]
+    headings += [f"largest tip error, {q} % of plants [mm]" for q in (50, 99)]
+    rows = [
+        [
+            CASES[row["case"]].title,
+            row["policy"],
+            _interval(row["success"], lambda value: f"{100 * value:.2f}"),
+            *(_interval(row["max_mm"][key], lambda value: f"{value:#.3g}") for key in ("0.5", "0.99")),
+        ]
+        for case in CASES
+        for row in document["rows"]
+        if row["case"] == case
+    ]
+    return f"{_table(headings, rows, left=2)}\n\nIntervals of 95 %. `{document['command']}`; {_made_with(document)}"
+
+
+def _interval(found: dict[str, float | None], text: Callable[[float], str]) -> str:
+    """Return a value with its interval; words where there is no number."""
+    value, low, high = (None if number is None else text(number) for number in found.values())
+    if value is None:
+        return "ended early"
+    return value if low is None or high is None else f"{value} ({low} to {high})"
 
 
 def _two_digits(value: float) -> str:
