@@ -31,6 +31,7 @@ class Results:
         policy_files: digests by policy, see `fuzzyarm.eval.policy_files`; None in a file that is older than they.
         versions: of fuzzyarm and its libraries.
         commit, processor: what else it was made with.
+        document: the file as it is, for what else it says.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class Results:
     versions: dict[str, str | None]
     commit: str | None
     processor: str | None
+    document: dict[str, Any]
 
 
 def read_results(path: Path) -> Results:
@@ -83,12 +85,13 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
         path=path,
         config=config,
         rows=rows,
-        certificates={name: document["certificates"][name] for name in labels},
+        certificates={name: _text_or_none(document["certificates"][name]) for name in labels},
         bounds=None if bounds is None else {name: _checked_bounds(bounds[name]) for name in labels},
         policy_files=None if files is None else {name: dict(files[name].items()) for name in labels},
         versions={"fuzzyarm": document["versions"]["fuzzyarm"], **document["versions"]},
         commit=document["commit"],
         processor=document["machine"]["cpu"],
+        document=document,
     )
 
 
@@ -118,6 +121,12 @@ def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
     for name, value in row.items():
         if name not in (*_IDENTITY, "completed", "reason") and not _is_number(value):
             raise ValueError(f"{name} of {episode} is {value!r}, no finite number")
+
+
+def _text_or_none(value: Any) -> str | None:
+    if not (value is None or isinstance(value, str)):
+        raise ValueError(f"certificate {value!r} is no text")
+    return value
 
 
 def _checked_bounds(claimed: Any) -> dict[str, Any] | None:

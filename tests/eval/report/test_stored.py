@@ -117,7 +117,7 @@ def test_a_number_that_was_touched(copy, stored, capsys):
 )
 def test_damaged_fields(copy, capsys, key, value):
     change(copy, **{key: value})
-    assert "run fuzzyarm evaluate --out" in refusal(copy, capsys)
+    assert "fuzzyarm evaluate --out" in refusal(copy, capsys)
 
 
 @pytest.mark.parametrize("key", ["policies", "cases", "seeds", "encoder_noise", "control_period", "parameters"])
@@ -132,6 +132,8 @@ def test_episodes_that_were_not_asked_for(evaluation, tmp_path, capsys):
     folder = write(made, tmp_path / "e")
     document = json.loads((folder / "results.json").read_text())
     change(folder, config=document["config"] | {"cases": ["machining", "nominal"]})
+    assert "where the row of ('machining', " in refusal(folder, capsys)
+    change(folder, results=sorted(document["results"], key=lambda row: row["case"]))
     assert "other episodes" in refusal(folder, capsys)
 
 
