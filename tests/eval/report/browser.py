@@ -133,10 +133,11 @@ def chromium() -> Iterator[Tab]:
             process = subprocess.Popen(command, stdout=output, stderr=output)
         try:
             port = _port(Path(profile) / "DevToolsActivePort", process, log)
-            with connect(f"ws://127.0.0.1:{port[0]}{port[1]}", max_size=None) as browser:
+            # No pings: they draw from Python's global generator in a thread, whenever they like, in other tests too.
+            with connect(f"ws://127.0.0.1:{port[0]}{port[1]}", max_size=None, ping_interval=None) as browser:
                 target = _first_page(browser)
             address = f"ws://127.0.0.1:{port[0]}/devtools/page/{target}"
-            with connect(address, max_size=None) as connection:
+            with connect(address, max_size=None, ping_interval=None) as connection:
                 yield Tab(connection)
         finally:
             process.terminate()
