@@ -12,11 +12,11 @@ from fuzzyarm.envs.disturbances import CASES
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.paths import Circle, Lemniscate
 from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.eval.leaderboard import LOST
 from fuzzyarm.eval.metrics import metrics
 from fuzzyarm.eval.rollout import Policy, Rollout, rollout
 
 CONTROL_PERIOD = 1e-3  # s
-LOST = 100.0  # mm, half the radius of the paper's circle
 MEASURES = {"tip_error_max_mm": "max [mm]", "tip_error_rms_mm": "rms [mm]"}
 
 

@@ -28,7 +28,7 @@ from fuzzyarm.eval.results_file import Results, read_results
 from fuzzyarm.eval.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies import policy_label
 
-LOST = 100.0  # mm
+LOST = 100.0  # mm, half the radius of the paper's circle
 
 
 @dataclasses.dataclass(frozen=True)

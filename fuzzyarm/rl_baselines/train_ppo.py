@@ -3,8 +3,8 @@
     python -m fuzzyarm.rl_baselines.train_ppo --preset nominal --out my-run      (or: fuzzyarm train ppo ...)
 
 The folder gets ``curve.csv`` (a row per update), ``checkpoint.pt``, the bundles ``policy`` (the last evaluated) and
-``best`` (the smallest tip error so far), and at the end ``run.json`` (the wall time); with tensorboard installed
-``tensorboard`` too.
+``best`` (the smallest tip error so far), and at the end ``run.json`` (wall and processor time); with tensorboard
+installed ``tensorboard`` too.
 """
 
 from __future__ import annotations
