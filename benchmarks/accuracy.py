@@ -12,8 +12,8 @@ import json
 from pathlib import Path
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import CASES
-from fuzzyarm.eval.accuracy import exact_tips, max_tip_difference, stepped_tips
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.files import write_atomically
 

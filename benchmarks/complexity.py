@@ -33,16 +33,16 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from rich.console import Console
 from rich.table import Table
 
-from fuzzyarm.envs.disturbances import CASES
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.eval.evaluate import EvaluationConfig, evaluate
-from fuzzyarm.eval.margins import gain_margin, spectral_radius
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.policies import policy_label
+from fuzzyarm.policies.registry import policy_label
 from fuzzyarm.synthesis.design import Design, Specification, design, scaled_gain
 
 COMMAND = "python benchmarks/complexity.py"

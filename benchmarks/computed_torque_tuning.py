@@ -4,7 +4,7 @@
 
 Rule: the smallest rms motor-side joint error in the nominal case among the bandwidths 20, 25, ..., 160 rad/s whose
 upper gain margin on the sampled elastic arm is at least 2 (6 dB) and which stay stable with one extra sample of delay.
-Motor-side, because that is what a controller of this kind sees and can reduce; margins as in `fuzzyarm.eval.margins`.
+Motor-side, because that is what a controller of this kind sees and can reduce; margins as in `fuzzyarm.eval.stability.linearisation`.
 The error includes the start: the motors begin at their static deflection, 1 to 2 mrad from the reference. A run alone
 does not show an unstable loop: the torque limits keep it in a small limit cycle and the episode ends regularly.
 Ten seconds.
@@ -24,13 +24,13 @@ from rich.table import Table
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.eval.margins import gain_margin, spectral_radius
-from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import Predictor, rollout
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.rollout import Policy, rollout
+from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.files import write_atomically
-from fuzzyarm.fuzzy_policy.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
 ARM = ArmParameters()
 PERIOD = 1e-3  # s
@@ -58,7 +58,7 @@ COLUMNS = {
 """Heading and format of each quantity; a dash stands for a loop that is unstable already, or a run that ended early."""
 
 
-def assess(policy: Policy, name: str) -> dict[str, Any]:
+def assess(policy: Predictor, name: str) -> dict[str, Any]:
     """Return one row: the nominal rollout and the margins; None for what an unstable loop does not have."""
     run = rollout(FuzzyArmEnv("nominal"), policy, policy_name=name, case="nominal", seed=0)
     measured = metrics(run) if run.completed else {}

@@ -23,18 +23,18 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.dynamics import Payload
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.eval.frozen import frozen
-from fuzzyarm.eval.margins import LocalLoop, gain_limits, largest_radius, linearise_path
-from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified.frozen import frozen
+from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import rollout
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.rigid import RigidLoop
-from fuzzyarm.eval.rollout import rollout
+from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
 from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.synthesis.design import DesignFailed, Specification, design
 

@@ -13,8 +13,8 @@ The tasks: the paper's three cases, and without load another radius, two other d
 eight. A policy of `--preset nominal` has seen the first of them only. Those trained on the robust distribution have
 seen the paper's circle, under other loads and on other plants, and none of the other motions.
 
-A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.metrics`; over seeds the
-interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.statistics`. An episode has failed if it ended
+A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.episodes.metrics`; over seeds the
+interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.evaluation.statistics`. An episode has failed if it ended
 early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a policy may lose the path by
 a metre and never leave the joints' box, and that says nothing of how well it tracks. How many of the seeds failed is a
 column, and the errors are of the others alone, a dash where there is none. An error says little where seeds failed;
@@ -54,13 +54,13 @@ from rich.table import Table
 from rich.text import Text
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import CASES
-from fuzzyarm.envs.paths import Circle, Lemniscate
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED, estimate
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.rollout import Rollout
-from fuzzyarm.eval.statistics import LEVEL, RESAMPLES, SEED, estimate
 from fuzzyarm.files import write_atomically
 from fuzzyarm.learned_policy.bundle import WEIGHTS
 from fuzzyarm.learned_policy.policy import LearnedPolicy

@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator
 
-from fuzzyarm.envs.disturbances import CASES
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval import figures
-from fuzzyarm.eval.rollout import Rollout
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation import figures
 
 MAGNIFICATIONS = (100, 50, *figures.MAGNIFICATIONS)  # of a deviation, the largest that has room
 BOUND: Mapping[str, Any] = {"color": "#666666", "linewidth": 1.0, "linestyle": (0, (1, 2)), "zorder": 1.8}

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.disturbances import CASES
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.paths import Circle, Lemniscate
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval.leaderboard import LOST
-from fuzzyarm.eval.metrics import metrics
-from fuzzyarm.eval.rollout import Policy, Rollout, rollout
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import Predictor, Rollout, rollout
+from fuzzyarm.eval.evaluation.ranking import LOST
 
 CONTROL_PERIOD = 1e-3  # s
 MEASURES = {"tip_error_max_mm": "max [mm]", "tip_error_rms_mm": "rms [mm]"}
@@ -54,7 +54,7 @@ TASKS = {
 }
 
 
-def episode(policy: Policy, name: str, task: Task) -> Rollout:
+def episode(policy: Predictor, name: str, task: Task) -> Rollout:
     """Run one episode of a task."""
     env = FuzzyArmEnv(task.case, reference=task.reference, control_period=CONTROL_PERIOD)
     return rollout(env, policy, policy_name=name, case=task.case, seed=0)
@@ -68,7 +68,7 @@ def failure(run: Rollout) -> tuple[str, int] | None:
     return ("lost the path", int(np.argmax(far))) if far.any() else None
 
 
-def assess(policy: Policy, name: str, seed: int | None) -> list[dict[str, Any]]:
+def assess(policy: Predictor, name: str, seed: int | None) -> list[dict[str, Any]]:
     """Return one record per task; errors of an episode that ended early are those up to its end."""
     records = []
     for task in TASKS.values():

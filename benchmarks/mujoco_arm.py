@@ -38,11 +38,11 @@ from rich.console import Console
 from rich.table import Table
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian, tip_position
-from fuzzyarm.envs.event_integrator import integrate
-from fuzzyarm.envs.integrator import hold
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian, tip_position
+from fuzzyarm.envs.physics.event_integrator import integrate
+from fuzzyarm.envs.physics.integrator import hold
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.files import write_atomically
 

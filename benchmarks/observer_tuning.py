@@ -7,7 +7,7 @@ in mm. The arms follow the paper's circle with masses, motor inertias and stiffn
 within 50 % of what the policy knows, an unknown payload of up to 5 kg, an unknown tip force of up to 200 N in any
 direction from some instant of the first half on, and encoder noise. Cases 2 and 3 play no part; they are only reported.
 
-Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.margins` is at most 0.997, so that of a small
+Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.stability.linearisation` is at most 0.997, so that of a small
 deviation an episode leaves a hundredth. It is active: accuracy is bought with margin.
 
 Search: a Sobol set in the logarithms of `BOX`, then Nelder-Mead from its best points. Seeded; two and a half minutes.
@@ -29,14 +29,14 @@ from rich.table import Table
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from fuzzyarm.envs.disturbances import CASES, ConstantForce, Disturbance, EncoderNoise
-from fuzzyarm.envs.dynamics import Payload
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.variation import Variation
-from fuzzyarm.eval.margins import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES, ConstantForce, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
 from fuzzyarm.files import write_atomically
-from fuzzyarm.fuzzy_policy.elastic_observer import ElasticObserverPolicy, ObserverWeights
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, ObserverWeights
 
 ARM = ArmParameters()
 PERIOD = 1e-3  # s
@@ -56,7 +56,7 @@ LANES = 48
 TUNING_SEED, HOLD_OUT_SEEDS = 1, (2, 3, 4)
 STEPS = 1499  # the last one of an episode begins the next
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
-PLANTS = Variation(
+PLANTS = DomainRandomisation(
     mass=(0.9, 1.1),
     motor_inertia=(0.9, 1.1),
     stiffness=(0.9, 1.1),
@@ -106,7 +106,7 @@ def random_arms(seed: int) -> gym.vector.VectorEnv:
         start = generator.uniform(0.0, LATEST_ONSET)
         push = ConstantForce((force * math.cos(angle), force * math.sin(angle)), start)
         disturbances.append(Disturbance(tip_force=push, encoder_noise=NOISE))
-    return gym.make_vec("FuzzyArm-v0", num_envs=LANES, disturbance=disturbances, variation=PLANTS)
+    return gym.make_vec("FuzzyArm-v0", num_envs=LANES, disturbance=disturbances, randomisation=PLANTS)
 
 
 def follow(envs: gym.vector.VectorEnv, policy: ElasticObserverPolicy, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -20,10 +20,10 @@ from typing import Any
 
 from learned_comparison import training_cells
 
-from fuzzyarm.envs.disturbances import CASES
-from fuzzyarm.eval.leaderboard import leaderboard, markdown
-from fuzzyarm.eval.margins_table import margin_cells, margin_notes
-from fuzzyarm.eval.table import markdown_table
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.evaluation.ranking import leaderboard, markdown
+from fuzzyarm.eval.evaluation.result_table import markdown_table
+from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import fuzzyarm.fuzzy_policy.controllers
-from fuzzyarm.fuzzy_policy.certificate import certify
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.synthesis.design import Specification, design
 

@@ -1,6 +1,6 @@
 """Soak: 1e8 env-steps of random and as many of controlled actions, without a number that is not finite.
 
-Every episode draws its plant, load, start and reference (variation "robust", machining force), sensors are noisy, and
+Every episode draws its plant, load, start and reference (randomisation "robust", machining force), sensors are noisy, and
 lanes begin anew by themselves. Memory is read along the way: it has to stay flat. `python benchmarks/soak.py`
 """
 
@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import track
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import Disturbance, EncoderNoise, MachiningForce
+from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.files import write_atomically
 
@@ -66,7 +66,7 @@ def controlled() -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
 
 def soak(name: str, act: Callable[[np.ndarray, np.ndarray], np.ndarray], steps: float) -> dict[str, Any]:
     """Step until `steps` env-steps are done; raise ArithmeticError at the first number that is not finite."""
-    envs = gym.make_vec("FuzzyArm-v0", num_envs=LANES, disturbance=NOISY_MACHINING, variation="robust")
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=LANES, disturbance=NOISY_MACHINING, randomisation="robust")
     observation, _ = envs.reset(seed=0)
     begun, episodes, reasons, memory = np.ones(LANES, dtype=bool), 0, {}, []
     rounds, begin = int(np.ceil(steps / LANES)), time.perf_counter()

@@ -37,11 +37,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.files import write_atomically
-from fuzzyarm.fuzzy_policy.block_matrix import he, symmetric
-from fuzzyarm.fuzzy_policy.certificate import certify
+from fuzzyarm.fuzzy_policy.proof.block_matrix import he, symmetric
+from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import full_size, paper_formula, reduced_size
 from fuzzyarm.synthesis.conic import Problem, Program, program

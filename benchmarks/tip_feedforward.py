@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import CASES
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.eval.metrics import metrics
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import Predictor, rollout
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.rollout import Policy, rollout
 from fuzzyarm.files import write_atomically
-from fuzzyarm.fuzzy_policy.tip import TipPolicy
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
 LAWS = ("fuzzy-4", "computed-torque")
 VARIANTS: dict[str, dict[str, bool] | None] = {
@@ -36,7 +36,7 @@ VARIANTS: dict[str, dict[str, bool] | None] = {
 WRONG = 0.05  # share by which the stiffness is off
 
 
-def tip_error(policy: Policy, case: str, stiffness: float = 1.0) -> dict[str, float]:
+def tip_error(policy: Predictor, case: str, stiffness: float = 1.0) -> dict[str, float]:
     """Return maximum and rms tip error [mm] of one episode on a plant with `stiffness` times that of Table 1."""
     arm = ArmParameters()
     plant = dataclasses.replace(arm, stiffness=tuple(stiffness * k for k in arm.stiffness))

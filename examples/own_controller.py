@@ -6,7 +6,7 @@ fuzzyarm evaluate --policy examples.own_controller:factory
 import gymnasium as gym
 import numpy as np
 
-from fuzzyarm.envs.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 
 
 class GravityPD:

@@ -6,9 +6,9 @@ python examples/own_task.py
 import gymnasium as gym
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import ConstantForce, Disturbance, EncoderNoise
-from fuzzyarm.envs.paths import Lemniscate
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Lemniscate
+from fuzzyarm.envs.scenario.reference import JointReference
 
 push = Disturbance(tip_force=ConstantForce((0.0, 50.0), start=0.5), encoder_noise=EncoderNoise(1e-5, 1e-3))
 eight = JointReference(Lemniscate(center=(0.4, 0.5), half_width=0.2), duration=2.0)

@@ -37,12 +37,12 @@ def _environment():
 
 def test_an_edit_of_the_physics_changes_the_name_of_its_machine_code():
     """Numba caches by file: the digest in the kernel's name is what keeps stale code out."""
-    from fuzzyarm.envs.compiled import _digest
-    from fuzzyarm.envs.integrator import hold
+    from fuzzyarm.envs.physics.compiled import _digest
+    from fuzzyarm.envs.physics.integrator import hold
 
     assert hold.py_func.__qualname__.endswith(_digest())
     code = (
-        "import pathlib, fuzzyarm.envs.compiled as c; before = c._digest(); c._digest.cache_clear(); "
+        "import pathlib, fuzzyarm.envs.physics.compiled as c; before = c._digest(); c._digest.cache_clear(); "
         "old = pathlib.Path.read_bytes; pathlib.Path.read_bytes = lambda p: old(p) + b' '; print(before != c._digest())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

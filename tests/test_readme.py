@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluate import EvaluationConfig, evaluate
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

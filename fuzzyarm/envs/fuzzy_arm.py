@@ -11,14 +11,14 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
-from fuzzyarm.envs.disturbances import Disturbance, find_case
-from fuzzyarm.envs.lane_kernels import INFO, VECTORS, split
-from fuzzyarm.envs.lanes import MAX_ACCELERATION, Lanes
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.envs.tables import Task
+from fuzzyarm.envs.batch.kernels import INFO, VECTORS, split
+from fuzzyarm.envs.batch.lanes import MAX_ACCELERATION, Lanes
+from fuzzyarm.envs.batch.tables import Task
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import Disturbance, find_case
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import REASONS
-from fuzzyarm.envs.variation import Variation, find_variation
 
 MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
@@ -54,7 +54,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Starting state
     At rest, the links on the reference at t = 0, the motors at the static deflection under the gravity torque of the
     *nominal* arm: a payload is felt from the first instant. No randomness unless the disturbance has encoder noise or
-    a variation is asked for.
+    a randomisation is asked for.
 
     ## Episode end
     Terminated when a joint angle or velocity, motor or link, leaves the box (25) (|q| <= π, |q̇| <= 15 rad/s) or is
@@ -71,9 +71,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Arguments
     `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (a
     `JointReference`, default: the paper's circle), `parameters` (an `ArmParameters`, the plant's), `control_period`
-    and `substep` [s] (a whole fraction of the control period; default: the largest one up to 0.2 ms), `variation`
-    ("nominal", "plants", "robust" or a `Variation` of your own: what each episode draws, from its seed; then
-    `info["variation"]` says what was drawn), `render_mode`.
+    and `substep` [s] (a whole fraction of the control period; default: the largest one up to 0.2 ms), `randomisation`
+    ("nominal", "plants", "robust" or a `DomainRandomisation` of your own: what each episode draws, from its seed; then
+    `info["randomisation"]` says what was drawn), `render_mode`.
 
     `reset(options=...)` takes, for the episode it starts, `initial_state` (8 numbers in the order of `State`),
     `reference`, and `case` or `disturbance`.
@@ -94,7 +94,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         parameters: ArmParameters | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
-        variation: str | Variation = "nominal",
+        randomisation: str | DomainRandomisation = "nominal",
         render_mode: str | None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
@@ -104,7 +104,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
         self.substep = control_period / self.substeps
         self.render_mode = render_mode
-        drawn = find_variation(variation, self.parameters)
+        drawn = find_randomisation(randomisation, self.parameters)
         self._disturbance = chosen_disturbance(case, disturbance)
         self._reference = chosen_reference(reference, drawn, self.parameters)
         self._lanes = Lanes(
@@ -113,7 +113,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             1,
             control_period=control_period,
             substeps=self.substeps,
-            variation=drawn,
+            randomisation=drawn,
         )
         self._extras = drawn.varies or render_mode is not None
         self.action_space = action_space([self.parameters])
@@ -149,7 +149,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             seeds = [int(self.np_random.integers(2**63))]
         results = self._lanes.reset(seeds, [task] if options else None, initial)
         self._begun = True
-        self._drawn = {name: value[0] for name, value in self._lanes.variation_info().items()}
+        self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
         observations, vectors, scalars = split(results)
         inside = bool(scalars[-1, 0] == 0.0)  # a start outside the box ends with the first step
         info = dict(zip(INFO, (*vectors[:, 0], *scalars[:6, 0].tolist(), inside, False), strict=True))
@@ -226,8 +226,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _complete(self, info: dict[str, Any]) -> None:
         """Add what the episode drew, and let the renderer follow."""
-        if self._lanes.variation.varies:
-            info["variation"] = self._drawn.copy()
+        if self._lanes.randomisation.varies:
+            info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:
             self._follow(info["time"], np.array([info[name] for name in VECTORS]))
 
@@ -282,22 +282,22 @@ def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbanc
     if disturbance is None:
         return find_case(case).disturbance
     if not isinstance(disturbance, Disturbance):
-        raise ValueError(f"disturbance = {disturbance!r} must be a fuzzyarm.envs.disturbances.Disturbance")
+        raise ValueError(f"disturbance = {disturbance!r} must be a fuzzyarm.envs.scenario.disturbances.Disturbance")
     if case != "nominal":
         raise ValueError(f"give either case = {case!r} or a disturbance, not both")
     return disturbance
 
 
 def chosen_reference(
-    reference: JointReference | None, variation: Variation, parameters: ArmParameters
+    reference: JointReference | None, randomisation: DomainRandomisation, parameters: ArmParameters
 ) -> JointReference | None:
     """Return the reference itself, the paper's circle for this arm, or None where each episode draws its own."""
     if reference is None:
-        return None if variation.references else JointReference(parameters=parameters)
+        return None if randomisation.references else JointReference(parameters=parameters)
     if not isinstance(reference, JointReference):
-        raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.reference.JointReference")
-    if variation.references:
-        raise ValueError("give either a reference or a variation that draws references, not both")
+        raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.scenario.reference.JointReference")
+    if randomisation.references:
+        raise ValueError("give either a reference or a randomisation that draws references, not both")
     return reference
 
 
@@ -317,7 +317,7 @@ def chosen_task(options: dict[str, Any], own: Task) -> Task:
     if "reference" in options:
         reference = options["reference"]
         if not isinstance(reference, JointReference):
-            raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.reference.JointReference")
+            raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.scenario.reference.JointReference")
     return disturbance, reference
 
 

@@ -11,11 +11,11 @@ import numpy as np
 import pygame
 from numpy.typing import ArrayLike
 
-from fuzzyarm.envs.disturbances import CASES, Disturbance
-from fuzzyarm.envs.dynamics import tip_position
-from fuzzyarm.envs.episode import Episode
-from fuzzyarm.envs.lane_kernels import VECTORS
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.batch.kernels import VECTORS
+from fuzzyarm.envs.batch.schedule import Episode
+from fuzzyarm.envs.physics.dynamics import tip_position
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES, Disturbance
 
 MAGNIFICATION = 25  # of the tip error in the trace: a millimetre would be less than a pixel
 

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.dynamics import Arm, State, joint_torque
-from fuzzyarm.envs.elementwise import root, sine_cosine
-from fuzzyarm.envs.friction import friction_torque
+from fuzzyarm.envs.physics.dynamics import Arm, State, joint_torque
+from fuzzyarm.envs.physics.elementwise import root, sine_cosine
+from fuzzyarm.envs.physics.friction import friction_torque
 
 TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
 BEYOND_MEASURE = 1e13  # rad, rad/s; from about here on `sine_cosine` is nonsense and products overflow

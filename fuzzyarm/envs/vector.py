@@ -10,7 +10,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from fuzzyarm.envs.disturbances import Disturbance
+from fuzzyarm.envs.batch.kernels import INFO, SCALARS, split
+from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.batch.tables import Task
 from fuzzyarm.envs.fuzzy_arm import (
     action_space,
     check_options,
@@ -21,13 +23,11 @@ from fuzzyarm.envs.fuzzy_arm import (
     observation_space,
     whole_substeps,
 )
-from fuzzyarm.envs.lane_kernels import INFO, SCALARS, split
-from fuzzyarm.envs.lanes import Lanes
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.envs.tables import Task
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import REASONS
-from fuzzyarm.envs.variation import Variation, find_variation
 
 REWARD, CLIPPED, OVER, REASON = map(SCALARS.index, ("reward", "torque_clipped", "truncated", "reason"))
 
@@ -67,7 +67,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         parameters: ArmParameters | Sequence[ArmParameters] | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
-        variation: str | Variation = "nominal",
+        randomisation: str | DomainRandomisation = "nominal",
         threads: int | None = None,
         render_mode: None = None,
     ) -> None:
@@ -81,7 +81,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.num_envs = int(num_envs)
         self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
         plants = _each(_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
-        self._variation = find_variation(variation, plants[0])
+        self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = _each(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
         )
@@ -92,7 +92,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self.num_envs,
             control_period=control_period,
             substeps=self.substeps,
-            variation=self._variation,
+            randomisation=self._randomisation,
             threads=threads,
         )
         self._plants = plants
@@ -172,9 +172,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return info of every lane."""
         info = _values(vectors, scalars)
         info.update(self._masks)
-        if self._variation.varies:
-            drawn = _masked(self._lanes.variation_info(), self._everywhere)
-            info.update(_masked({"variation": drawn}, self._everywhere))
+        if self._randomisation.varies:
+            drawn = _masked(self._lanes.randomisation_info(), self._everywhere)
+            info.update(_masked({"randomisation": drawn}, self._everywhere))
         return info
 
     def _final(
@@ -186,13 +186,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             final_obs[lane] = observation[lane].copy()
         final_info = _values(np.where(ended[:, np.newaxis], vectors, 0.0), np.where(ended, scalars, 0.0))
         final_info["in_domain"] &= ended
-        if self._variation.varies:
-            drawn = self._lanes.variation_info()
+        if self._randomisation.varies:
+            drawn = self._lanes.randomisation_info()
             last = {
                 name: np.where(ended if rows.ndim == 1 else ended[:, np.newaxis], rows, 0.0)
                 for name, rows in drawn.items()
             }
-            final_info["variation"] = _masked(last, ended)
+            final_info["randomisation"] = _masked(last, ended)
         final_info = _masked(final_info, ended)
         terminated = scalars[REASON] != 0.0
         if terminated.any():
@@ -214,8 +214,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         circles: dict[Any, JointReference] = {}
 
         def chosen(one: Any, arm: ArmParameters) -> JointReference | None:
-            if one is not None or self._variation.references:
-                return chosen_reference(one, self._variation, arm)
+            if one is not None or self._randomisation.references:
+                return chosen_reference(one, self._randomisation, arm)
             links = arm.length, arm.joint_limit, arm.velocity_limit
             circles[links] = circles.get(links) or JointReference(parameters=arm)
             return circles[links]
@@ -273,7 +273,7 @@ def _each(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
 
 def _arm(given: Any) -> ArmParameters:
     if not isinstance(given, ArmParameters):
-        raise ValueError(f"parameters = {given!r} must be a fuzzyarm.envs.parameters.ArmParameters")
+        raise ValueError(f"parameters = {given!r} must be a fuzzyarm.envs.physics.parameters.ArmParameters")
     return given
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.files import write_atomically
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.dynamics import arm_constants, inertia_and_gravity
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.dynamics import arm_constants, inertia_and_gravity
+from fuzzyarm.envs.physics.parameters import ArmParameters
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
 NAMED_RULES = {

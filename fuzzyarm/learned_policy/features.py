@@ -23,10 +23,10 @@ import math
 
 import numpy as np
 
-from fuzzyarm.envs.compiled import kernel
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy import elastic_target
-from fuzzyarm.fuzzy_policy.elastic_target import ElasticTarget
+from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.laws import elastic_target
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.learned_policy.definition import JOINTS, FeatureDefinition
 
 

@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from fuzzyarm.envs.compiled import kernel
+from fuzzyarm.envs.physics.compiled import kernel
 
 LARGEST_LAYER, MOST_LAYERS = 4096, 9  # far beyond need; a foreign file is refused before memory is asked for
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.envs.compiled import kernel
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
+from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.features import Features
 
@@ -14,7 +14,7 @@ from fuzzyarm.learned_policy.features import Features
 PHASE, ACTION, PAST = 0, slice(1, 3), 3
 
 
-class LearnedPolicy(ModelBasedPolicy):
+class LearnedPolicy(Policy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
     u(t) = scale · a_k, smoothed as the definition says, from action instant k to the next; or with a base u(t) =
@@ -27,7 +27,7 @@ class LearnedPolicy(ModelBasedPolicy):
         bundle: PolicyBundle,
         control_period: float = 1e-3,
         parameters: ArmParameters | None = None,
-        base: ModelBasedPolicy | None = None,
+        base: Policy | None = None,
         *,
         friction: bool = True,
     ) -> None:
@@ -69,7 +69,7 @@ class LearnedPolicy(ModelBasedPolicy):
         return LearnedPolicy(self.bundle, self.control_period, self.parameters, base, friction=False)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `ModelBasedPolicy`."""
+        """Evaluate the law, see `Policy`."""
         due = _count_due(memory)
         if due == len(memory):
             self._choose(observation, memory)

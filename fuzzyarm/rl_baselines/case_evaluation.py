@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.envs.disturbances import CASES
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
 
 MEASURES = ("max_mm", "rms_mm", "share")
 COLUMNS = tuple(f"{case}_{measure}" for case in CASES for measure in MEASURES)
 
 
-def evaluate_cases(policy: ModelBasedPolicy) -> dict[str, float]:
+def evaluate_cases(policy: Policy) -> dict[str, float]:
     """Run an episode of each case at the policy's own control period.
 
     Returns:

@@ -10,12 +10,12 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.randomisation import find_randomisation, reference_family
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import EFFORT_WEIGHT
-from fuzzyarm.envs.variation import find_variation, reference_family
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.fuzzy_policy.model_based import ModelBasedPolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.features import Features
 from fuzzyarm.rl_baselines.ppo_config import PPOConfig
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
@@ -24,7 +24,7 @@ OWN_STATE = ("memory", "base_memory", "observation", "action")
 FARTHEST = 4.0  # m, twice what two arms of Table 1 stretched out in opposite directions are apart
 
 
-def learning_envs(config: PPOConfig, base: ModelBasedPolicy | None) -> LearningEnvs:
+def learning_envs(config: PPOConfig, base: Policy | None) -> LearningEnvs:
     """Return the arms that a configuration trains on.
 
     Args:
@@ -34,9 +34,11 @@ def learning_envs(config: PPOConfig, base: ModelBasedPolicy | None) -> LearningE
     arguments: dict[str, Any] = {}
     if config.distribution == "robust":
         references = reference_family(ArmParameters(), config.references) + (JointReference(),) * config.circles
-        # The force of the machining case is what the variation scales, by 0 to 1.
+        # The force of the machining case is what the randomisation scales, by 0 to 1.
         arguments["case"] = "machining"
-        arguments["variation"] = dataclasses.replace(find_variation("robust", ArmParameters()), references=references)
+        arguments["randomisation"] = dataclasses.replace(
+            find_randomisation("robust", ArmParameters()), references=references
+        )
     envs = FuzzyArmVectorEnv(config.lanes, control_period=config.action_period, threads=config.threads, **arguments)
     return LearningEnvs(StableBaselinesVecEnv(envs), config, base)
 
@@ -51,7 +53,7 @@ class LearningEnvs(VecEnvWrapper):
             features do not hold it.
     """
 
-    def __init__(self, venv: StableBaselinesVecEnv, config: PPOConfig, base: ModelBasedPolicy | None) -> None:
+    def __init__(self, venv: StableBaselinesVecEnv, config: PPOConfig, base: Policy | None) -> None:
         """Wrap arms whose actions are torques [N m]."""
         self._features, self._base = Features(config.features, config.action_period), base
         self._smoothing = config.action.smoothing

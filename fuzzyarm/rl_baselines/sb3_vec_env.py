@@ -22,7 +22,7 @@ def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
 
     Args:
         num_envs: number of lanes.
-        arguments: those of `FuzzyArmVectorEnv`, say ``case="machining"`` or ``variation="robust"``.
+        arguments: those of `FuzzyArmVectorEnv`, say ``case="machining"`` or ``randomisation="robust"``.
     """
     return StableBaselinesVecEnv(_RescaledActions(FuzzyArmVectorEnv(num_envs, **arguments), -1, 1))
 

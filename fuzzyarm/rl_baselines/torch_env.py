@@ -20,11 +20,11 @@ import torch
 from gymnasium.error import ResetNeeded
 from torch import Tensor
 
-from fuzzyarm.envs import episode, integrator, lane_kernels
-from fuzzyarm.envs.disturbances import Disturbance
-from fuzzyarm.envs.dynamics import Arm, Plant, State, gravity_torque, loaded, lump, plant_of
-from fuzzyarm.envs.elementwise import sine_cosine
-from fuzzyarm.envs.episode import Episode
+from fuzzyarm.envs.batch import kernels as lane_kernels
+from fuzzyarm.envs.batch import schedule as episode
+from fuzzyarm.envs.batch.lanes import check_reference
+from fuzzyarm.envs.batch.randomness import key_of
+from fuzzyarm.envs.batch.schedule import Episode
 from fuzzyarm.envs.fuzzy_arm import (
     action_space,
     chosen_disturbance,
@@ -32,12 +32,14 @@ from fuzzyarm.envs.fuzzy_arm import (
     observation_space,
     whole_substeps,
 )
-from fuzzyarm.envs.lanes import check_reference
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.randomness import key_of
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.physics import integrator
+from fuzzyarm.envs.physics.dynamics import Arm, Plant, State, gravity_torque, loaded, lump, plant_of
+from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Draw, find_randomisation, varied
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Limits, Measured, Target, clipped, finite, measured
-from fuzzyarm.envs.variation import Draw, Variation, find_variation, varied
 from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, normal_pair, uniform, word
 
 # Words of an episode's random stream as plain integers, which torch.compile takes for constants.
@@ -59,7 +61,7 @@ class TorchFuzzyArm:
     references and noise as the NumPy environment with seed s + i, on every device; in float64 it is the same
     trajectory up to rounding.
 
-        envs = TorchFuzzyArm(4096, device="cuda", variation="robust")
+        envs = TorchFuzzyArm(4096, device="cuda", randomisation="robust")
         observation = envs.reset(seed=0)
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
 
@@ -79,7 +81,7 @@ class TorchFuzzyArm:
     reward is 0 and it is terminated with reason 3, as if its state had become infinite.
 
     Gradients do not flow through a step. Tensors that a step returned keep their values. `state` and
-    `variation_info` are for privileged critics and for looking in.
+    `randomisation_info` are for privileged critics and for looking in.
 
     Args:
         num_envs: number of lanes n.
@@ -94,7 +96,7 @@ class TorchFuzzyArm:
         parameters: the plant's, default: Table 1.
         control_period: [s].
         substep: [s], a whole fraction of the control period; default: the largest one up to 0.2 ms.
-        variation: what each episode draws: "nominal", "plants", "robust" or a `Variation`.
+        randomisation: what each episode draws: "nominal", "plants", "robust" or a `DomainRandomisation`.
 
     Raises:
         ValueError: a value is unknown or out of range; the message names it and the choices.
@@ -115,7 +117,7 @@ class TorchFuzzyArm:
         parameters: ArmParameters | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
-        variation: str | Variation = "nominal",
+        randomisation: str | DomainRandomisation = "nominal",
     ) -> None:
         """Build the tables; arguments as in the class docstring."""
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
@@ -126,7 +128,7 @@ class TorchFuzzyArm:
         self.parameters = parameters or ArmParameters()
         self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
         self.substep = control_period / self.substeps
-        self.variation = find_variation(variation, self.parameters)
+        self.randomisation = find_randomisation(randomisation, self.parameters)
         self.single_action_space = action_space([self.parameters])
         self.single_observation_space = observation_space([self.parameters])
         with torch.inference_mode(False):  # tensors of either mode can be written in it, its own in no other
@@ -142,7 +144,7 @@ class TorchFuzzyArm:
         """The true states (n, 8), noise-free, in the order of `State`: motor and link angles [rad], velocities."""
         return torch.stack(self._lanes.numbers[:8], dim=-1)
 
-    def variation_info(self) -> dict[str, Tensor]:
+    def randomisation_info(self) -> dict[str, Tensor]:
         """Return what the episodes under way drew, by quantity: (n, 2) for one value per joint, else (n,)."""
         drawn = _drawn(self._task, self._lanes.key)._asdict()
         rows = {name: value.expand(self.num_envs).clone() for name, value in drawn.items()}
@@ -208,8 +210,8 @@ class TorchFuzzyArm:
     def _build_task(self, disturbance: Disturbance, reference: JointReference | None) -> _Task:
         """Tabulate every episode there may be."""
         plant, payload, noise = plant_of(self.parameters), disturbance.payload, disturbance.encoder_noise
-        own = chosen_reference(reference, self.variation, self.parameters)
-        members = self.variation.references if own is None else (own,)
+        own = chosen_reference(reference, self.randomisation, self.parameters)
+        members = self.randomisation.references if own is None else (own,)
         for member in members:
             check_reference(member, self.parameters)
         built = [Episode.build(member, disturbance, self.control_period) for member in members]
@@ -220,7 +222,7 @@ class TorchFuzzyArm:
             payload=payload.mass,
             payload_radius=plant.length[1] if payload.at == "tip" else plant.mass_center[1],
             noise=(0.0, 0.0) if noise is None else (noise.position, noise.velocity),
-            ranges=tuple((float(low), float(high)) for low, high in self.variation.ranges),
+            ranges=tuple((float(low), float(high)) for low, high in self.randomisation.ranges),
             period=self.control_period,
             substeps=self.substeps,
             spans=Table(np.stack([np.cumsum(steps) - steps, steps], axis=-1), like.to(torch.int64)),

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fuzzyarm.envs import randomness
-from fuzzyarm.envs.elementwise import root, sine_cosine
+from fuzzyarm.envs.batch import randomness
+from fuzzyarm.envs.physics.elementwise import root, sine_cosine
 
 
 class Angle:

@@ -10,9 +10,9 @@ from importlib.metadata import version
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.certificate import Certificate, certify
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.conic import Problem
 from fuzzyarm.synthesis.error_model import ErrorModel, consistent_reference, paper_form

@@ -18,8 +18,8 @@ import dataclasses
 
 import numpy as np
 
+from fuzzyarm.fuzzy_policy.proof.vertices import reference_model
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.fuzzy_policy.vertices import reference_model
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,9 +14,9 @@ import dataclasses
 
 import numpy as np
 
-from fuzzyarm.envs.dynamics import arm_constants
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.vertices import REFERENCE_POLE
+from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE
 from fuzzyarm.synthesis.error_model import ErrorModel, UncertainBlock
 
 

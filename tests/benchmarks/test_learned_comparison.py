@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import bundles
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.learned_policy.definition import ActionDefinition
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 
@@ -32,7 +33,6 @@ def loaded(path):
 tasks = loaded(ROOT / "benchmarks" / "learned_tasks.py")  # under its name, as if run from that folder
 figures = loaded(ROOT / "benchmarks" / "learned_figures.py")
 comparison = loaded(ROOT / "benchmarks" / "learned_comparison.py")
-made = loaded(ROOT / "tests" / "learned_policy" / "made.py")
 
 # A few newton metres at random on top of a good law stay on the path; hundreds alone do not.
 GENTLE = ActionDefinition(scale=(1e-4, 1e-4), base="fuzzy-4-tip")
@@ -53,7 +53,7 @@ def decaying(factor, count=100, **others):
 def finished_run(folder, seed, action=GENTLE, curve=None, **training):
     """Write what a training leaves that a comparison reads."""
     folder.mkdir(parents=True)
-    bundle = made.bundle(action, seed)
+    bundle = bundles.bundle(action, seed)
     recorded = {
         "distribution": "robust",
         "steps": 100,

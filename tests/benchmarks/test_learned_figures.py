@@ -11,10 +11,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import CASES
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval.rollout import rollout
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.rollout import rollout
 
 PATH = Path(__file__).parents[2] / "benchmarks" / "learned_figures.py"
 SPEC = importlib.util.spec_from_file_location(PATH.stem, PATH)

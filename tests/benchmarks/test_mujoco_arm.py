@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mujoco.rollout import Rollout
 
-from fuzzyarm.envs.dynamics import (
+from fuzzyarm.envs.physics.dynamics import (
     Payload,
     State,
     arm_constants,
@@ -19,8 +19,8 @@ from fuzzyarm.envs.dynamics import (
     joint_torque,
     mass_matrix,
 )
-from fuzzyarm.envs.event_integrator import integrate
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.event_integrator import integrate
+from fuzzyarm.envs.physics.parameters import ArmParameters
 
 PATH = Path(__file__).parents[2] / "benchmarks" / "mujoco_arm.py"
 SPEC = importlib.util.spec_from_file_location("mujoco_arm", PATH)

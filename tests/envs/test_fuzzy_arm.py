@@ -16,12 +16,12 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RescaleAction
 
 import fuzzyarm  # noqa: F401  registers FuzzyArm-v0
-from fuzzyarm.envs.disturbances import CASES, ConstantForce, Disturbance, EncoderNoise
-from fuzzyarm.envs.dynamics import Payload, arm_constants, rigid_inverse_dynamics, tip_position
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv, whole_substeps
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.paths import Circle, Lemniscate, Line
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics, tip_position
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES, ConstantForce, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
+from fuzzyarm.envs.scenario.reference import JointReference
 
 TABLE_1 = ArmParameters()
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-4, velocity=1e-2))

@@ -9,12 +9,10 @@ import pygame
 import pytest
 from gymnasium.error import ResetNeeded
 
-from fuzzyarm.envs.disturbances import CASES, ConstantForce, Disturbance, TorqueBias
-from fuzzyarm.envs.dynamics import Payload
+from fuzzyarm.envs.batch.kernels import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.lane_kernels import VECTORS
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.reference import JointReference, joint_angles
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.rendering import (
     FOOTER,
     FORCE,
@@ -31,6 +29,8 @@ from fuzzyarm.envs.rendering import (
     magnified,
     thinned,
 )
+from fuzzyarm.envs.scenario.disturbances import CASES, ConstantForce, Disturbance, TorqueBias
+from fuzzyarm.envs.scenario.reference import JointReference, joint_angles
 
 LENGTH = ArmParameters().length
 FIELD = slice(HEADER + 2, HEIGHT - FOOTER - 2)

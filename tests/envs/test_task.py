@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.dynamics import (
+from fuzzyarm.envs.batch.kernels import ROWS, SCALARS, VECTORS, WIDTH, advance, split
+from fuzzyarm.envs.physics.dynamics import (
     Arm,
     Payload,
     State,
@@ -14,10 +15,9 @@ from fuzzyarm.envs.dynamics import (
     rigid_inverse_dynamics,
     tip_position,
 )
-from fuzzyarm.envs.friction import stribeck_magnitude
-from fuzzyarm.envs.integrator import hold
-from fuzzyarm.envs.lane_kernels import ROWS, SCALARS, VECTORS, WIDTH, advance, split
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.integrator import hold
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.task import Limits, Target, clipped, finite, measured
 
 TABLE_1 = ArmParameters()

@@ -22,15 +22,15 @@ from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import vector as wrappers
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
+from fuzzyarm.envs.batch.kernels import advance
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.integrator import BLOCK
-from fuzzyarm.envs.lane_kernels import advance
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.paths import Circle, Lemniscate, Line
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.physics.integrator import BLOCK
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import REASONS
-from fuzzyarm.envs.variation import Variation
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
 TABLE_1 = ArmParameters()
@@ -136,10 +136,10 @@ SETTINGS = {
     "machining": {"case": "machining"},
     "payload": {"case": "payload"},
     "noise": {"disturbance": NOISY},
-    "machining, plants": {"case": "machining", "variation": "plants"},
+    "machining, plants": {"case": "machining", "randomisation": "plants"},
     "noise and force, robust": {
         "disturbance": dataclasses.replace(NOISY, tip_force=ConstantForce((30.0, 9.0))),
-        "variation": "robust",
+        "randomisation": "robust",
     },
     "coarse steps": {"case": "machining", "control_period": 2e-3, "substep": 1e-3},
 }
@@ -191,7 +191,7 @@ BY_LANE = {
     "references": {"reference": [SHORT, JointReference(), LONGER, SHORT]},
     "plants": {"parameters": PLANTS},
     "plants with references": {"parameters": PLANTS, "reference": REFERENCES, "disturbance": DISTURBANCES},
-    "plants of a variation": {"parameters": PLANTS, "variation": "plants", "case": ("payload",) * 4},
+    "plants of a randomisation": {"parameters": PLANTS, "randomisation": "plants", "case": ("payload",) * 4},
     "some references": {"parameters": PLANTS, "reference": [SHORT, None, None, None]},
 }
 
@@ -253,8 +253,8 @@ def test_arguments_that_differ_by_lane_equal_single_environments_made_with_them(
         ({"reference": SHORT}, {"initial_state": STATES}),
         ({"reference": [SHORT, LONGER] * 2}, {"case": ["payload", "nominal", "machining", "payload"]}),
         ({"case": ["payload", "nominal"] * 2}, {"reference": [LONGER, SHORT, JointReference(), SHORT]}),
-        ({"variation": "plants"}, {"disturbance": DISTURBANCES, "initial_state": STATES}),
-        ({"variation": "robust"}, {"reference": [LONGER, SHORT, LONGER, SHORT], "case": ["payload"] * 4}),
+        ({"randomisation": "plants"}, {"disturbance": DISTURBANCES, "initial_state": STATES}),
+        ({"randomisation": "robust"}, {"reference": [LONGER, SHORT, LONGER, SHORT], "case": ["payload"] * 4}),
     ],
     ids=lambda given: " and ".join(given),
 )
@@ -286,7 +286,7 @@ def test_an_option_for_all_lanes_equals_gymnasiums_loop_and_holds_for_one_episod
 
 def test_a_lane_does_not_depend_on_how_many_others_there_are():
     lanes, actions = 2 * BLOCK + 3, torques(6, 40, 2 * BLOCK + 3)
-    setting = {"disturbance": NOISY, "variation": "robust"}
+    setting = {"disturbance": NOISY, "randomisation": "robust"}
     together = batch(lanes, **setting)
     alone = {lane: batch(1, **setting) for lane in (0, 1, BLOCK - 1, BLOCK, lanes - 1)}
     all_lanes = together.reset(seed=100)
@@ -312,7 +312,7 @@ def test_make_vec_gives_it_by_name_and_by_mode():
 
 
 def test_its_spec_makes_it_again():
-    envs = batch(2, case="payload", variation="plants", control_period=2e-3)
+    envs = batch(2, case="payload", randomisation="plants", control_period=2e-3)
     again = gym.make_vec(envs.spec)
     actions = torques(0, 5, 2)
     assert again.spec == envs.spec and digest(again, actions, seed=1) == digest(envs, actions, seed=1)
@@ -436,7 +436,7 @@ def test_wrapping_the_batch_is_wrapping_every_lane(name):
 
 
 def test_episode_statistics_are_those_of_every_single_environment():
-    setting = {"variation": "robust"}
+    setting = {"randomisation": "robust"}
     envs = wrappers.RecordEpisodeStatistics(batch(4, **setting))
     expected = loop(4, **setting, wrappers=[gym.wrappers.RecordEpisodeStatistics])
     envs.reset(seed=0)
@@ -497,7 +497,7 @@ def test_observation_wrappers_refuse_same_step_autoreset_here_as_around_the_loop
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_processes_of_single_environments_equal_the_batch():
-    envs, expected = batch(3, variation="plants"), loop(3, mode="async", variation="plants")
+    envs, expected = batch(3, randomisation="plants"), loop(3, mode="async", randomisation="plants")
     try:
         assert isinstance(expected, AsyncVectorEnv) and data_equivalence(envs.reset(seed=4), expected.reset(seed=4))
         for action in torques(9, 150, 3):
@@ -511,7 +511,7 @@ def test_processes_of_single_environments_equal_the_batch():
 
 @pytest.mark.parametrize("lanes", [1, BLOCK - 1, 3 * BLOCK + 5])
 def test_results_do_not_depend_on_the_threads(lanes):
-    setting, actions = {"disturbance": NOISY, "variation": "robust"}, torques(5, 250, lanes)
+    setting, actions = {"disturbance": NOISY, "randomisation": "robust"}, torques(5, 250, lanes)
     results = [digest(batch(lanes, threads=threads, **setting), actions, seed=1) for threads in (1, 2, 3, 5, 64)]
     assert set(results) == {results[0]} and results[0][1] > 0
 
@@ -548,7 +548,7 @@ COPIES = {"pickle": lambda envs: pickle.loads(pickle.dumps(envs)), "deepcopy": c
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_copy_goes_on_where_the_original_was(way, threads):
     lanes = 2 * BLOCK
-    envs = batch(lanes, threads=threads, disturbance=NOISY, variation="robust")
+    envs = batch(lanes, threads=threads, disturbance=NOISY, randomisation="robust")
     actions = torques(2, 260, lanes)
     envs.reset(seed=0, options={"case": "payload"})
     for action in actions[:60]:
@@ -605,7 +605,7 @@ def test_no_threads_are_started_for_few_lanes():
 
 # --- seeds -------------------------------------------------------------------------------------------------------
 
-RANDOM = {"disturbance": NOISY, "variation": "robust"}
+RANDOM = {"disturbance": NOISY, "randomisation": "robust"}
 
 
 def test_one_seed_seeds_lane_i_with_seed_plus_i():
@@ -681,12 +681,12 @@ def test_a_bad_seed_is_named_and_the_streams_stay_where_they_were(seed, message)
 
 
 def test_variation_is_shown_by_lane_and_absent_where_nothing_varies():
-    assert not any("variation" in key for key in batch(2).reset()[1])
-    envs = batch(64, variation="robust")
+    assert not any("randomisation" in key for key in batch(2).reset()[1])
+    envs = batch(64, randomisation="robust")
     _, info = envs.reset(seed=0)
-    drawn, next_drawn = info["variation"], envs.reset()[1]["variation"]
+    drawn, next_drawn = info["randomisation"], envs.reset()[1]["randomisation"]
     assert all(len(np.unique([drawn[name][0], next_drawn[name][0]])) > 1 for name in ("mass", "payload", "angle"))
-    assert info["_variation"].all() and all(drawn[f"_{key}"].all() for key in drawn if not key.startswith("_"))
+    assert info["_randomisation"].all() and all(drawn[f"_{key}"].all() for key in drawn if not key.startswith("_"))
     assert drawn["mass"].shape == (64, 2) and drawn["payload"].shape == (64,)
     assert 0.9 <= drawn["mass"].min() < 0.95 and 1.05 < drawn["mass"].max() <= 1.1
     assert 0.0 <= drawn["payload"].min() < 1.0 and 4.0 < drawn["payload"].max() <= 5.0
@@ -721,7 +721,10 @@ BAD_ARGUMENTS = {
     "reference": ({"reference": Circle()}, "^reference = Circle.* must be a .*JointReference"),
     "one reference": ({"reference": [SHORT, Circle(), SHORT]}, "^lane 1: reference = Circle.* must be a .*JointRef"),
     "references": ({"reference": (SHORT, SHORT)}, f"reference has {ONE_PER_LANE}"),
-    "two sources": ({"reference": SHORT, "variation": "robust"}, "either a reference or a variation that draws ref"),
+    "two sources": (
+        {"reference": SHORT, "randomisation": "robust"},
+        "either a reference or a randomisation that draws ref",
+    ),
     "another arm's reference": (
         {"reference": JointReference(parameters=LONG)},
         r"links of \(0\.6, 0\.5\) m, the plant",
@@ -729,7 +732,7 @@ BAD_ARGUMENTS = {
     "plant": ({"parameters": {"mass": (1.0, 1.0)}}, "^parameters = {'mass'.* must be a .*ArmParameters"),
     "one plant": ({"parameters": [TABLE_1, None, TABLE_1]}, "^lane 1: parameters = None must be a .*ArmParameters"),
     "plants": ({"parameters": [TABLE_1, TABLE_1]}, f"parameters has {ONE_PER_LANE}"),
-    "variation": ({"variation": "wild"}, "unknown variation 'wild'; choose from: nominal, plants, robust"),
+    "randomisation": ({"randomisation": "wild"}, "unknown randomisation 'wild'; choose from: nominal, plants, robust"),
     "time": ({"substep": 3e-4}, r"control_period = 0\.001 s is no multiple of substep = 0\.0003 s"),
 }
 
@@ -921,22 +924,22 @@ def test_arrays_of_one_result_do_not_overlap():
 
 
 def test_the_mask_all_keys_share_is_read_only():
-    envs = batch(2, variation="plants")
+    envs = batch(2, randomisation="plants")
     for info in (envs.reset()[1], envs.step(np.zeros((2, 2)))[-1]):
-        masks = [value for part in (info, info["variation"]) for key, value in part.items() if key.startswith("_")]
+        masks = [value for part in (info, info["randomisation"]) for key, value in part.items() if key.startswith("_")]
         assert len(masks) > 20 and not any(mask.flags.writeable for mask in masks)
 
 
 # --- scale -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("variation", ["nominal", "robust"])
-def test_a_lane_needs_less_than_a_thousand_bytes(variation):
+@pytest.mark.parametrize("randomisation", ["nominal", "robust"])
+def test_a_lane_needs_less_than_a_thousand_bytes(randomisation):
     def taken(lanes):
         gc.collect()
         tracemalloc.start()
         try:
-            envs = batch(lanes, variation=variation)
+            envs = batch(lanes, randomisation=randomisation)
             envs.reset()
             envs.step(np.zeros((lanes, 2)))
             gc.collect()
@@ -984,7 +987,7 @@ def extreme_arms(count, seed=0):
     return arms
 
 
-HEAVY = Variation(
+HEAVY = DomainRandomisation(
     mass=(1.0, 100.0),
     motor_inertia=(1.0, 100.0),
     stiffness=(0.01, 100.0),
@@ -995,7 +998,7 @@ HEAVY = Variation(
     force=(0.0, 100.0),
     angle=(-0.5, 0.5),
 )
-LIGHT = Variation(
+LIGHT = DomainRandomisation(
     mass=(0.01, 0.1),
     motor_inertia=(0.01, 1.0),
     stiffness=(0.01, 100.0),
@@ -1006,8 +1009,8 @@ LIGHT = Variation(
 EXTREME = {
     "arms": {"parameters": extreme_arms(96)},
     "arms with long steps": {"parameters": extreme_arms(96, seed=1), "control_period": 0.05, "substep": 0.05},
-    "heavy": {"variation": HEAVY},
-    "light": {"variation": LIGHT},
+    "heavy": {"randomisation": HEAVY},
+    "light": {"randomisation": LIGHT},
 }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller, ControllerFileError, _digest
 from fuzzyarm.synthesis.design import Specification, design
 

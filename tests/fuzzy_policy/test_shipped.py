@@ -6,7 +6,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from fuzzyarm.eval.verification import verify_file
+from fuzzyarm.eval.certified.verification import verify_file
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 

@@ -8,8 +8,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.dynamics import arm_constants, coriolis_torque, gravity_torque, mass_matrix
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.dynamics import arm_constants, coriolis_torque, gravity_torque, mass_matrix
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, SINC_MINIMUM, TSModel, premise_bounds, premises
 
 ARM = ArmParameters()

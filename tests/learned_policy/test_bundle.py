@@ -8,8 +8,8 @@ import sys
 
 import numpy as np
 import pytest
-from made import bundle, network
 from safetensors.numpy import save
+from support.bundles import bundle, network
 
 from fuzzyarm.learned_policy import bundle as bundles
 from fuzzyarm.learned_policy.bundle import BundleError, PolicyBundle

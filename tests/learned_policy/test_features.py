@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy import elastic_target
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.laws import elastic_target
 from fuzzyarm.learned_policy.definition import FeatureDefinition
 from fuzzyarm.learned_policy.features import Features
 

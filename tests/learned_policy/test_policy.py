@@ -6,14 +6,14 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from made import bundle
+from support.bundles import bundle
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.paths import Line
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval.margins import spectral_radius
-from fuzzyarm.eval.margins_table import MarginsConfig, margin_notes, margins
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.paths import Line
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.stability.linearisation import spectral_radius
+from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, margins
 from fuzzyarm.learned_policy.bundle import BundleError
 from fuzzyarm.learned_policy.definition import ActionDefinition
 from fuzzyarm.learned_policy.features import Features
@@ -69,7 +69,7 @@ def test_lanes_that_begin_at_different_calls_hold_their_own():
 
 
 def test_the_base_is_evaluated_at_every_call_and_told_that_the_motors_stand_elsewhere():
-    envs = gym.make_vec("FuzzyArm-v0", num_envs=4, variation="plants")
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=4, randomisation="plants")
     shown, _ = envs.reset(seed=0)
     shown = np.array([shown + 1e-4 * k for k in range(6)])
     scale = (0.001, 0.002)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.policies import LEARNED
+from fuzzyarm.policies.registry import LEARNED
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = ROOT / "fuzzyarm" / "learned_policy" / "policies"

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import Disturbance, EncoderNoise
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.paths import Line
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Line
+from fuzzyarm.envs.scenario.reference import JointReference
 
 pytest.importorskip("stable_baselines3")
 from fuzzyarm.learned_policy.bundle import PolicyBundle
@@ -61,7 +61,7 @@ CONFIGS = {
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
 def test_training_and_the_shipped_policy_see_and_do_the_same(config):
     """The network in the training's arms and the bundle in the plain ones: the same episodes, through their ends."""
-    arguments = {"disturbance": NOISY, "reference": SHORT, "variation": "plants"}
+    arguments = {"disturbance": NOISY, "reference": SHORT, "randomisation": "plants"}
     training = LearningEnvs(StableBaselinesVecEnv(vector(5, **arguments)), config, base_of(config))
     made = bundle(config)
     policy, plain = LearnedPolicy(made, PERIOD, base=base_of(config)), vector(5, **arguments)
@@ -129,13 +129,13 @@ def test_arms_left_and_taken_up_again_go_on_bit_for_bit(distribution):
 
 
 def test_a_state_brings_back_what_was_drawn_also_after_reset_options():
-    envs = vector(3, variation="robust")
+    envs = vector(3, randomisation="robust")
     envs.reset(seed=1)
-    state, drawn = envs.get_state(), envs.step(np.zeros((3, 2)))[-1]["variation"]
+    state, drawn = envs.get_state(), envs.step(np.zeros((3, 2)))[-1]["randomisation"]
     envs.reset(seed=2, options={"case": "payload", "reference": SHORT})
-    assert not np.array_equal(envs.step(np.zeros((3, 2)))[-1]["variation"]["mass"], drawn["mass"])
+    assert not np.array_equal(envs.step(np.zeros((3, 2)))[-1]["randomisation"]["mass"], drawn["mass"])
     envs.set_state(state)
-    again = envs.step(np.zeros((3, 2)))[-1]["variation"]
+    again = envs.step(np.zeros((3, 2)))[-1]["randomisation"]
     assert all(np.array_equal(again[name], drawn[name]) for name in drawn)
     envs.get_state()  # no lane is in the task of those options any more
 
@@ -147,9 +147,9 @@ def test_a_state_of_other_arms_is_refused():
     envs.reset(seed=0)
     state = envs.get_state()
     softer = vector(2, parameters=ArmParameters(stiffness=(20000.0, 10000.0)))
-    others = vector(3), vector(2, case="payload"), vector(2, reference=SHORT), vector(2, variation="plants"), softer
+    others = vector(3), vector(2, case="payload"), vector(2, reference=SHORT), vector(2, randomisation="plants"), softer
     for other in others:
-        with pytest.raises(ValueError, match="other plants, tasks, variation, periods or another number"):
+        with pytest.raises(ValueError, match="other plants, tasks, randomisation, periods or another number"):
             other.set_state(state)
     envs.reset(options={"case": "payload"})
     with pytest.raises(ValueError, match="lane 0 is in a task that reset options asked for"):
@@ -177,7 +177,7 @@ def test_robust_episodes_differ_and_hold_the_papers_circle_as_often_as_asked():
     envs = learning_envs(configured(distribution="robust", lanes=512, references=32, circles=32), None)
     envs.seed(0)
     envs.reset()
-    drawn = envs.venv.vector_info["variation"]
+    drawn = envs.venv.vector_info["randomisation"]
     assert 0.4 < np.mean(drawn["reference"] >= 32) < 0.6
     assert drawn["payload"].min() < 0.5 and 4.5 < drawn["payload"].max() <= 5.0
     assert drawn["force"].min() < 0.1 and 0.9 < drawn["force"].max() <= 1.0
@@ -185,7 +185,7 @@ def test_robust_episodes_differ_and_hold_the_papers_circle_as_often_as_asked():
 
 
 def test_the_quick_evaluation_finds_what_fuzzyarm_evaluate_finds():
-    from fuzzyarm.eval.evaluate import EvaluationConfig, evaluate
+    from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 
     found = evaluate_cases(load_policy("fuzzy-4", allow_unproven=True))
     for row in evaluate(EvaluationConfig(policies=("fuzzy-4",))).rows:

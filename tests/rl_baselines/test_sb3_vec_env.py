@@ -10,9 +10,9 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RescaleAction
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.disturbances import Disturbance, EncoderNoise
-from fuzzyarm.envs.paths import Lemniscate, Line
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Lemniscate, Line
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import REASONS
 
 sb3 = pytest.importorskip("stable_baselines3")
@@ -108,8 +108,8 @@ TRUNCATED, TERMINATED = {"truncated"}, {*REASONS[1:]}
 SETTINGS = {
     "short": ({"reference": SHORT}, [TRUNCATED]),
     "machining": ({"case": "machining", "reference": LONGER}, [TRUNCATED, TERMINATED]),
-    "plants": ({"case": "payload", "variation": "plants"}, [TERMINATED]),
-    "robust": ({"disturbance": NOISY, "variation": "robust"}, [TERMINATED]),
+    "plants": ({"case": "payload", "randomisation": "plants"}, [TERMINATED]),
+    "robust": ({"disturbance": NOISY, "randomisation": "robust"}, [TERMINATED]),
     "rescaled": ({"rescaled": True, "reference": LONGER}, [TRUNCATED, TERMINATED]),
 }
 
@@ -179,7 +179,7 @@ def test_running_lanes_share_one_empty_info_and_only_ended_ones_are_looked_at(mo
 @pytest.mark.parametrize("make", [adapted, training_envs])
 def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two(make):
     def instructions(lanes):
-        venv, action, count = make(lanes, variation="plants"), np.zeros((lanes, 2)), 0
+        venv, action, count = make(lanes, randomisation="plants"), np.zeros((lanes, 2)), 0
 
         def trace(frame, event, _):
             nonlocal count
@@ -239,9 +239,9 @@ def test_step_async_and_step_wait_are_a_step():
 
 
 def test_the_info_of_the_batch_is_at_hand():
-    venv = adapted(variation="plants")
+    venv = adapted(randomisation="plants")
     venv.reset()
-    assert venv.vector_info["variation"]["mass"].shape == (LANES, 2) and not venv.vector_info["time"].any()
+    assert venv.vector_info["randomisation"]["mass"].shape == (LANES, 2) and not venv.vector_info["time"].any()
     venv.step(np.zeros((LANES, 2)))
     assert venv.vector_info["time"].tolist() == [1e-3] * LANES
     assert venv.reset_infos == [{}] * LANES
@@ -267,7 +267,7 @@ def test_an_environment_that_resets_itself_a_step_later_is_refused_and_any_other
 
 
 def test_seeds_hold_for_the_next_reset_and_the_streams_go_on_after_it():
-    venv, loop = (make(disturbance=NOISY, variation="robust") for make in (adapted, monitored))
+    venv, loop = (make(disturbance=NOISY, randomisation="robust") for make in (adapted, monitored))
     assert venv.seed(7) == loop.seed(7) == [7, 8, 9, 10]
     starts = []
     for _ in range(3):
@@ -279,7 +279,7 @@ def test_seeds_hold_for_the_next_reset_and_the_streams_go_on_after_it():
 
 
 def test_a_seed_left_to_chance_is_told_and_can_be_used_again():
-    venv, twin = (adapted(disturbance=NOISY, variation="plants") for _ in range(2))
+    venv, twin = (adapted(disturbance=NOISY, randomisation="plants") for _ in range(2))
     seeds = venv.seed()
     twin.seed(seeds[0])
     assert same_array(venv.reset(), twin.reset()) and len(set(seeds)) == LANES

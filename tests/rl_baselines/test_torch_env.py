@@ -15,14 +15,22 @@ from gymnasium.error import ResetNeeded
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs import integrator, randomness
-from fuzzyarm.envs.disturbances import CASES, ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
-from fuzzyarm.envs.dynamics import Arm, Payload, State, arm_constants
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.paths import Line
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.batch import randomness
+from fuzzyarm.envs.physics import integrator
+from fuzzyarm.envs.physics.dynamics import Arm, Payload, State, arm_constants
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import (
+    CASES,
+    ConstantForce,
+    Disturbance,
+    EncoderNoise,
+    MachiningForce,
+    TorqueBias,
+)
+from fuzzyarm.envs.scenario.paths import Line
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import REASONS, Measured
-from fuzzyarm.envs.variation import Variation
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm, _reason
 from fuzzyarm.rl_baselines.torch_numbers import Angle, normal_pair, uniform, word
 
@@ -34,7 +42,7 @@ DISTURBED = Disturbance(
     torque_bias=TorqueBias((3.0, -1.0)),
     encoder_noise=EncoderNoise(1e-5, 1e-3),
 )
-SPREAD = Variation(
+SPREAD = DomainRandomisation(
     mass=(0.9, 1.1),
     stiffness=(0.8, 1.2),
     dry_friction=(0.5, 1.5),
@@ -190,7 +198,7 @@ def compare_trajectory(case, substep, device, compiled):
 @pytest.mark.parametrize(
     ("expected_reasons", "arguments"),
     [
-        ({0, 2}, {"variation": "robust"}),
+        ({0, 2}, {"randomisation": "robust"}),
         ({0, 1, 2}, {"parameters": ArmParameters(joint_limit=(0.9, 2.1))}),
     ],
 )
@@ -296,16 +304,16 @@ def test_a_reference_at_rest_under_a_constant_force(device):
 
 
 def test_drawn_plants_are_the_numpy_ones_and_in_range(device):
-    envs = TorchFuzzyArm(200, variation="robust", dtype=torch.float64, device=device, compiled=False)
-    theirs = vector_env(200, variation="robust")
+    envs = TorchFuzzyArm(200, randomisation="robust", dtype=torch.float64, device=device, compiled=False)
+    theirs = vector_env(200, randomisation="robust")
     envs.reset(seed=7)
     _, info = theirs.reset(seed=7)
-    drawn = envs.variation_info()
-    assert set(drawn) == {key for key in info["variation"] if not key.startswith("_")}
+    drawn = envs.randomisation_info()
+    assert set(drawn) == {key for key in info["randomisation"] if not key.startswith("_")}
     for name, values in drawn.items():
-        assert_array_equal(values.cpu(), info["variation"][name], err_msg=name)
+        assert_array_equal(values.cpu(), info["randomisation"][name], err_msg=name)
     for name in ("mass", "stiffness", "dry_friction", "payload", "force", "angle"):
-        low, high = getattr(envs.variation, name)
+        low, high = getattr(envs.randomisation, name)
         assert low <= drawn[name].min()
         assert drawn[name].max() < high
         assert drawn[name].std() == pytest.approx((high - low) / 12**0.5, rel=0.15)  # uniform
@@ -313,16 +321,17 @@ def test_drawn_plants_are_the_numpy_ones_and_in_range(device):
 
 def test_float32_draws_the_same_episodes():
     short, long = (
-        TorchFuzzyArm(500, variation="robust", dtype=dtype, compiled=False) for dtype in (torch.float32, torch.float64)
+        TorchFuzzyArm(500, randomisation="robust", dtype=dtype, compiled=False)
+        for dtype in (torch.float32, torch.float64)
     )
     assert_allclose(numbers(short.reset(seed=1)), numbers(long.reset(seed=1)), atol=1e-5)
-    for (name, a), b in zip(short.variation_info().items(), long.variation_info().values(), strict=True):
+    for (name, a), b in zip(short.randomisation_info().items(), long.randomisation_info().values(), strict=True):
         assert a.dtype == torch.float32
         assert_allclose(numbers(a), numbers(b), rtol=2e-7, atol=3e-7, err_msg=name)
 
 
 def test_seeds_repeat_and_streams_go_on(device):
-    envs = TorchFuzzyArm(5, variation="robust", disturbance=DISTURBED, device=device, compiled=False)
+    envs = TorchFuzzyArm(5, randomisation="robust", disturbance=DISTURBED, device=device, compiled=False)
     first = envs.reset()
     second = envs.reset()
     assert not torch.equal(first, second)
@@ -334,7 +343,7 @@ def test_seeds_repeat_and_streams_go_on(device):
 
 def test_nothing_global_changes():
     before = torch.get_rng_state(), torch.get_default_dtype(), torch.get_num_threads(), torch.is_grad_enabled()
-    envs = TorchFuzzyArm(3, variation="robust", disturbance=DISTURBED, dtype=torch.float64, compiled=False)
+    envs = TorchFuzzyArm(3, randomisation="robust", disturbance=DISTURBED, dtype=torch.float64, compiled=False)
     envs.reset(seed=5)
     envs.step(torch.zeros(3, 2))
     assert torch.equal(torch.get_rng_state(), before[0])
@@ -346,7 +355,7 @@ def test_nothing_global_changes():
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_shapes_and_dtypes(dtype, device):
-    envs = TorchFuzzyArm(3, dtype=dtype, device=device, compiled=False, variation=SPREAD)
+    envs = TorchFuzzyArm(3, dtype=dtype, device=device, compiled=False, randomisation=SPREAD)
     assert envs.reset(seed=0).shape == (3, 10)
     action = torch.zeros((3, 2), device=device, requires_grad=True)
     observation, reward, terminated, truncated, info = envs.step(action)
@@ -373,7 +382,7 @@ def test_shapes_and_dtypes(dtype, device):
 
 
 def test_float32_does_not_follow_the_default_dtype():
-    envs = TorchFuzzyArm(2, compiled=False, variation=SPREAD, disturbance=DISTURBED)
+    envs = TorchFuzzyArm(2, compiled=False, randomisation=SPREAD, disturbance=DISTURBED)
     torch.set_default_dtype(torch.float64)
     try:
         parts = envs.reset(seed=0), *envs.step(torch.ones(2, 2))[:2], envs.state
@@ -393,7 +402,7 @@ def test_inference_mode_within_and_without():
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_step_never_asks_for_a_value(dtype):
     # Tensors of the meta device have none: to branch on one, or to wait for one, raises.
-    envs = TorchFuzzyArm(4, device="meta", dtype=dtype, compiled=False, variation="robust", disturbance=DISTURBED)
+    envs = TorchFuzzyArm(4, device="meta", dtype=dtype, compiled=False, randomisation="robust", disturbance=DISTURBED)
     assert envs.reset(seed=0).shape == (4, 10)
     assert envs.step(torch.zeros((4, 2), device="meta"))[0].device.type == "meta"
 
@@ -463,8 +472,8 @@ def test_compiled_is_eager(device):
     # fullgraph=True: torch raises at any graph break. 37 lanes: whole vectors and a remainder.
     # Little is drawn here, because every draw is one more second of compilation.
     disturbance = dataclasses.replace(DISTURBED, encoder_noise=None)
-    variation = Variation(angle=(-0.01, 0.01))
-    arguments = {"reference": SHORT, "substep": 1e-3, "disturbance": disturbance, "variation": variation}
+    randomisation = DomainRandomisation(angle=(-0.01, 0.01))
+    arguments = {"reference": SHORT, "substep": 1e-3, "disturbance": disturbance, "randomisation": randomisation}
     ours, theirs = compare_with_eager(torch.float32, device, **arguments)
     # Modes that torch would compile anew for.
     action = torch.ones((37, 2), device=device, requires_grad=True)
@@ -477,7 +486,7 @@ def test_compiled_is_eager(device):
 @needs_compiler
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_compiled_is_eager_with_default_substeps(dtype, device):
-    compare_with_eager(dtype, device, reference=SHORT, disturbance=DISTURBED, variation=SPREAD)
+    compare_with_eager(dtype, device, reference=SHORT, disturbance=DISTURBED, randomisation=SPREAD)
 
 
 @pytest.mark.slow
@@ -536,11 +545,11 @@ def test_without_a_compiler_one_line_says_what_to_do(program, printed, tmp_path)
         ({"dtype": torch.float16}, "torch.float16 is unknown; choose torch.float32 or torch.float64"),
         ({"case": "drilling"}, "unknown case 'drilling'"),
         ({"case": "payload", "disturbance": Disturbance()}, "not both"),
-        ({"reference": "circle"}, "must be a fuzzyarm.envs.reference.JointReference"),
-        ({"reference": JointReference(), "variation": "robust"}, "not both"),
+        ({"reference": "circle"}, "must be a fuzzyarm.envs.scenario.reference.JointReference"),
+        ({"reference": JointReference(), "randomisation": "robust"}, "not both"),
         ({"parameters": ArmParameters(length=(0.6, 0.5)), "reference": JointReference()}, "build it with parameters"),
         ({"substep": 3e-4}, "is no multiple of substep"),
-        ({"variation": "some"}, "unknown variation 'some'"),
+        ({"randomisation": "some"}, "unknown randomisation 'some'"),
     ],
 )
 def test_wrong_arguments_are_named(arguments, message):

@@ -4,10 +4,10 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy import consistent_reference, theorem2
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
+from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices, tracking_vertices
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.fuzzy_policy.vertices import error_vertices, tracking_vertices
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula, reduced_size
 from fuzzyarm.synthesis.conic import Problem, program
 from fuzzyarm.synthesis.design import PAPER_WEIGHT, Specification, error_system

@@ -9,13 +9,13 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.eval.frozen import search
-from fuzzyarm.eval.metrics import metrics
-from fuzzyarm.eval.rigid import RigidLoop
-from fuzzyarm.eval.rollout import rollout
-from fuzzyarm.fuzzy_policy.certificate import certify
-from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified.frozen import search
+from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel
 from fuzzyarm.synthesis import design as design_module
 from fuzzyarm.synthesis.design import DesignFailed, Specification, describe, design

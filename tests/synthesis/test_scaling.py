@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.error_model import consistent_reference, paper_form
 from fuzzyarm.synthesis.scaling import Scaling

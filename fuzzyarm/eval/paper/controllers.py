@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.policies import load_policy
 
 RULES = (32, 4)

@@ -8,13 +8,13 @@ import math
 from collections.abc import Callable, Mapping
 from importlib import resources
 
-from fuzzyarm.envs.disturbances import CASES
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.rollout import Rollout, rollout
 from fuzzyarm.eval.paper.controllers import PAPERS_OWN, SWAPPED, TITLES, compared_policies
-from fuzzyarm.eval.rollout import Rollout, rollout
-from fuzzyarm.fuzzy_policy.certificate import certify
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.proof.certificate import certify
 
 WITNESSED_RULES = (4, 2, 1)
 WITNESSES = tuple(

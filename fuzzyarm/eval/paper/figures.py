@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.paper.controllers import FORMS, RULES
 from fuzzyarm.eval.paper.evidence import Evidence
 from fuzzyarm.eval.paper.measures import circularity_of, peak
-from fuzzyarm.eval.rollout import Rollout
 from fuzzyarm.files import write_atomically
 
 Look = Mapping[str, Any]

@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fuzzyarm.envs.disturbances import CASES, MachiningForce
-from fuzzyarm.envs.dynamics import arm_constants, rigid_inverse_dynamics
-from fuzzyarm.envs.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.scenario.disturbances import CASES, MachiningForce
+from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.paper.controllers import FORMS, RULES, TITLES
 from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, Evidence
-from fuzzyarm.eval.rollout import Rollout
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.pdc import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
 from fuzzyarm.synthesis.design import PAPER_WEIGHT

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval.evaluate import EvaluationConfig, certified_bounds, certified_controller
-from fuzzyarm.eval.frozen import frozen, gain_at, lyapunov_rate, search, slowest_error
-from fuzzyarm.eval.probes import Uniform, joined, library, worst_torque
-from fuzzyarm.eval.rigid import RigidLoop
-from fuzzyarm.eval.rigid_rollout import Motion, simulate
-from fuzzyarm.policies import load_policy, policy_label
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, search, slowest_error
+from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
+from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, certified_bounds, certified_controller
+from fuzzyarm.policies import load_policy
+from fuzzyarm.policies.registry import policy_label
 
 STEP = 1e-3  # [s] of the rollouts, an order below the fastest time constant of the shipped loops
 AMPLITUDE = 100.0  # [N m]

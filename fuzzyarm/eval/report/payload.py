@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.disturbances import CASES
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.stored import StoredEvaluation
-from fuzzyarm.eval.rollout import Rollout
 
 LARGEST = 2_300_000  # bytes of base64 for all signals together; the page stays below 3 MB
 

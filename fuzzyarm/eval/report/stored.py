@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm import __version__
-from fuzzyarm.eval import results_file
-from fuzzyarm.eval.evaluate import EvaluationConfig
-from fuzzyarm.eval.metrics import metrics
-from fuzzyarm.eval.results_file import Results, read_results
-from fuzzyarm.eval.rollout import Rollout
-from fuzzyarm.eval.rollout_file import NAME, digest, read_rollouts
-from fuzzyarm.policies import policy_label
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout_file import NAME, digest, read_rollouts
+from fuzzyarm.eval.evaluation import results_file
+from fuzzyarm.eval.evaluation.results_file import Results, read_results
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.policies.registry import policy_label
 
 
 @dataclasses.dataclass(frozen=True)

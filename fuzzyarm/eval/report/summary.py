@@ -9,9 +9,9 @@ from html import escape
 from statistics import median
 from typing import Any
 
-from fuzzyarm.envs.disturbances import CASES
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.evaluation.result_table import COLUMNS, table_rows
 from fuzzyarm.eval.report.chart import Axis, Errors, chart, figure
-from fuzzyarm.eval.table import COLUMNS, table_rows
 
 Row = dict[str, Any]
 Group = dict[str, list[Row]]

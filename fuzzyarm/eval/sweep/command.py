@@ -223,7 +223,7 @@ def _run(store: Store, policies: dict[str, Any], engine: Any, as_json: bool) -> 
 def _replay(store: Store, policies: dict[str, Any], policy: str, case: str, plant: str) -> int:
     import numpy as np
 
-    from fuzzyarm.eval.figures import write_figures
+    from fuzzyarm.eval.evaluation.figures import write_figures
     from fuzzyarm.eval.sweep.episodes import replay
     from fuzzyarm.files import write_atomically
 

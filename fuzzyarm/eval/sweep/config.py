@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.disturbances import CASES, EncoderNoise, find_case
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.variation import VARIATIONS, Range, Variation
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES, EncoderNoise, find_case
+from fuzzyarm.envs.scenario.randomisation import RANDOMISATIONS, DomainRandomisation, Range
 
 POLICIES = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")
 """What is swept if not told otherwise."""
@@ -53,7 +53,7 @@ MAP = ("stiffness_1", "payload")
 
 @dataclasses.dataclass(frozen=True)
 class Distribution:
-    """Ranges (low, high), each quantity uniform in its own and independent of the others; see `Variation`.
+    """Ranges (low, high), each quantity uniform in its own and independent of the others; see `DomainRandomisation`.
 
     Attributes:
         mass, motor_inertia, stiffness, damping, dry_friction, viscous_friction: factors, a draw per joint.
@@ -79,7 +79,7 @@ class Distribution:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        self.variation()
+        self.randomisation()
         for name, highest in (("noise", 1e6), ("delay", float(LONGEST_DELAY))):
             low, high = getattr(self, name)
             if not 0.0 <= low <= high <= highest:
@@ -89,10 +89,10 @@ class Distribution:
         if any(end != int(end) for end in self.delay):
             raise ValueError(f"delay from {self.delay[0]:g} to {self.delay[1]:g} must be whole control periods")
 
-    def variation(self) -> Variation:
+    def randomisation(self) -> DomainRandomisation:
         """Return what the environment draws of it: all but noise and delay."""
         ranges = {name: getattr(self, name) for name in QUANTITIES if name not in ("noise", "delay")}
-        return Variation(**ranges)
+        return DomainRandomisation(**ranges)
 
     @property
     def varying(self) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ class Distribution:
 
 
 def _distributions() -> dict[str, Distribution]:
-    drawn = VARIATIONS["plants"](ArmParameters())
+    drawn = RANDOMISATIONS["plants"](ArmParameters())
     plants = Distribution(**{name: getattr(drawn, name) for name, quantity in QUANTITIES.items() if quantity.per_joint})
     loads = dataclasses.replace(plants, payload=(0.0, 5.0), force=(0.5, 1.5))
     return {

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.lane_kernels import INFO
-from fuzzyarm.envs.parameters import ArmParameters
+from fuzzyarm.envs.batch.kernels import INFO
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.rollout import Policy, Rollout
+from fuzzyarm.eval.episodes.rollout import Predictor, Rollout
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
 
@@ -42,7 +42,7 @@ class Step(NamedTuple):
     completed: np.ndarray
 
 
-def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Policy) -> Iterator[Step]:
+def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterator[Step]:
     """Run one episode of every lane of the plants' environment.
 
     The policy reads q + f (y - q), y the environment's noisy reading of q and f the plant's factor of noise. Its
@@ -79,7 +79,7 @@ def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Policy) -> Iterator[S
         k += 1
 
 
-def measure(config: SweepConfig, policies: Mapping[str, Policy], members: Sequence[int]) -> dict[str, np.ndarray]:
+def measure(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> dict[str, np.ndarray]:
     """Run some plants under all policies in all cases.
 
     Returns:
@@ -93,7 +93,7 @@ def measure(config: SweepConfig, policies: Mapping[str, Policy], members: Sequen
     return {"plants": plants.values, **found}
 
 
-def _measured(plants: Plants, envs: FuzzyArmVectorEnv, policy: Policy) -> dict[str, np.ndarray]:
+def _measured(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict[str, np.ndarray]:
     """Return `MEASURES` (lanes,) of one policy."""
     lanes = envs.num_envs
     largest, squares, count = np.zeros(lanes), np.zeros(lanes), np.zeros(lanes)
@@ -108,7 +108,7 @@ def _measured(plants: Plants, envs: FuzzyArmVectorEnv, policy: Policy) -> dict[s
     return {"max_mm": 1e3 * largest, "rms_mm": rms, "seconds": CONTROL_PERIOD * count, "completed": completed}
 
 
-def replay(config: SweepConfig, policies: Mapping[str, Policy], member: int, policy: str, case: str) -> Rollout:
+def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, policy: str, case: str) -> Rollout:
     """Run one plant of a sweep anew, with all signals; its numbers are those of the sweep, bit for bit.
 
     Args:

@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fuzzyarm.envs.disturbances import CASES
-from fuzzyarm.eval.figures import DASHES
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.evaluation.figures import DASHES
 from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig, column_label, quantity_of
 from fuzzyarm.files import write_atomically
-from fuzzyarm.policies import policy_label
+from fuzzyarm.policies.registry import policy_label
 
 PLANTS_PER_BIN, MOST_BINS = 12, 20
 COLORS = "viridis_r"  # the same order of lightness for any colour vision, and in grey: dark is bad

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.disturbances import CASES, Disturbance, TipForce
-from fuzzyarm.envs.dynamics import Payload
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.envs.randomness import uniform
-from fuzzyarm.envs.reference import JointReference
+from fuzzyarm.envs.batch.randomness import uniform
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES, Disturbance, TipForce
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.sweep.config import COLUMNS, NOISE, QUANTITIES, SweepConfig, quantity_of
 
@@ -30,7 +30,7 @@ FIELDS = {
     "dry_friction": ("static_friction", "coulomb_friction"),
     "viscous_friction": ("viscous_friction",),
 }
-"""Fields of `ArmParameters` that a quantity is a factor of, as in `variation.varied`."""
+"""Fields of `ArmParameters` that a quantity is a factor of, as in `randomisation.varied`."""
 EXTRAS = 1  # names the stream of noise and delay among those of a plant's seed
 
 
@@ -53,9 +53,11 @@ class Plants:
         """Return the plants with these numbers."""
         seeds = [config.seed + member for member in members]
         # The environment draws; asked for here, so that what it draws is known before anything runs.
-        drawn = FuzzyArmVectorEnv(len(seeds), variation=config.drawn().variation(), threads=1).reset(seed=seeds)[1]
-        variation = drawn.get("variation", {})
-        columns = [_column(variation, column, len(seeds)) for column in COLUMNS]
+        drawn = FuzzyArmVectorEnv(len(seeds), randomisation=config.drawn().randomisation(), threads=1).reset(
+            seed=seeds
+        )[1]
+        randomisation = drawn.get("randomisation", {})
+        columns = [_column(randomisation, column, len(seeds)) for column in COLUMNS]
         plants = cls(config, members, np.stack(columns, axis=1))
         plants._draw_extras(seeds)
         for axis, values in plants._cells().items():
@@ -98,7 +100,7 @@ class Plants:
             parameters=lane_arms,
             reference=JointReference(),
             control_period=CONTROL_PERIOD,
-            variation=self.config.drawn().variation(),
+            randomisation=self.config.drawn().randomisation(),
             threads=1,
         )
 
@@ -140,12 +142,12 @@ class ScaledForce:
         return self.factor * self.force.at(time, tip_velocity)
 
 
-def _column(variation: dict[str, np.ndarray], column: str, count: int) -> np.ndarray:
+def _column(randomisation: dict[str, np.ndarray], column: str, count: int) -> np.ndarray:
     """Return what the environment drew (count,), or the nominal value where it drew nothing."""
     name = quantity_of(column)
-    if name not in variation:
+    if name not in randomisation:
         return np.full(count, QUANTITIES[name].nominal)
-    drawn = variation[name]
+    drawn = randomisation[name]
     return drawn[:, int(column[-1]) - 1] if QUANTITIES[name].per_joint else drawn
 
 

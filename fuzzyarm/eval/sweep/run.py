@@ -10,13 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.eval.rollout import Policy
+from fuzzyarm.eval.episodes.rollout import Predictor
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.episodes import measure
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.store import Store, difference, made_with
-from fuzzyarm.policies import load_policy, policy_label
+from fuzzyarm.policies import load_policy
+from fuzzyarm.policies.registry import policy_label
 
 
 class Chunk(NamedTuple):
@@ -27,14 +28,14 @@ class Chunk(NamedTuple):
     made_with: dict[str, str]
 
 
-def load_policies(config: SweepConfig) -> dict[str, Policy]:
+def load_policies(config: SweepConfig) -> dict[str, Predictor]:
     """Return the policies by label.
 
     Raises:
         ValueError: one is unknown or damaged, or two have the same label.
         OSError: a file cannot be read.
     """
-    policies: dict[str, Policy] = {
+    policies: dict[str, Predictor] = {
         policy_label(name): load_policy(name, control_period=CONTROL_PERIOD) for name in config.policies
     }
     if len(policies) < len(config.policies):
@@ -42,14 +43,14 @@ def load_policies(config: SweepConfig) -> dict[str, Policy]:
     return policies
 
 
-def run_chunk(config: SweepConfig, policies: Mapping[str, Policy], number: int) -> Chunk:
+def run_chunk(config: SweepConfig, policies: Mapping[str, Predictor], number: int) -> Chunk:
     """Run a chunk in this process."""
     return Chunk(measure(config, policies, config.members(number)), os.getpid(), made_with())
 
 
 def run_missing(
     store: Store,
-    policies: Mapping[str, Policy],
+    policies: Mapping[str, Predictor],
     engine: Engine,
     progress: Callable[[int, Chunk], None] = lambda number, chunk: None,
     report: Callable[[str], None] = lambda text: None,

@@ -26,7 +26,7 @@ import fuzzyarm
 from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig
 from fuzzyarm.eval.sweep.episodes import MEASURES
 from fuzzyarm.files import write_atomically
-from fuzzyarm.policies import policy_label
+from fuzzyarm.policies.registry import policy_label
 
 SCHEMA = "fuzzyarm-sweep/1"
 RUN, CHUNKS = "run.json", "chunks"

@@ -24,7 +24,7 @@ from scipy.stats import binomtest, bootstrap
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.sweep.config import COLUMNS, NOISE, SweepConfig
 from fuzzyarm.eval.sweep.store import SCHEMA
-from fuzzyarm.policies import policy_label
+from fuzzyarm.policies.registry import policy_label
 
 QUANTILES = (0.5, 0.9, 0.99)
 LEVEL = 0.95

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.dynamics import arm_constants, tip_position
+from fuzzyarm.envs.physics.dynamics import arm_constants, tip_position
 from fuzzyarm.eval.paper.claim import Claim, Tolerance
 from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS
 from fuzzyarm.eval.paper.controllers import (
@@ -21,8 +21,8 @@ from fuzzyarm.eval.paper.controllers import (
     TITLES,
 )
 from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, prove_witnesses
-from fuzzyarm.fuzzy_policy.certificate import certify
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.proof.certificate import certify
 
 BY_KEY = {claim.key: claim for claim in CLAIMS}
 TABLE_2 = {

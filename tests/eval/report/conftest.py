@@ -7,15 +7,15 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import browser
 import pytest
-from altered import NASTY, wild, with_runs, write
+from support import browser
+from support.altered_evaluations import NASTY, wild, with_runs, write
 
 from fuzzyarm.cli import main
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval.evaluate import Evaluation, EvaluationConfig, evaluate
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig, evaluate
 from fuzzyarm.eval.report.observed import Observed, observe
-from fuzzyarm.eval.rigid import RigidLoop
 from fuzzyarm.policies import load_policy
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.reference import JointReference
-from fuzzyarm.eval.evaluate import EvaluationConfig, certified_bounds
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, certified_bounds
 from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.policies import load_policy
 

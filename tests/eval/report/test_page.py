@@ -9,18 +9,18 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from altered import NASTY, wild, with_runs
+from support.altered_evaluations import NASTY, wild, with_runs
 
-from fuzzyarm.envs.parameters import ArmParameters
-from fuzzyarm.eval.evaluate import EvaluationConfig
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.evaluation.result_table import table_rows
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.chart import Axis, Bound, Errors, chart, digits
 from fuzzyarm.eval.report.observed import Observed
 from fuzzyarm.eval.report.page import command, page
 from fuzzyarm.eval.report.payload import _shown, _within, payload
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
 from fuzzyarm.eval.report.summary import best, table
-from fuzzyarm.eval.table import table_rows
-from fuzzyarm.fuzzy_policy.certificate import NOT_COVERED
+from fuzzyarm.fuzzy_policy.proof.certificate import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
 

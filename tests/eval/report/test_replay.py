@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from altered import NASTY
+from support.altered_evaluations import NASTY
 
 POLICIES = ("fuzzy-4", "computed-torque", "fuzzy-4-tip")
 PICTURES = "[...document.querySelectorAll('#arms canvas, #plots canvas')].map((canvas) => canvas.toDataURL())"

@@ -4,11 +4,11 @@ import json
 import shutil
 
 import pytest
-from altered import wild, with_runs, write
+from support.altered_evaluations import wild, with_runs, write
 
 from fuzzyarm.cli import main
+from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.report.stored import read_evaluation
-from fuzzyarm.eval.rollout_file import write_rollouts
 
 KEPT = "a page made before"
 

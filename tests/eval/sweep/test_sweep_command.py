@@ -199,7 +199,7 @@ def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
 
 def test_the_parser_loads_neither_numpy_nor_joblib_nor_ray():
     code = (
-        "import sys; from fuzzyarm.cli import _parser; before = set(sys.modules); "
+        "import sys; from fuzzyarm.cli.application import _parser; before = set(sys.modules); "
         "from fuzzyarm.eval.sweep.command import add_sweep_command; "
         "print([name for name in ('joblib', 'ray', 'matplotlib', 'rich', 'scipy') if name in sys.modules])"
     )

@@ -6,9 +6,9 @@ from collections import deque
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.disturbances import CASES, EncoderNoise
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.variation import Variation
+from fuzzyarm.envs.scenario.disturbances import CASES, EncoderNoise
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.sweep.config import COLUMNS, DISTRIBUTIONS, NOISE, Axis, SweepConfig
 from fuzzyarm.eval.sweep.episodes import MEASURES, measure, replay, steps
 from fuzzyarm.eval.sweep.plants import Plants
@@ -49,7 +49,7 @@ def test_the_numbers_are_those_of_single_environments(whole):
             noisy = CASES[case].disturbance.__class__(
                 tip_force=CASES[case].disturbance.tip_force, encoder_noise=EncoderNoise(NOISE.position, NOISE.velocity)
             )
-            env = FuzzyArmEnv(disturbance=noisy, variation=DISTRIBUTIONS["all"].variation())
+            env = FuzzyArmEnv(disturbance=noisy, randomisation=DISTRIBUTIONS["all"].randomisation())
             for p, policy in enumerate(POLICIES.values()):
                 errors, completed = tip_errors(env, policy, 40 + i, delay, noise)
                 assert whole["max_mm"][p, c, i] == 1e3 * errors.max()
@@ -60,9 +60,9 @@ def test_the_numbers_are_those_of_single_environments(whole):
 
 def test_what_is_drawn_is_what_the_environment_draws_from_the_same_seed():
     plants = Plants.draw(CONFIG, range(6))
-    env = FuzzyArmEnv(variation=DISTRIBUTIONS["all"].variation())
+    env = FuzzyArmEnv(randomisation=DISTRIBUTIONS["all"].randomisation())
     for i in range(6):
-        drawn = env.reset(seed=40 + i)[1]["variation"]
+        drawn = env.reset(seed=40 + i)[1]["randomisation"]
         assert np.array_equal(plants.values[i, :12], np.concatenate([drawn[n] for n in list(drawn)[:6]]))
         assert (plants.column("payload")[i], plants.column("force")[i]) == (drawn["payload"], drawn["force"])
 
@@ -123,8 +123,8 @@ def test_an_episode_that_ends_early_counts_up_to_its_end():
     assert 0 < len(ended) < 4
     for i in ended.tolist():
         stiffness, payload = found["plants"][i, [COLUMNS.index("stiffness_1"), COLUMNS.index("payload")]]
-        drawn = Variation(stiffness=(stiffness,) * 2, payload=(payload,) * 2)
-        errors, completed = tip_errors(FuzzyArmEnv("payload", variation=drawn), policies["fuzzy-4"], 0)
+        drawn = DomainRandomisation(stiffness=(stiffness,) * 2, payload=(payload,) * 2)
+        errors, completed = tip_errors(FuzzyArmEnv("payload", randomisation=drawn), policies["fuzzy-4"], 0)
         assert not completed and len(errors) < 1500
         assert found["seconds"][0, 0, i] == pytest.approx(1e-3 * len(errors))
         assert found["max_mm"][0, 0, i] == pytest.approx(1e3 * errors.max(), rel=1e-6)
@@ -158,8 +158,8 @@ def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(g
     policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
     found = measure(config, policies, range(4))["max_mm"][0, 0]
     for i, (first, second) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
-        drawn = Variation(**{grid[0].name: (first, first), grid[1].name: (second, second)})
-        errors, _ = tip_errors(FuzzyArmEnv("machining", variation=drawn), policies["fuzzy-4"], 0)
+        drawn = DomainRandomisation(**{grid[0].name: (first, first), grid[1].name: (second, second)})
+        errors, _ = tip_errors(FuzzyArmEnv("machining", randomisation=drawn), policies["fuzzy-4"], 0)
         assert found[i] == (1e3 * errors.max() if exact else pytest.approx(1e3 * errors.max(), rel=1e-9))
 
 

@@ -1,0 +1,1 @@
+"""What is stepped: arms in lanes, in compiled code."""

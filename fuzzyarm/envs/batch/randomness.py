@@ -1,0 +1,54 @@
+"""Random numbers that each lane draws for itself: a pure function of the lane's key and a counter.
+
+SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is mix(s + k γ), mix a bijection of the
+64-bit words. A lane needs no generator object, draw k is available at once, and Numba and NumPy give the same bits.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.envs.physics.elementwise import sine_cosine
+
+GAMMA = np.uint64(0x9E3779B97F4A7C15)
+FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+S27, S30, S31, S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
+RESOLUTION = 2.0**-53
+TWO_PI = 2.0 * np.pi
+
+
+@register_jitable
+def mix(word: Any) -> Any:
+    """Scramble 64-bit words (uint64); a bijection."""
+    word = (word ^ (word >> S30)) * FIRST
+    word = (word ^ (word >> S27)) * SECOND
+    return word ^ (word >> S31)
+
+
+@register_jitable
+def draw(key: Any, counter: Any) -> Any:
+    """Return word number `counter` (uint64) of the stream `key` (uint64)."""
+    return mix(key + (counter + np.uint64(1)) * GAMMA)
+
+
+@register_jitable
+def uniform(key: Any, counter: Any) -> Any:
+    """Return number `counter` of the stream as a float in [0, 1), a multiple of 2^-53."""
+    return (draw(key, counter) >> S11) * RESOLUTION
+
+
+@register_jitable
+def normal_pair(key: Any, counter: Any) -> tuple[Any, Any]:
+    """Return two independent standard normal numbers from numbers `counter` and `counter` + 1 (Box and Muller)."""
+    radius = np.sqrt(-2.0 * np.log(1.0 - uniform(key, counter)))
+    sine, cosine = sine_cosine(TWO_PI * uniform(key, counter + np.uint64(1)))
+    return radius * cosine, radius * sine
+
+
+def key_of(seed: int) -> np.uint64:
+    """Return the key of a lane seeded with `seed`, scrambled by NumPy's `SeedSequence`."""
+    key: np.uint64 = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
+    return key

@@ -1,0 +1,1 @@
+"""The arm: its parameters, its equations of motion, its friction and its integrators."""

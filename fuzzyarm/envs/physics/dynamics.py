@@ -1,0 +1,250 @@
+"""Rigid-body and joint dynamics of the arm, equations (1) to (3) with the signs of the descriptor form (5).
+
+Angles are measured from the hanging position: the x axis of (26) points down and gravity pulls along +x.
+Elementwise source, see `friction`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+
+
+@dataclasses.dataclass(frozen=True)
+class Payload:
+    """A mass carried by the arm and not told to the controller (Case 3).
+
+    Attributes:
+        mass: carried mass [kg], >= 0.
+        at: ``"tip"``, a point mass at the end of link 2, or ``"link"``, added to m_2 at its mass center r_2
+            (the other reading of "a variation of the effector mass m_2 of 55.6 %").
+    """
+
+    mass: float = 0.0
+    at: Literal["tip", "link"] = "tip"
+
+    def __post_init__(self) -> None:
+        """Check the mass and the place."""
+        is_number = isinstance(self.mass, numbers.Real) and not isinstance(self.mass, bool)
+        if not (is_number and 0.0 <= self.mass < math.inf):
+            raise ValueError(f"payload mass = {self.mass!r} kg is out of range; allowed: [0, inf) kg")
+        if self.at not in ("tip", "link"):
+            raise ValueError(f"payload at = {self.at!r} is unknown; choose 'tip' or 'link'")
+
+
+class Arm(NamedTuple):
+    """The constants the equations use; every entry a scalar, or an array with one value per lane.
+
+    c1..c3 are the inertias of the mass matrix [kg m²], c4 and c5 the gravity torques [N m]; motor inertias
+    [kg m²], viscous friction [N m s/rad], joint stiffness [N m/rad] and damping [N m s/rad], static and Coulomb
+    friction [N m], Stribeck velocity [rad/s], link lengths [m].
+    """
+
+    c1: Any
+    c2: Any
+    c3: Any
+    c4: Any
+    c5: Any
+    motor_inertia1: Any
+    motor_inertia2: Any
+    viscous1: Any
+    viscous2: Any
+    stiffness1: Any
+    stiffness2: Any
+    damping1: Any
+    damping2: Any
+    static1: Any
+    static2: Any
+    coulomb1: Any
+    coulomb2: Any
+    stribeck_velocity: Any
+    length1: Any
+    length2: Any
+
+
+class Plant(NamedTuple):
+    """The fields of `ArmParameters` in their order, every number a scalar, or an array with one value per lane."""
+
+    length: Any
+    mass: Any
+    inertia: Any
+    mass_center: Any
+    viscous_friction: Any
+    gravity: Any
+    motor_inertia: Any
+    stiffness: Any
+    damping: Any
+    static_friction: Any
+    coulomb_friction: Any
+    stribeck_velocity: Any
+    torque_limit: Any
+    joint_limit: Any
+    velocity_limit: Any
+
+
+class State(NamedTuple):
+    """Motor angles and link angles [rad], then their velocities [rad/s]; scalars or arrays of lanes."""
+
+    motor1: Any
+    motor2: Any
+    link1: Any
+    link2: Any
+    motor_velocity1: Any
+    motor_velocity2: Any
+    link_velocity1: Any
+    link_velocity2: Any
+
+
+@register_jitable
+def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, gravity: Any) -> tuple[Any, ...]:
+    """Return c1..c5 of (3) from pairs of any number type, exact rationals included.
+
+    c1 = m1 r1² + I1 + m2 L1² + m2 r2² + I2, c2 = m2 L1 r2, c3 = m2 r2² + I2, c4 = m1 g r1 + m2 g L1, c5 = m2 g r2.
+    """
+    (l1, _), (m1, m2), (r1, r2), (i1, i2) = length, mass, mass_center, inertia
+    c3 = m2 * r2 * r2 + i2
+    return (
+        m1 * r1 * r1 + i1 + m2 * l1 * l1 + c3,
+        m2 * l1 * r2,
+        c3,
+        m1 * gravity * r1 + m2 * gravity * l1,
+        m2 * gravity * r2,
+    )
+
+
+@register_jitable
+def lump(plant: Plant) -> Arm:
+    """Lump a plant without payload into the constants of (3)."""
+    c1, c2, c3, c4, c5 = inertia_and_gravity(plant.length, plant.mass, plant.mass_center, plant.inertia, plant.gravity)
+    return Arm(
+        c1,
+        c2,
+        c3,
+        c4,
+        c5,
+        plant.motor_inertia[0],
+        plant.motor_inertia[1],
+        plant.viscous_friction[0],
+        plant.viscous_friction[1],
+        plant.stiffness[0],
+        plant.stiffness[1],
+        plant.damping[0],
+        plant.damping[1],
+        plant.static_friction[0],
+        plant.static_friction[1],
+        plant.coulomb_friction[0],
+        plant.coulomb_friction[1],
+        plant.stribeck_velocity,
+        plant.length[0],
+        plant.length[1],
+    )
+
+
+@register_jitable
+def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
+    """Return the constants with a point mass m [kg] at a distance r [m] from joint 2.
+
+    It adds m (L1² + r²), m L1 r, m r², m g L1 and m g r to c1..c5.
+    """
+    length = arm.length1
+    return Arm(
+        arm.c1 + mass * (length * length + radius * radius),
+        arm.c2 + mass * length * radius,
+        arm.c3 + mass * (radius * radius),
+        arm.c4 + mass * gravity * length,
+        arm.c5 + mass * gravity * radius,
+        *arm[5:],
+    )
+
+
+def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
+    """Lump Table 1 and a payload into the constants of (3), see `lump` and `loaded`."""
+    payload = payload or Payload()
+    radius = parameters.length[1] if payload.at == "tip" else parameters.mass_center[1]
+    arm: Arm = loaded(lump(plant_of(parameters)), payload.mass, radius, parameters.gravity)
+    return arm
+
+
+def plant_of(parameters: ArmParameters) -> Plant:
+    """Return the fields as the equations take them."""
+    return Plant(*(getattr(parameters, field.name) for field in dataclasses.fields(parameters)))
+
+
+@register_jitable
+def mass_matrix(cos2: Any, arm: Arm) -> tuple[Any, Any, Any]:
+    """Return (M11, M12, M22) of the links [kg m²], M_b of (3), at cos q2."""
+    return arm.c1 + 2.0 * arm.c2 * cos2, arm.c3 + arm.c2 * cos2, arm.c3 + 0.0 * cos2
+
+
+@register_jitable
+def coriolis_torque(sin2: Any, velocity1: Any, velocity2: Any, arm: Arm) -> tuple[Any, Any]:
+    """Return C(q, q̇) q̇ [N m]: (-c2 sin q2 (2 q̇1 q̇2 + q̇2²), c2 sin q2 q̇1²), the signs of (5)-(6)."""
+    coupling = arm.c2 * sin2
+    return -coupling * velocity2 * (2.0 * velocity1 + velocity2), coupling * velocity1 * velocity1
+
+
+@register_jitable
+def gravity_torque(sin1: Any, sin12: Any, arm: Arm) -> tuple[Any, Any]:
+    """Return g(q) = (c4 sin q1 + c5 sin q12, c5 sin q12) [N m]."""
+    second = arm.c5 * sin12
+    return arm.c4 * sin1 + second, second
+
+
+@register_jitable
+def solve_mass_matrix(cos2: Any, torque1: Any, torque2: Any, arm: Arm) -> tuple[Any, Any]:
+    """Return M_b(q)⁻¹ τ [rad/s²] for link torques τ [N m]."""
+    m11, m12, m22 = mass_matrix(cos2, arm)
+    inverse = 1.0 / (m11 * m22 - m12 * m12)
+    return (m22 * torque1 - m12 * torque2) * inverse, (m11 * torque2 - m12 * torque1) * inverse
+
+
+@register_jitable
+def tip_force_torque(
+    sin1: Any, cos1: Any, sin12: Any, cos12: Any, force_x: Any, force_y: Any, arm: Arm
+) -> tuple[Any, Any]:
+    """Return J(q)ᵀ F [N m] for a force F [N] on the tip, J the Jacobian of (26)."""
+    second = arm.length2 * (cos12 * force_y - sin12 * force_x)
+    return arm.length1 * (cos1 * force_y - sin1 * force_x) + second, second
+
+
+@register_jitable
+def joint_torque(state: State, arm: Arm) -> tuple[Any, Any]:
+    """Return Γ_t = K_t (q_a - q_b) + B_t (q̇_a - q̇_b) [N m], equation (2)."""
+    return (
+        arm.stiffness1 * (state.motor1 - state.link1) + arm.damping1 * (state.motor_velocity1 - state.link_velocity1),
+        arm.stiffness2 * (state.motor2 - state.link2) + arm.damping2 * (state.motor_velocity2 - state.link_velocity2),
+    )
+
+
+def rigid_inverse_dynamics(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, arm: Arm) -> np.ndarray:
+    """Return the link torque M_b(q) q̈ + C(q, q̇) q̇ + g(q) [N m], shape (..., 2), for motions of shape (..., 2)."""
+    q1, q2 = q[..., 0], q[..., 1]
+    m11, m12, m22 = mass_matrix(np.cos(q2), arm)
+    c1, c2 = coriolis_torque(np.sin(q2), dq[..., 0], dq[..., 1], arm)
+    g1, g2 = gravity_torque(np.sin(q1), np.sin(q1 + q2), arm)
+    return np.stack(
+        [m11 * ddq[..., 0] + m12 * ddq[..., 1] + c1 + g1, m12 * ddq[..., 0] + m22 * ddq[..., 1] + c2 + g2], axis=-1
+    )
+
+
+def tip_position(q: np.ndarray, length: tuple[float, float]) -> np.ndarray:
+    """Return the tip (x, y) [m] of (26), shape (..., 2), for joint angles of shape (..., 2); x points down."""
+    q1, q12 = q[..., 0], q[..., 0] + q[..., 1]
+    return np.stack(
+        [length[0] * np.cos(q1) + length[1] * np.cos(q12), length[0] * np.sin(q1) + length[1] * np.sin(q12)], axis=-1
+    )
+
+
+def tip_jacobian(q: np.ndarray, length: tuple[float, float]) -> np.ndarray:
+    """Return J = ∂(x, y)/∂q [m], shape (..., 2, 2)."""
+    q1, q12 = q[..., 0], q[..., 0] + q[..., 1]
+    column2 = np.stack([-length[1] * np.sin(q12), length[1] * np.cos(q12)], axis=-1)
+    column1 = np.stack([-length[0] * np.sin(q1), length[0] * np.cos(q1)], axis=-1) + column2
+    return np.stack([column1, column2], axis=-1)

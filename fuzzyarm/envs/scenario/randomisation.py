@@ -1,0 +1,235 @@
+"""Domain randomisation: how the plants, loads, starts and references of episodes differ, as data.
+
+Every quantity of an episode is drawn independently and uniformly from a range; a range that is one point leaves
+the nominal, so the default randomisation varies nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.envs.physics.dynamics import Plant
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, TipPath
+from fuzzyarm.envs.scenario.reference import JointReference
+
+Range = tuple[float, float]
+FAMILY = 32  # references in the family of "robust"
+FAMILY_SEED = 2022
+
+
+class Draw(NamedTuple):
+    """What one episode draws; scalars, or arrays with one value per lane.
+
+    Factors, one per joint: of the link's mass and inertia, of the motor's inertia, of joint stiffness and damping, of
+    dry friction (static and Coulomb alike) and of viscous friction. Then the payload added to the case's [kg], the
+    factor of the case's tip force, the angles [rad] by which the start lies beside the reference, and the place of
+    the reference in the family (0 where there is none).
+    """
+
+    mass1: Any
+    mass2: Any
+    motor_inertia1: Any
+    motor_inertia2: Any
+    stiffness1: Any
+    stiffness2: Any
+    damping1: Any
+    damping2: Any
+    dry_friction1: Any
+    dry_friction2: Any
+    viscous_friction1: Any
+    viscous_friction2: Any
+    payload: Any
+    force: Any
+    angle1: Any
+    angle2: Any
+    reference: Any
+
+
+@register_jitable
+def varied(plant: Plant, draw: Draw) -> Plant:
+    """Return the plant with the factors of a draw."""
+    return Plant(
+        plant.length,
+        (plant.mass[0] * draw.mass1, plant.mass[1] * draw.mass2),
+        (plant.inertia[0] * draw.mass1, plant.inertia[1] * draw.mass2),
+        plant.mass_center,
+        (plant.viscous_friction[0] * draw.viscous_friction1, plant.viscous_friction[1] * draw.viscous_friction2),
+        plant.gravity,
+        (plant.motor_inertia[0] * draw.motor_inertia1, plant.motor_inertia[1] * draw.motor_inertia2),
+        (plant.stiffness[0] * draw.stiffness1, plant.stiffness[1] * draw.stiffness2),
+        (plant.damping[0] * draw.damping1, plant.damping[1] * draw.damping2),
+        (plant.static_friction[0] * draw.dry_friction1, plant.static_friction[1] * draw.dry_friction2),
+        (plant.coulomb_friction[0] * draw.dry_friction1, plant.coulomb_friction[1] * draw.dry_friction2),
+        plant.stribeck_velocity,
+        plant.torque_limit,
+        plant.joint_limit,
+        plant.velocity_limit,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class DomainRandomisation:
+    """Ranges (low, high) of the uniform distributions that an episode is drawn from; the defaults vary nothing.
+
+    Attributes:
+        mass: factor of each link's mass and inertia, a draw per link.
+        motor_inertia: factor of each motor's inertia.
+        stiffness: factor of each joint's stiffness.
+        damping: factor of each joint's damping.
+        dry_friction: factor of each motor's static and Coulomb friction, one draw for both.
+        viscous_friction: factor of each motor's viscous friction.
+        payload: mass at the tip [kg], added to the case's own payload.
+        force: factor of the case's tip force (without one there is nothing to scale).
+        angle: how far each joint starts beside the reference [rad].
+        references: family of which each episode draws one, in place of the environment's reference; all for the
+            arm's link lengths. Empty: no draw.
+
+    Raises:
+        ValueError: a range is no pair of finite numbers low <= high, or leaves what is allowed for it.
+    """
+
+    mass: Range = (1.0, 1.0)
+    motor_inertia: Range = (1.0, 1.0)
+    stiffness: Range = (1.0, 1.0)
+    damping: Range = (1.0, 1.0)
+    dry_friction: Range = (1.0, 1.0)
+    viscous_friction: Range = (1.0, 1.0)
+    payload: Range = (0.0, 0.0)
+    force: Range = (1.0, 1.0)
+    angle: Range = (0.0, 0.0)
+    references: tuple[JointReference, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        for name, (low, high, unit) in ALLOWED.items():
+            _check_range(name, getattr(self, name), low, high, unit)
+        for reference in self.references:
+            if not isinstance(reference, JointReference):
+                raise ValueError(
+                    f"DomainRandomisation.references holds {reference!r}; it must hold JointReference objects only"
+                )
+
+    @property
+    def varies(self) -> bool:
+        """Whether anything is drawn at all."""
+        return bool(self.references) or any(low < high for low, high in map(self.__getattribute__, ALLOWED))
+
+    @property
+    def ranges(self) -> np.ndarray:
+        """Low and high of every entry of `Draw`, shape (17, 2); the reference's is [0, number of references)."""
+        pairs = [getattr(self, name) for name in ALLOWED]
+        per_joint = [pair for name, pair in zip(ALLOWED, pairs, strict=True) for _ in range(_entries(name))]
+        return np.array([*per_joint, (0.0, float(len(self.references)))])
+
+
+ALLOWED = {
+    "mass": (0.01, 100.0, ""),
+    "motor_inertia": (0.01, 100.0, ""),
+    "stiffness": (0.01, 100.0, ""),
+    "damping": (0.0, 100.0, ""),
+    "dry_friction": (0.0, 100.0, ""),
+    "viscous_friction": (0.0, 100.0, ""),
+    "payload": (0.0, 1000.0, " kg"),
+    "force": (0.0, 100.0, ""),
+    "angle": (-0.5, 0.5, " rad"),
+}
+
+
+def _entries(name: str) -> int:
+    """Return how many entries of `Draw` a range is for: one per joint, but for the loads."""
+    return 1 if name in ("payload", "force") else 2
+
+
+def reference_family(parameters: ArmParameters, count: int = FAMILY) -> tuple[JointReference, ...]:
+    """Return `count` references that always come out the same for an arm.
+
+    Circles mostly, every eighth a lemniscate and every eighth a line: size 5-20 % of the reach, center anywhere that
+    keeps the curve within 30-92 % of it, any start angle, either direction, peak tip speed 0.4-2.2 reaches a second
+    (a lemniscate passes its crossing up to 1.46 times faster), by rejection.
+    """
+    generator = np.random.default_rng(FAMILY_SEED)
+    reach = sum(parameters.length)
+    family: list[JointReference] = []
+    path: TipPath
+    while len(family) < count:
+        size, angle = reach * generator.uniform(0.05, 0.2), generator.uniform(-math.pi, math.pi)
+        distance, bearing = reach * generator.uniform(0.4, 0.8), generator.uniform(-0.3, 1.9)
+        center = (distance * math.cos(bearing), distance * math.sin(bearing))
+        speed, turns = reach * generator.uniform(0.4, 2.2), generator.choice([-1.0, 1.0])
+        step = (size * math.cos(angle), size * math.sin(angle))
+        if len(family) % 8 == 7:
+            path, length = _line(center, step), 2.0 * size
+        elif len(family) % 4 == 3:
+            path, length = Lemniscate(center=center, half_width=size, angle=angle), 6.1 * size
+        else:
+            path = Circle(center=center, radius=size, start_angle=angle, turns=turns)
+            length = 2.0 * math.pi * size
+        far = np.hypot(*path.points(np.linspace(0.0, 1.0, 200))[0].T)
+        if far.min() < 0.3 * reach or far.max() > 0.92 * reach:
+            continue
+        try:
+            # The quintic time law's peak speed is 1.875 times the mean.
+            family.append(JointReference(path, duration=max(1.875 * length / speed, 0.4), parameters=parameters))
+        except ValueError:
+            continue  # too fast for the joints there: draw again
+    return tuple(family)
+
+
+def _line(center: tuple[float, float], step: tuple[float, float]) -> Line:
+    return Line((center[0] - step[0], center[1] - step[1]), (center[0] + step[0], center[1] + step[1]))
+
+
+def _plants(parameters: ArmParameters) -> DomainRandomisation:
+    return DomainRandomisation(
+        mass=(0.9, 1.1),
+        motor_inertia=(0.9, 1.1),
+        stiffness=(0.8, 1.2),
+        damping=(0.5, 1.5),
+        dry_friction=(0.5, 1.5),
+        viscous_friction=(0.5, 1.5),
+    )
+
+
+def _robust(parameters: ArmParameters) -> DomainRandomisation:
+    return dataclasses.replace(
+        _plants(parameters),
+        payload=(0.0, 5.0),
+        force=(0.0, 1.0),
+        angle=(-0.01, 0.01),
+        references=reference_family(parameters),
+    )
+
+
+RANDOMISATIONS: dict[str, Callable[[ArmParameters], DomainRandomisation]] = {
+    "nominal": lambda parameters: DomainRandomisation(),
+    "plants": _plants,
+    "robust": _robust,
+}
+
+
+def find_randomisation(randomisation: str | DomainRandomisation, parameters: ArmParameters) -> DomainRandomisation:
+    """Return the randomisation itself, or the named one for this arm; ValueError names the choices."""
+    if isinstance(randomisation, DomainRandomisation):
+        return randomisation
+    if randomisation not in RANDOMISATIONS:
+        raise ValueError(
+            f"unknown randomisation {randomisation!r}; choose from: {', '.join(RANDOMISATIONS)}, or give a DomainRandomisation"
+        )
+    return RANDOMISATIONS[randomisation](parameters)
+
+
+def _check_range(name: str, value: Any, low: float, high: float, unit: str) -> None:
+    is_pair = isinstance(value, (tuple, list)) and len(value) == 2
+    numbers_only = is_pair and all(isinstance(x, numbers.Real) and not isinstance(x, bool) for x in value)
+    if not (numbers_only and low <= value[0] <= value[1] <= high):
+        raise ValueError(
+            f"DomainRandomisation.{name} = {value!r} must be a range (low, high) with {low:g} <= low <= high <= {high:g}{unit}"
+        )

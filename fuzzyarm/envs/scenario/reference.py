@@ -1,0 +1,198 @@
+"""The motion the arm is asked for: a tip curve, a quintic time law and the inverse of the forward kinematics (26).
+
+    s(t) = 10 x³ - 15 x⁴ + 6 x⁵,  x = t/T;      p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇)
+
+Section 6.1.3 of the paper; the values it does not print (start angle, direction, elbow) were found from its peak
+torques, see `paths.Circle`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.paths import Circle, TipPath
+
+# The whole path must keep |q2| in [margin, π - margin] rad: det J = L1 L2 sin q2 vanishes at 0 and π.
+SINGULARITY_MARGIN = 0.05
+
+# Instants, evenly spaced over the duration, at which a new reference is checked.
+CHECKED_INSTANTS = 2001
+
+
+class ReferenceSample(NamedTuple):
+    """Joint angles [rad], velocities [rad/s] and accelerations [rad/s²], each of shape (..., 2)."""
+
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+
+
+class TipSample(NamedTuple):
+    """Tip position [m] and velocity [m/s], each of shape (..., 2)."""
+
+    position: np.ndarray
+    velocity: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class JointReference:
+    """q(t), q̇(t), q̈(t) that carry the tip along a path from rest to rest; the defaults are the paper's motion.
+
+    All derivatives are analytic, and every value depends on its own t alone. Before t = 0 and after t = T the arm
+    rests at the ends of the path.
+
+    Attributes:
+        path: tip curve (`paths`).
+        duration: T [s], > 0.
+        elbow_sign: sign of q2 along the whole path: +1 (the paper's motion) or -1, the mirrored elbow.
+        parameters: the arm; its lengths, joint limits and velocity limits are used.
+
+    Raises:
+        TypeError: `path` has no method ``points``.
+        ValueError: `duration` or `elbow_sign` is out of range, or the path is out of reach, too close to a singular
+            configuration (`SINGULARITY_MARGIN`), or outside the limits of the joints or of their velocities.
+    """
+
+    path: TipPath = dataclasses.field(default_factory=Circle)
+    duration: float = 1.5
+    elbow_sign: int = 1
+    parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
+
+    def __post_init__(self) -> None:
+        """Check the values, then the whole motion at `CHECKED_INSTANTS` instants."""
+        if not isinstance(self.path, TipPath):
+            raise TypeError(
+                f"path = {self.path!r} must have a method points(s), see fuzzyarm.envs.scenario.paths.TipPath"
+            )
+        is_number = isinstance(self.duration, numbers.Real) and not isinstance(self.duration, bool)
+        if not (is_number and math.isfinite(self.duration) and self.duration > 0.0):
+            raise ValueError(f"duration = {self.duration!r} s is out of range; allowed: (0, inf) s")
+        if isinstance(self.elbow_sign, bool) or self.elbow_sign not in (1, -1):
+            raise ValueError(f"elbow_sign = {self.elbow_sign!r} is out of range; allowed: 1 (q2 > 0) or -1 (q2 < 0)")
+        t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
+        _check_reach(t, self.tip(t).position, self.parameters.length)
+        motion = self.sample(t)
+        _check_joint_limits(t, motion.q, self.parameters.joint_limit)
+        _check_velocities(t, motion.dq, self.parameters.velocity_limit, self.duration)
+
+    def sample(self, t: ArrayLike) -> ReferenceSample:
+        """Return q, q̇ = J⁻¹ ṗ and q̈ = J⁻¹ (p̈ - J̇ q̇), shapes (..., 2), at times t [s] of shape (...,)."""
+        position, velocity, acceleration = self._tip_motion(t)
+        length = self.parameters.length
+        q = joint_angles(position, length, self.elbow_sign)
+        jacobian = tip_jacobian(q, length)
+        dq = _solve(jacobian, velocity)
+        # J̇ q̇ is centripetal: each link, at angle φ and turning at ω, adds -L ω² (cos φ, sin φ).
+        phi, omega = np.cumsum(q, axis=-1), np.cumsum(dq, axis=-1)
+        pull = np.array(length) * omega**2
+        centripetal = -np.stack([np.sum(pull * np.cos(phi), axis=-1), np.sum(pull * np.sin(phi), axis=-1)], axis=-1)
+        return ReferenceSample(q, dq, _solve(jacobian, acceleration - centripetal))
+
+    def tip(self, t: ArrayLike) -> TipSample:
+        """Return position p(s(t)) [m] and velocity ṗ = p' ṡ [m/s], shapes (..., 2), at times t [s] of shape (...,)."""
+        position, velocity, _ = self._tip_motion(t)
+        return TipSample(position, velocity)
+
+    def corners(self) -> np.ndarray:
+        """Return the times [s] at which q̈ has a corner, ascending: the ends, and where the path has one (`TipPath`)."""
+        from scipy.special import betaincinv
+
+        # s(x) of the time law is the regularised incomplete beta function I_x(3, 3).
+        inner = self.duration * betaincinv(3.0, 3.0, np.asarray(getattr(self.path, "corners", ()), dtype=float))
+        return np.unique([0.0, *inner, self.duration])
+
+    def _tip_motion(self, t: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈."""
+        s, ds, dds = quintic_time_law(t, self.duration)
+        p, dp, ddp = self.path.points(s)
+        ds, dds = ds[..., np.newaxis], dds[..., np.newaxis]
+        return p, dp * ds, ddp * ds**2 + dp * dds
+
+
+def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return s = 10 x³ - 15 x⁴ + 6 x⁵, ṡ [1/s] and s̈ [1/s²], x = t/duration clamped to [0, 1]; shapes as t [s].
+
+    ṡ and s̈ vanish at both ends and beyond; the largest ṡ is 1.875 / duration, half-way.
+    """
+    x = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0)
+    s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    ds = 30.0 * (x * (1.0 - x)) ** 2 / duration
+    dds = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / duration**2
+    return s, ds, dds
+
+
+def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: int) -> np.ndarray:
+    """Return the joint angles [rad] that put the tip at `position` [m], both of shape (..., 2): the inverse of (26).
+
+    With r = |p|: q2 = ±2 atan sqrt(((L1 + L2)² - r²) / (r² - (L1 - L2)²)), and q1 is the angle of p in the frame of
+    the bent arm, in [-π, π]. A joint limit is at most π, so within the limits q1 never meets the branch cut.
+
+    Returns:
+        Angles with q2 of sign `elbow_sign`; nan where |p| is outside [|L1 - L2|, L1 + L2].
+    """
+    x, y = position[..., 0], position[..., 1]
+    r, outer, inner = np.hypot(x, y), length[0] + length[1], abs(length[0] - length[1])
+    with np.errstate(invalid="ignore"):
+        folded, stretched = np.sqrt((outer - r) * (outer + r)), np.sqrt((r - inner) * (r + inner))
+    q2 = elbow_sign * 2.0 * np.arctan2(folded, stretched)
+    # The tip of the arm with q1 = 0; q1 turns it onto p.
+    x0, y0 = length[0] + length[1] * np.cos(q2), length[1] * np.sin(q2)
+    return np.stack([np.arctan2(y * x0 - x * y0, x * x0 + y * y0), q2], axis=-1)
+
+
+def _solve(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return J⁻¹ right, shapes (..., 2, 2) and (..., 2)."""
+    return np.linalg.solve(jacobian, right[..., np.newaxis])[..., 0]
+
+
+def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float]) -> None:
+    """Raise unless every point lies in the reach ring, less the margin to the singular configurations."""
+    if position.shape != (*t.shape, 2):
+        raise ValueError(
+            f"path.points(s) gave shape {position.shape} for s of shape {t.shape}; allowed: {(*t.shape, 2)}"
+        )
+    distance = np.hypot(position[:, 0], position[:, 1])
+    most_folded, most_stretched = [0.0, math.pi - SINGULARITY_MARGIN], [0.0, SINGULARITY_MARGIN]
+    low, high = np.linalg.norm(tip_position(np.array([most_folded, most_stretched]), length), axis=-1)
+    outside = ~((low < distance) & (distance < high))  # nan counts as outside
+    if outside.any():
+        k = int(np.argmax(outside))
+        raise ValueError(
+            f"the path leaves the reach of the arm at t = {t[k]:.4g} s: point ({position[k, 0]:.6g}, "
+            f"{position[k, 1]:.6g}) m is {distance[k]:.6g} m from the base; allowed: ({low:.6g}, {high:.6g}) m, "
+            f"the reach ring ({abs(length[0] - length[1]):g}, {length[0] + length[1]:g}) m less "
+            f"{SINGULARITY_MARGIN} rad of q2 at either edge. Move or shrink the path"
+        )
+
+
+def _check_joint_limits(t: np.ndarray, q: np.ndarray, limit: tuple[float, float]) -> None:
+    """Raise if a joint angle, followed continuously, leaves its limit."""
+    outside = np.abs(np.unwrap(q, axis=0)) > np.array(limit)
+    for joint in np.flatnonzero(outside.any(axis=0)):
+        k = int(np.argmax(outside[:, joint]))
+        raise ValueError(
+            f"q{joint + 1} = {np.unwrap(q[:, joint])[k]:.6g} rad at t = {t[k]:.4g} s leaves the joint limit; allowed: "
+            f"[-{limit[joint]:.6g}, {limit[joint]:.6g}] rad (parameters.joint_limit[{joint}]). "
+            "Move the path or choose the other elbow_sign"
+        )
+
+
+def _check_velocities(t: np.ndarray, dq: np.ndarray, limit: tuple[float, float], duration: float) -> None:
+    """Raise if a joint velocity passes its limit; velocities go with 1/T, so the message knows the T that fits."""
+    speed = np.abs(dq)
+    k, joint = np.unravel_index(np.argmax(speed / np.array(limit)), speed.shape)
+    if speed[k, joint] > limit[joint]:
+        needed = duration * speed[k, joint] / limit[joint]
+        raise ValueError(
+            f"dq{joint + 1} = {dq[k, joint]:.6g} rad/s at t = {t[k]:.4g} s passes the velocity limit; allowed: "
+            f"[-{limit[joint]:g}, {limit[joint]:g}] rad/s (parameters.velocity_limit[{joint}]). "
+            f"Raise duration = {duration:g} s to {math.ceil(needed * 1000.0) / 1000.0:.3f} s or more"
+        )

@@ -1,0 +1,1 @@
+"""Speed: environment steps per second beside peers."""

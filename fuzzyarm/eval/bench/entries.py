@@ -1,0 +1,256 @@
+"""Entries of the speed table, and this project's own: one environment, the Numba batch, the torch batch.
+
+A entry opens to a function of wall time that returns environment steps per second: control steps with observation,
+reward and resets as they fall, under actions drawn beforehand.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import importlib
+import itertools
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterable, Iterator
+from types import ModuleType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from fuzzyarm.envs.batch.lanes import LANES_PER_THREAD
+from fuzzyarm.envs.fuzzy_arm import MAX_DEFAULT_SUBSTEP, whole_substeps
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
+from fuzzyarm.policies import load_policy
+
+Measure = Callable[[float], float]
+"""Wall time to spend [s] -> environment steps per second."""
+
+TORQUE_SCALE = 0.1  # of the limits: the arm moves and slips, and lanes do not leave the joint domain
+SUBSTEPS = whole_substeps(1e-3, None)
+
+
+class NotMeasured(Exception):
+    """This entry cannot run here; the message says why and what would help."""
+
+
+UNAVAILABLE = (NotMeasured, ImportError, gym.error.Error, RuntimeError)
+"""What opening a entry raises where a package, a compiler or a device is missing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """A line of the speed table.
+
+    Attributes:
+        name: as the table calls it.
+        lanes: environments stepped by one call.
+        threads: CPU threads it may use.
+        substeps: sub-steps of the physics per control step.
+        dtype: of the physics.
+        open: context manager around the function that measures; entering builds, leaving frees. Entering raises one of
+            `UNAVAILABLE` where that cannot be.
+        peer: heading of the ratio to this one; empty for this project's own.
+        tip_error: largest distance [m] of the tip from the event integrator's in the nominal case, with computed torque
+            in the loop; None where there is no such thing.
+        extra: optional dependencies of this package that it needs.
+    """
+
+    name: str
+    lanes: int
+    threads: int
+    substeps: int
+    dtype: str
+    open: Callable[[], contextlib.AbstractContextManager[Measure]]
+    peer: str = ""
+    tip_error: Callable[[], float] | None = None
+    extra: str = ""
+
+
+def own_single() -> Entry:
+    """Return one environment as `gymnasium.make` gives it."""
+    opened = functools.partial(single_environment, "FuzzyArm-v0", TORQUE_SCALE)
+    return Entry("FuzzyArm-v0, Numba", 1, 1, SUBSTEPS, "float64", opened, tip_error=_single_tip_error)
+
+
+TORCH_LANES = 4096
+"""From about here on a batch in tensors pays: a step costs a tenth of a millisecond however few lanes there are."""
+
+
+def own_batches(lanes: int, threads: int) -> list[Entry]:
+    """Return this project's batched environments on at most so many threads, those in torch from `TORCH_LANES` on."""
+    used = min(threads, max(1, lanes // LANES_PER_THREAD))  # as many as help, which is the environment's own default
+    opened = functools.partial(_numba, lanes, used)
+    numba = Entry("FuzzyArm-v0, Numba", lanes, used, SUBSTEPS, "float64", opened, tip_error=_numba_tip_error)
+    in_torch = TORCH_TIP_ERRORS if lanes >= TORCH_LANES else ()
+    return [numba, *(_torch_contestant(lanes, threads, *key) for key in in_torch)]
+
+
+def _torch_contestant(lanes: int, threads: int, device: str, dtype: str) -> Entry:
+    name = f"FuzzyArm, torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
+    opened, tip_error = functools.partial(_torch, lanes, threads, device, dtype), TORCH_TIP_ERRORS[device, dtype]
+    return Entry(name, lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl")
+
+
+def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
+    """Return the function that calls `advance` until the time is up, and at least once.
+
+    Args:
+        advance: takes some steps and returns how many.
+        clock: [s].
+    """
+
+    def measure(seconds: float) -> float:
+        begin, steps = clock(), 0
+        while True:
+            steps += advance()
+            elapsed = clock() - begin
+            if elapsed >= seconds:
+                return steps / elapsed
+
+    return measure
+
+
+def timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) -> Measure:
+    """Return the function that calls `step` with the actions in turn; each call steps all lanes."""
+    ring = itertools.cycle(actions)
+
+    def advance() -> int:
+        step(next(ring))
+        return lanes
+
+    return timed(advance)
+
+
+def draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: float = 1.0) -> np.ndarray:
+    """Return actions (count, *lanes, *space.shape), uniform in the space times `scale`."""
+    assert isinstance(space, gym.spaces.Box)
+    low, high = scale * space.low.astype(float), scale * space.high.astype(float)
+    values = np.random.default_rng(0).uniform(low, high, (count, *lanes, *low.shape))
+    return values.astype(space.dtype)
+
+
+@contextlib.contextmanager
+def single_environment(name: str, scale: float) -> Iterator[Measure]:
+    """Open an environment of Gymnasium's registry; actions are drawn from its action space times `scale`."""
+    env = gym.make(name)
+    try:
+        actions = list(draw_actions(env.action_space, 64, (), scale))
+        env.reset(seed=0)
+
+        def advance() -> int:
+            for action in actions:
+                _, _, terminated, truncated, _ = env.step(action)
+                if terminated or truncated:
+                    env.reset()
+            return len(actions)
+
+        yield timed(advance)
+    finally:
+        env.close()
+
+
+def numba_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
+    """Return the batched environment as `gymnasium.make_vec` gives it."""
+    return gym.make_vec("FuzzyArm-v0", num_envs=lanes, vectorization_mode="vector_entry_point", threads=threads)
+
+
+@contextlib.contextmanager
+def _numba(lanes: int, threads: int) -> Iterator[Measure]:
+    envs = numba_batch(lanes, threads)
+    try:
+        envs.reset(seed=0)
+        yield timed_batch(envs.step, draw_actions(envs.single_action_space, 4, (lanes,), TORQUE_SCALE), lanes)
+    finally:
+        envs.close()
+
+
+@contextlib.contextmanager
+def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measure]:
+    torch_env, torch = _torch_modules(device)
+    threads_before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        arm = torch_env.TorchFuzzyArm(lanes, device=device, dtype=getattr(torch, dtype), compiled=True)
+        observation = arm.reset(seed=0)
+        limit = np.array(ArmParameters().torque_limit)
+        space = gym.spaces.Box(-limit, limit, dtype=np.float64)
+        actions = observation.new_tensor(draw_actions(space, 4, (lanes,), TORQUE_SCALE))
+
+        def advance() -> int:
+            for action in actions:
+                arm.step(action)
+            if device == "cuda":
+                torch.cuda.synchronize()  # a step only queues work
+            return len(actions) * lanes
+
+        yield timed(advance)
+    finally:
+        torch.set_num_threads(threads_before)
+
+
+def _torch_modules(device: str) -> tuple[ModuleType, ModuleType]:
+    """Return `fuzzyarm.rl_baselines.torch_env` and its torch, if they can compile for the device."""
+    # By name: only rl_baselines imports torch, which is optional.
+    torch_env = importlib.import_module("fuzzyarm.rl_baselines.torch_env")
+    torch: ModuleType = torch_env.torch
+    if device == "cuda" and not torch.cuda.is_available():
+        raise NotMeasured("no GPU that torch can use")
+    if not any(shutil.which(name) for name in (os.environ.get("CXX"), "g++", "clang++", "cl") if name):
+        raise NotMeasured("torch.compile needs a C++ compiler: install g++ or clang++, or name one in CXX")
+    return torch_env, torch
+
+
+@functools.cache
+def _exact_tips() -> np.ndarray:
+    return exact_tips(load_policy("computed-torque"), "nominal")
+
+
+def _single_tip_error() -> float:
+    stepped = stepped_tips(load_policy("computed-torque"), "nominal", MAX_DEFAULT_SUBSTEP)
+    return max_tip_difference(stepped, _exact_tips())
+
+
+def _numba_tip_error() -> float:
+    envs = numba_batch(2, 1)
+    try:
+        observation, _ = envs.reset(seed=0)
+        return _batch_tip_error(observation, envs.step)
+    finally:
+        envs.close()
+
+
+def _torch_tip_error(device: str, dtype: str) -> float:
+    torch_env, torch = _torch_modules(device)
+    # Not compiled, which takes a minute for each number of lanes; tests hold the compiled step to this one.
+    arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=False)
+    first = arm.reset(seed=0)
+
+    return _batch_tip_error(first, lambda action: arm.step(first.new_tensor(action)))
+
+
+TORCH_TIP_ERRORS = {
+    key: functools.partial(_torch_tip_error, *key)
+    for key in (("cpu", "float64"), ("cpu", "float32"), ("cuda", "float32"))
+}
+"""By device and dtype. One function whatever the lanes, so that the error is found once."""
+
+
+def _batch_tip_error(observation: Any, step: Callable[[np.ndarray], tuple[Any, ...]]) -> float:
+    """Return the tip error [m] of lane 0 of a batch, of arrays or tensors, over its first episode."""
+    policy, state, tips = load_policy("computed-torque"), None, []
+    while True:
+        action, state = policy.predict(_numpy(observation), state)
+        observation, _, terminated, truncated, info = step(action)
+        if terminated[0] or truncated[0]:
+            break  # `info` may be the next episode's by now: the last instant is left out
+        tips.append(_numpy(info["tip"][0]))
+    return max_tip_difference(np.array(tips), _exact_tips()[:-1])
+
+
+def _numpy(values: Any) -> np.ndarray:
+    return np.asarray(values.cpu() if hasattr(values, "cpu") else values, dtype=float)

@@ -1,0 +1,264 @@
+"""The speed table: entries take turns, a speed is a median over the rounds and a ratio one of the same rounds."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import datetime
+import gc
+import itertools
+import json
+import math
+import os
+import statistics
+import tracemalloc
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch, own_batches, own_single
+from fuzzyarm.eval.bench.peers import batch_peers, gymnasium_peers
+from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.files import write_atomically
+
+SCHEMA = "fuzzyarm-bench/1"
+PEER_LIBRARIES = ("envpool", "mujoco", "torch")
+SWEEP_LANES = tuple(4**power for power in range(10))
+MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
+WARM_UP = 0.1  # s, after whatever the first step compiles
+MEMORY_LANES = (1024, 5120)
+"""Two sizes of the batch; the memory of a lane is the difference between them."""
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchConfig:
+    """What is measured, and for how long.
+
+    Attributes:
+        seconds: wall time of each entry in each round [s].
+        rounds: odd, so that the median is one of them, and at least 5.
+        lanes: sizes of the batches in the table.
+        threads: CPU threads that a batch may use.
+        sweep: also measure this project's batches over `SWEEP_LANES`.
+    """
+
+    seconds: float = 0.5
+    rounds: int = 5
+    lanes: tuple[int, ...] = (64, 1024, 65536)
+    threads: int = dataclasses.field(default_factory=lambda: os.cpu_count() or 1)
+    sweep: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the numbers before anything runs."""
+        cores = os.cpu_count() or 1
+        if not (math.isfinite(self.seconds) and self.seconds > 0.0):
+            raise ValueError(f"seconds = {self.seconds} is out of range; allowed: (0, inf)")
+        if self.rounds < 5 or self.rounds % 2 == 0:
+            raise ValueError(f"rounds = {self.rounds} must be odd and at least 5: the median is one of the rounds")
+        if not 1 <= self.threads <= cores:
+            raise ValueError(f"threads = {self.threads} is out of range; this machine allows [1, {cores}]")
+        if not self.lanes or len(set(self.lanes)) != len(self.lanes) or min(self.lanes) < 1:
+            raise ValueError(f"lanes = {list(self.lanes)} must be one or more different whole numbers from 1")
+
+    def groups(self) -> dict[str, list[Entry]]:
+        """Return the entries by heading; those under one heading take turns."""
+        groups = {"one environment": [own_single(), *gymnasium_peers()]}
+        for lanes in self.lanes:
+            peers = batch_peers(lanes, self.threads) if lanes <= MOST_PEER_LANES else []
+            groups[f"{lanes} lanes"] = own_batches(lanes, self.threads) + peers
+        return groups
+
+    def sweep_groups(self) -> dict[str, list[Entry]]:
+        """Return this project's batches by number of lanes, if they are to be measured."""
+        if not self.sweep:
+            return {}
+        # In torch the fastest only: each number of lanes is compiled anew, which takes a minute.
+        return {
+            f"sweep, {lanes} lanes": [
+                one for one in own_batches(lanes, self.threads) if one.dtype == "float32" or "torch" not in one.name
+            ]
+            for lanes in SWEEP_LANES
+        }
+
+    def turns(self) -> int:
+        """Return how often `bench` reports progress."""
+        groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
+        return sum(map(len, groups)) * (self.rounds + 1) + 2
+
+    def command(self) -> str:
+        """Return the command line of this configuration."""
+        lanes = " ".join(map(str, self.lanes))
+        text = f"fuzzyarm bench --seconds {self.seconds:g} --rounds {self.rounds} --lanes {lanes}"
+        return f"{text} --threads {self.threads}{' --lanes-sweep' if self.sweep else ''}"
+
+
+def bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+    """Measure everything and return the document that `fuzzyarm bench --json` prints.
+
+    Args:
+        config: what is measured.
+        progress: called `config.turns()` times with a few words on what comes next.
+
+    Returns:
+        provenance, and under ``rows`` and ``sweep`` for each entry its configuration, ``steps_per_s`` (median and
+        quartiles; None if it was not measured, then ``reason`` says why), ``ratios`` to the peers of its group, and
+        ``tip_error_um``; ``memory_per_lane`` [bytes].
+    """
+    load_average = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    rows, sweep = (
+        [row for name, group in groups.items() for row in race(name, group, config.rounds, config.seconds, progress)]
+        for groups in (config.groups(), config.sweep_groups())
+    )
+    progress("accuracy")
+    _add_tip_errors([*rows, *sweep])
+    progress("memory")
+    made_with = provenance()
+    made_with["versions"] |= _versions(PEER_LIBRARIES)
+    return {
+        "schema": SCHEMA,
+        "command": config.command(),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        **made_with,
+        "method": {
+            "rounds": config.rounds,
+            "seconds": config.seconds,
+            "threads": config.threads,
+            "load_average": load_average,  # of the last minute before
+        },
+        "rows": [row.to_dict() for row in rows],
+        "sweep": [row.to_dict() for row in sweep],
+        "memory_per_lane": memory_per_lane(),
+    }
+
+
+@dataclasses.dataclass
+class Row:
+    """What is known of a entry: `speeds` and `ratios` by round, or the reason why there are none."""
+
+    group: str
+    entry: Entry
+    speeds: list[float] = dataclasses.field(default_factory=list)
+    ratios: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    tip_error_um: float | None = None
+    reason: str | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what goes into the document."""
+        entry = self.entry
+        return {
+            "group": self.group,
+            **{key: getattr(entry, key) for key in ("name", "lanes", "threads", "substeps", "dtype")},
+            "steps_per_s": spread(self.speeds) if self.speeds else None,
+            "ratios": {peer: spread(values) for peer, values in self.ratios.items()},
+            "tip_error_um": self.tip_error_um,
+            "reason": self.reason,
+        }
+
+
+def race(name: str, group: Sequence[Entry], rounds: int, seconds: float, progress: Callable[[str], None]) -> list[Row]:
+    """Let the entries of a group take turns, all of them in every round, and return a row for each.
+
+    The ratio of one of this project's own to a peer is taken round by round: what slows the machine for longer than a
+    round slows both.
+    """
+    rows = [Row(name, entry) for entry in group]
+    measures: dict[int, Measure] = {}
+    with contextlib.ExitStack() as stack:
+        for index, row in enumerate(rows):
+            progress(f"{name}: warming up {row.entry.name}")
+            try:
+                measure = stack.enter_context(row.entry.open())
+                measure(WARM_UP)
+            except UNAVAILABLE as error:
+                row.reason = _reason(error, row.entry.extra)
+            else:
+                measures[index] = measure
+        for turn in range(rounds):
+            for index, row in enumerate(rows):
+                progress(f"{name}: round {turn + 1} of {rounds}, {row.entry.name}")
+                if index in measures:
+                    row.speeds.append(measures[index](seconds))
+    peers = [row for row in rows if row.entry.peer and row.speeds]
+    for row in rows:
+        if row.speeds and not row.entry.peer:
+            row.ratios = {
+                peer.entry.peer: [own / other for own, other in zip(row.speeds, peer.speeds, strict=True)]
+                for peer in peers
+            }
+    return rows
+
+
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """Return median and quartiles."""
+    q1, median, q3 = statistics.quantiles(values, n=4, method="inclusive")
+    return {"median": median, "q1": q1, "q3": q3}
+
+
+def memory_per_lane() -> dict[str, Any]:
+    """Return the memory that one more lane of the vector environment takes, with the results of a step [bytes]."""
+
+    def traced(lanes: int) -> int:
+        actions = np.zeros((lanes, 2), dtype=np.float32)
+        gc.collect()
+        tracemalloc.start()
+        try:
+            envs = numba_batch(lanes, 1)
+            envs.reset(seed=0)
+            last = envs.step(actions)
+            size = tracemalloc.get_traced_memory()[0]
+            envs.close()
+            del last
+            return size
+        finally:
+            tracemalloc.stop()
+
+    few, many = MEMORY_LANES
+    try:
+        traced(few)  # what is made once and kept does not count
+        return {"bytes": (traced(many) - traced(few)) / (many - few), "reason": None}
+    except UNAVAILABLE as error:
+        return {"bytes": None, "reason": _reason(error)}
+
+
+def _add_tip_errors(rows: Sequence[Row]) -> None:
+    """Find the accuracy of what was measured, once for each back end."""
+    known: dict[Callable[[], float], float] = {}
+    for row in rows:
+        tip_error = row.entry.tip_error
+        if row.speeds and tip_error is not None:
+            if tip_error not in known:
+                known[tip_error] = 1e6 * tip_error()
+            row.tip_error_um = known[tip_error]
+
+
+def _reason(error: Exception, extra: str = "") -> str:
+    """Return in one line why something was not measured, and what to install if that would help."""
+    if isinstance(error, ModuleNotFoundError) and extra:
+        return f"{error.name} is not installed: pip install 'fuzzyarm[{extra}]'"
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
+
+
+def _versions(names: Sequence[str]) -> dict[str, str | None]:
+    versions: dict[str, str | None] = dict.fromkeys(names)
+    for name in names:
+        with contextlib.suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return versions
+
+
+def write_document(document: dict[str, Any], folder: Path) -> list[Path]:
+    """Write ``bench.json``, and ``throughput.png`` if there was a sweep; return the paths."""
+    path = folder / "bench.json"
+    write_atomically(path, json.dumps(document, indent=1) + "\n")
+    written = [path]
+    if document["sweep"]:
+        # Imported here: without a figure no Matplotlib is loaded.
+        from fuzzyarm.eval.bench.throughput_figure import write_throughput_figure
+
+        path = folder / "throughput.png"
+        write_throughput_figure(document, path)
+        written.append(path)
+    return written

@@ -1,0 +1,102 @@
+"""The table of `fuzzyarm bench`: cells for a terminal or the README, and the lines below it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+QUIET = 0.5
+BUSY = (
+    "The machine was busy with other work when this began (load average {:.1f}). Entries with several threads "
+    "suffer more from that than those with one: measure again on a quiet machine before comparing."
+)
+
+
+def speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Return the headings, and for each row its group and its cells, which are text."""
+    peers = list(dict.fromkeys(peer for row in rows for peer in row["ratios"]))
+    headings = ["group", "entry", "lanes", "threads", "dtype", "sub-steps", "steps/s [thousand]"]
+    headings += [*(f"× {peer}" for peer in peers), "tip error [µm]"]
+    cells = []
+    for row in rows:
+        speed, error = row["steps_per_s"], row["tip_error_um"]
+        cells.append(
+            [
+                *(str(row[key]) for key in ("group", "name", "lanes", "threads", "dtype", "substeps")),
+                "not measured" if speed is None else _spread(speed, 1e-3),
+                *(_spread(row["ratios"][peer]) if peer in row["ratios"] else "" for peer in peers),
+                "" if error is None else f"{error:.3g}",
+            ]
+        )
+    return headings, cells
+
+
+def speed_notes(document: dict[str, Any]) -> list[str]:
+    """Return what has to be said below the table, a paragraph each."""
+    method, machine, versions = document["method"], document["machine"], document["versions"]
+    notes = [
+        f"Median (quartiles) of {method['rounds']} rounds of {method['seconds']:g} s in which the entries take "
+        "turns; a ratio is FuzzyArm's speed over the peer's in the same round. A step is a control step of 1 ms with "
+        "observation, reward and resets as they fall; a peer's step is its own. The Numba batch uses as many of the "
+        f"{method['threads']} threads as help it, the others all. The same arm in MuJoCo has no "
+        "observation, reward, reset or static friction peak, which flatters it. Tip error: largest distance to the "
+        "event integrator in the nominal case, computed torque in the loop.",
+        *([BUSY.format(method["load_average"])] if (method["load_average"] or 0.0) > QUIET else []),
+        f"Memory: {_memory(document['memory_per_lane'])}.",
+    ]
+    missing: dict[str, list[str]] = {}
+    for row in [*document["rows"], *document["sweep"]]:
+        if row["reason"]:
+            missing.setdefault(row["reason"], []).append(row["name"])
+    notes += [f"Not measured: {', '.join(dict.fromkeys(names))}: {reason}." for reason, names in missing.items()]
+    libraries = ", ".join(f"{name} {number}" for name, number in versions.items() if number)
+    notes.append(f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}; {libraries}; {document['date']}.")
+    return notes
+
+
+def print_speeds(document: dict[str, Any], console: Console) -> None:
+    """Print the table and its notes; of the sweep only what was measured."""
+    rows = [*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])]
+    headings, cells = speed_cells(rows)
+    if console.is_terminal:
+        headings, cells = _narrow([text.replace(" ", "\n") for text in headings]), [_narrow(row) for row in cells]
+    table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in headings[1:]:
+        justify: Literal["left", "right"] = "left" if heading.startswith("entry") else "right"
+        table.add_column(escape(heading), justify=justify, no_wrap=not console.is_terminal, overflow="fold")
+    last = None
+    for group, *row in cells:
+        if group != last:
+            table.add_section()
+            table.add_row(f"[bold]{escape(group)}[/bold]")
+            last = group
+        table.add_row(*map(escape, row))
+    console.print(table)
+    for note in speed_notes(document):
+        console.print(f"\n{note}", highlight=False, markup=False)
+
+
+def _narrow(cells: Sequence[str]) -> list[str]:
+    """Return two lines for a terminal: the configuration goes below the name, quartiles below their median."""
+    group, name, _, threads, dtype, substeps, *numbers = cells
+    return [group, f"{name}\n{dtype}, {threads}, {substeps}", *(text.replace(" (", "\n(") for text in numbers)]
+
+
+def _spread(values: dict[str, float], scale: float = 1.0) -> str:
+    """Return median and quartiles; the median with three digits, or all those before the point."""
+    scaled = [scale * values[key] for key in ("median", "q1", "q3")]
+    decimals = max(0, 2 - math.floor(math.log10(scaled[0])))
+    median, q1, q3 = (f"{value:.{decimals}f}" for value in scaled)
+    return f"{median} ({q1}-{q3})"
+
+
+def _memory(memory: dict[str, Any]) -> str:
+    if memory["bytes"] is None:
+        return f"not measured, {memory['reason']}"
+    return f"{memory['bytes']:.0f} bytes for each further lane of the vector environment"

@@ -1,0 +1,102 @@
+"""The report of `fuzzyarm verify`: what of a controller file is proven, and what that means."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
+from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify, residual_bound
+
+LISTED = 20  # claims in the printed report
+
+
+@dataclasses.dataclass(frozen=True)
+class Verification:
+    """The certificate of one file, with what depends on the reference on the paper's circle, where it applies.
+
+    Attributes:
+        path: the file.
+        controller: what it holds.
+        certificate: what of it is proven.
+        residual: bound (2,) on the feedforward residual [N m].
+        tip: what holds when it is told to bring the tip to the reference.
+        seconds: time of the proof.
+    """
+
+    path: Path
+    controller: Controller
+    certificate: Certificate
+    residual: np.ndarray | None
+    tip: str | None
+    seconds: float
+
+    def to_text(self) -> str:
+        """Return the report for a person: a line for each claim that fails, a summary, and the words."""
+        claims, c = self.certificate.claims, self.controller
+        failed = [claim for claim in claims if not claim.proven]
+        multipliers = (
+            "one multiplier for all of A" if c.common_multiplier else "one multiplier for each dropped premise"
+        )
+        pole = "" if c.fastest_pole is None else f", fastest pole = {c.fastest_pole:g} 1/s"
+        lines = [
+            f"{self.path}: {'PROVEN' if not failed else 'NOT PROVEN'}",
+            f"  {c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
+            f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}{pole}",
+            f"  {len(claims) - len(failed)} of {len(claims)} inequalities proven in exact rational arithmetic, "
+            f"smallest margin {self.certificate.margin:.2g}, {self.seconds:.2f} s",
+        ]
+        # What fails first, then the smallest margins; a large model has hundreds of claims.
+        ranked = sorted(claims, key=lambda claim: (claim.proven, claim.margin))
+        lines += [
+            f"  {'proven    ' if claim.proven else 'not proven'} {claim.name}, margin {claim.margin:.2g}"
+            for claim in ranked[:LISTED]
+        ]
+        if len(claims) > LISTED:
+            lines.append(f"  and {len(claims) - LISTED} more with larger margins, all of them with --json")
+        if not failed:
+            lines.append(f"  {self.certificate.statement}")
+        if self.residual is not None and self.residual.any():
+            lines.append(
+                "  The feedforward residual in d is at most "
+                f"({self.residual[0]:.3g}, {self.residual[1]:.3g}) N m along the paper's circle, for any state "
+                "in the box."
+            )
+        if self.tip is not None and not failed:
+            lines.append(f"  {self.tip} (Reference: the paper's circle; the policy: this file with the ending -tip.)")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report for a machine."""
+        return {
+            "file": str(self.path),
+            "proven": self.certificate.proven,
+            "margin": self.certificate.margin,
+            "seconds": self.seconds,
+            "residual_bound": None if self.residual is None else self.residual.tolist(),
+            "statement": self.certificate.statement if self.certificate.proven else None,
+            "tip_statement": self.tip if self.certificate.proven else None,
+            "claims": [dataclasses.asdict(claim) for claim in self.certificate.claims],
+        }
+
+
+def verify_file(path: Path) -> Verification:
+    """Load a controller file and prove its claims; ValueError or OSError if it cannot be read."""
+    controller = Controller.load(path)
+    begin = time.perf_counter()
+    certificate = certify(controller)
+    seconds = time.perf_counter() - begin
+    residual = tip = None
+    if controller.form == "consistent":
+        # Another arm may not reach the paper's circle; then there is nothing to bound.
+        with contextlib.suppress(ValueError):
+            circle = JointReference(parameters=controller.model.parameters)
+            residual, tip = residual_bound(controller.model, circle), tip_statement(circle)
+    return Verification(path, controller, certificate, residual, tip, seconds)

@@ -1,0 +1,1 @@
+"""What happened: one episode recorded, its file and its metrics."""

@@ -1,0 +1,1 @@
+"""How policies rank: policies in the paper's cases, tables, figures and files."""

@@ -1,0 +1,292 @@
+"""Figures 2-10 of the paper for any policies, and the overview: draw them all, then write them.
+
+Every figure over time is a grid: one row per `Panel`, one column per case. What a figure shows is data
+(`TIME_FIGURES`, `OVERVIEW`); the drawing exists once. Only this module imports Matplotlib, and not its pyplot.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.files import write_atomically
+
+# In the plane, deviations are drawn this many times larger: the first with which the best policy's stay within ROOM,
+# a share of the curve's size. What is farther away is cut off.
+MAGNIFICATIONS = (20, 10, 5, 2, 1)
+ROOM = 0.5
+# An error panel is scaled to the policies whose peak is within this factor of the best one's, or of SMALL, the error
+# in mm from which on a better one no longer counts: near zero no policy would be left on the scale.
+FOCUS, SMALL = 5.0, 2.0
+LOWEST = 1e-3  # of a logarithmic axis; in mm that is a micrometre, a few times the error of the simulation
+# Strokes and gaps, in line widths; the first is solid. Nine of them beside the style's eight colours: each of eight
+# policies has its own of both, and no two of 72 look alike.
+_STROKES = ((), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (2, 2), (3, 1, 1, 1, 1, 1), (9, 1.5, 3, 1.5), (1, 3))
+DASHES: tuple[Any, ...] = tuple((0, strokes) if strokes else "-" for strokes in _STROKES)
+REFERENCE: Mapping[str, Any] = {"label": "reference", "color": "black", "linewidth": 0.9, "zorder": 3.0}
+# Over time the reference is a band under the curves: as a line it would hide them, or they it.
+BAND: Mapping[str, Any] = {"label": "reference", "color": "#CCCCCC", "linewidth": 4.0, "zorder": 1.9}
+
+Signal = Callable[[Rollout], np.ndarray]
+Styles = Mapping[str, Mapping[str, Any]]
+Columns = Mapping[str, Sequence[Rollout]]
+Limits = tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """One quantity over time, a row of a figure.
+
+    Attributes:
+        quantity, unit: label of the vertical axis.
+        signal: what is drawn of a rollout, (n,) [unit].
+        scale: panels of a figure with the same scale share their limits.
+        target: what the signal should follow, (n,) [unit]; None if there is no such thing.
+        log: whether the axis is logarithmic; what is below its lowest decade is drawn at its edge.
+        is_error: a policy far worse than the best (`FOCUS`) runs off the panel and is named there; it does not
+            flatten the others.
+    """
+
+    quantity: str
+    unit: str
+    signal: Signal
+    scale: str = ""
+    target: Signal | None = None
+    log: bool = False
+    is_error: bool = False
+
+
+_CIRCULARITY = Panel("circularity error", "mm", lambda r: 1e3 * r.circularity_error, is_error=True)
+TIME_FIGURES: dict[str, tuple[Panel, ...]] = {
+    "circularity": (
+        _CIRCULARITY,
+        # No error: a policy that brings the tip to the circle leads the motors beside it.
+        Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor),
+    ),
+    "torque": (
+        Panel("motor torque,\njoint 1", "N m", lambda r: r.torque[:, 0], scale="joint 1"),
+        Panel("motor torque,\njoint 2", "N m", lambda r: r.torque[:, 1], scale="joint 2"),
+    ),
+    "velocity": (
+        Panel("motor velocity,\njoint 1", "rad/s", lambda r: r.dq_motor[:, 0], target=lambda r: r.dq_reference[:, 0]),
+        Panel("motor velocity,\njoint 2", "rad/s", lambda r: r.dq_motor[:, 1], target=lambda r: r.dq_reference[:, 1]),
+    ),
+    "motor-position": (
+        Panel("motor angle less\nq_d, joint 1", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 0]),
+        Panel("motor angle less\nq_d, joint 2", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 1]),
+    ),
+    "friction": (
+        Panel("friction torque,\njoint 1", "N m", lambda r: r.friction_torque[:, 0], scale="joint 1"),
+        Panel("friction torque,\njoint 2", "N m", lambda r: r.friction_torque[:, 1], scale="joint 2"),
+    ),
+}
+OVERVIEW = (Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
+
+
+def write_figures(rollouts: Sequence[Rollout], folder: Path, progress: Callable[[], None] | None = None) -> list[Path]:
+    """Write every figure of `draw_figures` as ``<name>.png`` and ``<name>.svg``.
+
+    Args:
+        rollouts: episodes of any cases and policies.
+        folder: where to, an existing folder; files of the same names are replaced.
+        progress: called after each figure.
+
+    Returns:
+        the paths, in the order of writing.
+
+    Raises:
+        ValueError: there are no rollouts.
+        OSError: the folder is missing or not writable; no file is left half written.
+    """
+    paths = []
+    with _style():
+        for name, figure in draw_figures(rollouts).items():
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")  # laid out once, for both formats
+            for path, metadata in ((folder / f"{name}.png", {}), (folder / f"{name}.svg", {"Date": None})):
+                content = io.BytesIO()
+                figure.savefig(content, format=path.suffix[1:], metadata=metadata)
+                write_atomically(path, content.getvalue())
+                paths.append(path)
+            if progress is not None:
+                progress()
+    return paths
+
+
+def draw_figures(rollouts: Sequence[Rollout]) -> dict[str, Figure]:
+    """Return every figure by its name, ``<case>-<figure>`` or ``overview``; of several seeds the first is drawn."""
+    if not rollouts:
+        raise ValueError("no rollouts to draw: run at least one episode first")
+    first: dict[str, dict[str, Rollout]] = {}
+    for rollout in rollouts:
+        first.setdefault(rollout.case, {}).setdefault(rollout.policy, rollout)
+    titles = {case: CASES[case].title if case in CASES else case for case in first}
+    columns = {titles[case]: list(by_policy.values()) for case, by_policy in first.items()}
+    figures = {}
+    with _style():
+        styles = _policy_styles(rollouts)
+        for case, title in titles.items():
+            episodes = columns[title]
+            figures[f"{case}-path"] = _path_figure(title, episodes, styles)
+            if any(episode.external_force.any() for episode in episodes):
+                figures[f"{case}-force"] = _force_figure(title, _longest(episodes))
+            for name, panels in TIME_FIGURES.items():
+                figures[f"{case}-{name}"] = _time_figure({title: episodes}, panels, styles)
+        figures["overview"] = _time_figure(columns, OVERVIEW, styles)
+    return figures
+
+
+def _style() -> AbstractContextManager[None]:
+    """Return the context in which figures are drawn: Matplotlib's defaults and ``fuzzyarm.mplstyle``."""
+    return matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True)
+
+
+def _policy_styles(rollouts: Sequence[Rollout]) -> Styles:
+    """Return colour and dashes by policy, the same in every figure."""
+    policies = dict.fromkeys(rollout.policy for rollout in rollouts)
+    colors = itertools.cycle(matplotlib.rcParams["axes.prop_cycle"].by_key()["color"])
+    looks = zip(policies, colors, itertools.cycle(DASHES), strict=False)
+    return {policy: {"color": color, "linestyle": dashes} for policy, color, dashes in looks}
+
+
+def _time_figure(columns: Columns, panels: Sequence[Panel], styles: Styles) -> Figure:
+    """Return the grid of `panels` (rows) over the cases (columns)."""
+    width = 6.6 if len(columns) == 1 else 1.0 + 3.0 * len(columns)
+    figure = Figure(figsize=(width, 0.9 + 1.75 * len(panels)))
+    grid = figure.subplots(len(panels), len(columns), sharex="col", sharey="row", squeeze=False)
+    on_circle = all(_is_circle(_longest(episodes).tip_reference) for episodes in columns.values())
+    for row, panel in zip(grid, panels, strict=True):
+        limits = _limits(columns, [peer for peer in panels if peer.scale == panel.scale])
+        for axes, episodes in zip(row, columns.values(), strict=True):
+            _draw_panel(axes, panel, episodes, styles, limits)
+        quantity = panel.quantity if on_circle else panel.quantity.replace("circularity", "contour")
+        row[0].set_ylabel(f"{quantity} [{panel.unit}]")
+    figure.align_ylabels(grid[:, 0])
+    for top, bottom, title in zip(grid[0], grid[-1], columns, strict=True):
+        top.set_title(title)
+        bottom.set_xlabel("time [s]")
+        bottom.locator_params(axis="x", nbins=8 if len(columns) == 1 else 4)
+    band = [Line2D([], [], **BAND)] if any(panel.target for panel in panels) else []
+    _legend(figure, list(itertools.chain(*columns.values())), styles, band)
+    return figure
+
+
+def _limits(columns: Columns, panels: Sequence[Panel]) -> Limits:
+    """Return limits with a margin for `panels` in all columns, leaving out errors that are off the scale."""
+    low, high = 0.0, 0.0
+    for panel, episodes in itertools.product(panels, columns.values()):
+        best = max(SMALL, min(float(np.abs(panel.signal(episode)).max()) for episode in _finished(episodes)))
+        for curve in (panel.signal(episode) for episode in episodes):
+            if not panel.is_error or np.abs(curve).max() <= FOCUS * best:
+                low, high = min(low, float(curve.min())), max(high, float(curve.max()))
+    if panels[0].log:
+        finished = [e for episodes in columns.values() for e in _finished(episodes)]
+        typical = min(float(np.sqrt(np.mean(panels[0].signal(e) ** 2))) for e in finished)
+        first = np.floor(np.log10(max(typical, LOWEST)))
+        last = max(first + 1.0, np.ceil(np.log10(max(high, LOWEST))))
+        return float(10.0**first), float(10.0**last)
+    margin = 0.06 * (high - low) or 1.0
+    return (low - margin if low < 0.0 else 0.0), (high + margin if high > 0.0 or low == 0.0 else 0.0)
+
+
+def _draw_panel(axes: Axes, panel: Panel, episodes: Sequence[Rollout], styles: Styles, limits: Limits) -> None:
+    if panel.target is not None:
+        axes.plot(_longest(episodes).time, panel.target(_longest(episodes)), **BAND)
+    outside = []
+    for episode in episodes:
+        values = np.maximum(panel.signal(episode), limits[0]) if panel.log else panel.signal(episode)
+        axes.plot(episode.time, values, **styles[episode.policy])
+        if not episode.completed:
+            _cross(axes, episode.time[-1], np.clip(values[-1], *limits), styles[episode.policy])
+        if values.min() < limits[0] or values.max() > limits[1]:
+            outside.append(f"{episode.policy} up to {np.abs(values).max():.3g} {panel.unit}")
+    if panel.log:
+        axes.set_yscale("log")
+    axes.set_ylim(limits)
+    if outside:
+        text = "\n".join(["off the scale:", *outside])
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+        axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=8, bbox=box, zorder=6)
+
+
+def _path_figure(title: str, episodes: Sequence[Rollout], styles: Styles) -> Figure:
+    """Return the plane of the arm, y to the right and x down: r and, for each policy, r + factor (p - r)."""
+    figure = Figure(figsize=(6.0, 6.0))
+    axes = figure.subplots()
+    reference = _longest(episodes).tip_reference
+    room = ROOM * float(np.ptp(reference, axis=0).max()) or 1.0
+    best = min(float(episode.tip_error.max()) for episode in _finished(episodes))
+    factor = next((factor for factor in MAGNIFICATIONS if factor * best <= room), 1)
+    drawn = [e.tip_reference + factor * (e.tip - e.tip_reference) for e in episodes]
+    points = np.concatenate([reference, *drawn])
+    low = np.maximum(points.min(axis=0), reference.min(axis=0) - room) - 0.1 * room
+    high = np.minimum(points.max(axis=0), reference.max(axis=0) + room) + 0.1 * room
+    for episode, path in zip(episodes, drawn, strict=True):
+        axes.plot(path[:, 1], path[:, 0], **styles[episode.policy])
+        seen = path[np.all((low <= path) & (path <= high), axis=1)]
+        if not episode.completed and len(seen):
+            _cross(axes, seen[-1, 1], seen[-1, 0], styles[episode.policy])
+    axes.plot(reference[:, 1], reference[:, 0], **REFERENCE)
+    axes.plot(*reference[0, ::-1], "o", color="black", markersize=5, zorder=4.0)
+    third, last = len(reference) // 3, len(reference) - 1
+    (x, y), (x_ahead, y_ahead) = reference[third], reference[min(third + 10, last)]
+    arrow = {"arrowstyle": "-|>", "color": "black", "mutation_scale": 15, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (y_ahead, x_ahead), (y, x), arrowprops=arrow)  # which way the curve goes
+    axes.set(xlim=(low[1], high[1]), ylim=(high[0], low[0]), aspect="equal")
+    axes.set(xlabel="y, to the side [m]", ylabel="x, down [m]", title=f"{title}, tip deviation × {factor}")
+    _legend(figure, episodes, styles, [Line2D([], [], **REFERENCE)])
+    return figure
+
+
+def _force_figure(title: str, episode: Rollout) -> Figure:
+    """Return the components of the external force; it is the case's, the same for every policy."""
+    figure = Figure(figsize=(6.6, 2.9))
+    axes = figure.subplots()
+    axes.plot(episode.time, episode.external_force[:, 0], color="black", linestyle="-", label="x, down")
+    axes.plot(episode.time, episode.external_force[:, 1], color="#666666", linestyle=DASHES[1], label="y, to the side")
+    axes.set(xlabel="time [s]", ylabel="external force [N]", title=title)
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def _legend(figure: Figure, episodes: Sequence[Rollout], styles: Styles, others: Sequence[Line2D]) -> None:
+    """Put below the axes: `others`, every policy, and what the cross means if there is one."""
+    policies = dict.fromkeys(episode.policy for episode in episodes)
+    handles = [*others, *(Line2D([], [], label=policy, **styles[policy]) for policy in policies)]
+    if not all(episode.completed for episode in episodes):
+        handles.append(Line2D([], [], label="ended early", color="#333333", marker="x", linestyle="none"))
+    entry = 0.75 + 0.07 * max(len(str(handle.get_label())) for handle in handles)  # inches
+    rows = -(-len(handles) // max(1, int(figure.get_figwidth() / entry)))
+    figure.legend(handles=handles, loc="outside lower center", ncols=-(-len(handles) // rows))
+
+
+def _cross(axes: Axes, right: float, up: float, style: Mapping[str, Any]) -> None:
+    axes.plot(right, up, marker="x", linestyle="none", color=style["color"], clip_on=False, zorder=5.0)
+
+
+def _longest(episodes: Sequence[Rollout]) -> Rollout:
+    return max(episodes, key=lambda episode: len(episode.time))
+
+
+def _finished(episodes: Sequence[Rollout]) -> Sequence[Rollout]:
+    """Return those which went on to the end, or all if none did."""
+    return [episode for episode in episodes if episode.completed] or episodes
+
+
+def _is_circle(points: np.ndarray) -> bool:
+    """Return whether the points lie on a circle: |p|² = a·p + b with the same a, b for all of them, to 1e-6 m²."""
+    terms, squares = np.column_stack([points, np.ones(len(points))]), np.sum(points**2, axis=1)
+    return bool(np.abs(terms @ np.linalg.lstsq(terms, squares)[0] - squares).max() < 1e-6)

@@ -1,0 +1,206 @@
+"""Policies of several evaluations in one table, the best first.
+
+The score of a policy in one seed is the geometric mean over the cases of the rms tip error [mm], so that half the error
+in an easy case counts as much as half the error in a hard one; over several seeds it is their interquartile mean with a
+bootstrap interval of 95 % (`fuzzyarm.eval.evaluation.statistics`). Smaller is better. A policy that lost the path in any episode,
+because it ended early or its tip was more than 100 mm off, has no score and ranks after all that have one, by the
+number of such episodes.
+
+Only like is ranked with like: the same cases, seeds, noise, control period, arm and version of fuzzyarm.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.eval.evaluation.results_file import Results, read_results
+from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
+from fuzzyarm.policies.registry import policy_label
+
+LOST = 100.0  # mm, half the radius of the paper's circle
+
+
+@dataclasses.dataclass(frozen=True)
+class Standing:
+    """One policy of one file.
+
+    Attributes:
+        policy: its label.
+        source: the file it is from.
+        score: see the module [mm]; None if the path was lost.
+        rms: interquartile mean over seeds of the rms tip error by case [mm]; None where the path was lost.
+        worst: largest tip error of all episodes [mm].
+        lost: number of episodes in which the path was lost.
+        episodes: number of episodes.
+        certified: whether anything is proven of it.
+    """
+
+    policy: str
+    source: str
+    score: Estimate | None
+    rms: dict[str, float | None]
+    worst: float
+    lost: int
+    episodes: int
+    certified: bool
+
+    @property
+    def order(self) -> tuple[int, float]:
+        """What is ranked by, smaller first."""
+        return self.lost, math.inf if self.score is None else self.score.mean
+
+
+@dataclasses.dataclass(frozen=True)
+class Leaderboard:
+    """Standings, best first, and the conditions that all of them share, in words."""
+
+    standings: list[Standing]
+    conditions: str
+
+    @property
+    def ranks(self) -> list[int]:
+        """1 for the best; equals share a rank."""
+        orders = [standing.order for standing in self.standings]
+        return [1 + orders.index(order) for order in orders]
+
+
+def leaderboard(paths: Sequence[Path]) -> Leaderboard:
+    """Rank the policies of results files, or of the folders that hold them.
+
+    Raises:
+        ValueError: a file is missing, damaged or given twice, or two are not comparable; the message names the first
+            difference.
+        OSError: a file cannot be read.
+    """
+    read = [read_results(path) for path in paths]
+    first = read[0]
+    for number, other in enumerate(read):
+        if any(other.path.samefile(earlier.path) for earlier in read[:number]):
+            raise ValueError(f"{other.path} is given twice; leave one out")
+        for name, value in _conditions(first).items():
+            if _conditions(other)[name] != value:
+                raise ValueError(
+                    f"{first.path} and {other.path} are not comparable: {name} is {value} in the first and "
+                    f"{_conditions(other)[name]} in the second; evaluate anew under the same conditions"
+                )
+    standings = [standing for results in read for standing in _standings(results)]
+    return Leaderboard(sorted(standings, key=lambda standing: standing.order), _in_words(first))
+
+
+def _conditions(results: Results) -> dict[str, Any]:
+    config = results.config
+    return {
+        "version of fuzzyarm": results.versions["fuzzyarm"],
+        "cases": ", ".join(case for case in CASES if case in config.cases),
+        "number of seeds": config.seeds,
+        "encoder noise": config.encoder_noise,
+        "control period": config.control_period,
+        **{f"{field} of the arm": value for field, value in config.parameters.to_dict().items()},
+    }
+
+
+def _in_words(results: Results) -> str:
+    config = results.config
+    noise = f"encoder noise {config.encoder_noise[0]:g} rad and {config.encoder_noise[1]:g} rad/s"
+    return (
+        f"fuzzyarm {results.versions['fuzzyarm']}, control period {1e3 * config.control_period:g} ms, "
+        f"{config.seeds} {'seed' if config.seeds == 1 else 'seeds'}, "
+        f"{noise if any(config.encoder_noise) else 'no noise'}"
+    )
+
+
+def _standings(results: Results) -> list[Standing]:
+    standings = []
+    for policy in map(policy_label, results.config.policies):
+        rows = [row for row in results.rows if row["policy"] == policy]
+        lost = [row for row in rows if not row["completed"] or row["tip_error_max_mm"] > LOST]
+        rms = {
+            case: np.array([row["tip_error_rms_mm"] for row in rows if row["case"] == case])
+            for case in CASES
+            if case in results.config.cases
+        }
+        scores = [math.prod(errors) ** (1.0 / len(errors)) for errors in zip(*rms.values(), strict=True)]
+        failed = {row["case"] for row in lost}
+        standings.append(
+            Standing(
+                policy=policy,
+                source=str(results.path),
+                score=None if lost else estimate(scores),
+                rms={c: None if c in failed else float(interquartile_mean(values)) for c, values in rms.items()},
+                worst=max(row["tip_error_max_mm"] for row in rows),
+                lost=len(lost),
+                episodes=len(rows),
+                certified=results.certificates[policy] is not None,
+            )
+        )
+    return standings
+
+
+def _cells(board: Leaderboard) -> tuple[list[str], list[list[str]]]:
+    """Return the headings and the cells, which are text."""
+    cases = list(board.standings[0].rms)
+    headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases)]
+    headings += ["largest tip error [mm]", "certificate", "from"]
+    cells = [
+        [
+            str(rank),
+            standing.policy,
+            _score(standing),
+            *("lost" if value is None else f"{value:#.3g}" for value in standing.rms.values()),
+            f"{standing.worst:#.3g}",
+            "yes" if standing.certified else "no",
+            standing.source,
+        ]
+        for rank, standing in zip(board.ranks, board.standings, strict=True)
+    ]
+    return headings, cells
+
+
+def _score(standing: Standing) -> str:
+    if standing.score is None:
+        return f"lost in {standing.lost} of {standing.episodes}"
+    mean, low, high = standing.score
+    return f"{mean:#.3g}" + ("" if low is None else f" ({low:#.3g} to {high:#.3g})")
+
+
+def _notes(board: Leaderboard) -> str:
+    interval = any(standing.score and standing.score.low is not None for standing in board.standings)
+    return (
+        "Score: geometric mean over the cases of the rms tip error"
+        + (", interquartile mean over seeds with a bootstrap interval of 95 %" if interval else "")
+        + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. All: "
+        + f"{board.conditions}."
+    )
+
+
+def print_leaderboard(board: Leaderboard, console: Console) -> None:
+    """Print the table: with lines in a terminal, plain columns when piped."""
+    table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
+    headings, cells = _cells(board)
+    for heading in headings:
+        left = heading in ("policy", "certificate", "from")
+        table.add_column(Text(heading), justify="left" if left else "right", no_wrap=not console.is_terminal)
+    for row in cells:
+        table.add_row(*map(Text, row))
+    console.print(table)
+    console.print(Text(f"\n{_notes(board)}"))
+
+
+def markdown(board: Leaderboard) -> str:
+    """Return the table and its notes as Markdown."""
+    headings, cells = _cells(board)
+    rule = [" --- |" if heading in ("policy", "certificate", "from") else " ---: |" for heading in headings]
+    lines = [f"| {' | '.join(headings)} |", f"|{''.join(rule)}"]
+    lines += [f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |" for row in cells]
+    return "\n".join([*lines, "", _notes(board)])

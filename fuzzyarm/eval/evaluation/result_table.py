@@ -1,0 +1,78 @@
+"""The result table, for a terminal (rich) or plain for a pipe, and the same cells for the README."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import median
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from fuzzyarm.envs.scenario.disturbances import CASES
+
+COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
+    ("tip error max [mm]", ("tip_error_max_mm",), "{:#.3g}"),
+    ("max but for 0.1 s at the ends [mm]", ("tip_error_max_mid_mm",), "{:#.3g}"),
+    ("rms [mm]", ("tip_error_rms_mm",), "{:#.3g}"),
+    ("tip circularity [mm]", ("circularity_link_min_mm", "circularity_link_max_mm"), "{:+#.3g}"),
+    ("peak torque [N m]", ("torque_peak_1", "torque_peak_2"), "{:.0f}"),
+    ("work [J]", ("energy",), "{:.0f}"),
+    ("predict [µs]", ("predict_us",), "{:.1f}"),
+)
+"""Heading, the metrics shown in one cell, and their format. Nothing of the motor side: that is not where the tip is."""
+
+
+def table_rows(rows: Sequence[dict[str, Any]]) -> list[tuple[str, str, list[str]]]:
+    """Return (case title, policy, cells) for each policy in each case; over several seeds medians with ranges."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["case"], row["policy"]), []).append(row)
+    result = []
+    for (case, policy), runs in groups.items():
+        ended = sum(not run["completed"] for run in runs)
+        note = f" (ended early in {ended} of {len(runs)})" if ended else ""
+        result.append((CASES[case].title, policy + note, [_cell(runs, keys, form) for _, keys, form in COLUMNS]))
+    return result
+
+
+def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> str:
+    parts = []
+    for key in keys:
+        values = [run[key] for run in runs]
+        text = form.format(median(values))
+        if len(values) > 1:
+            text += f" ({form.format(min(values))} to {form.format(max(values))})"
+        parts.append(text)
+    return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
+
+
+def print_table(rows: Sequence[dict[str, Any]], console: Console) -> None:
+    """Print the table: with lines in a terminal, plain columns when piped."""
+    table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("policy", no_wrap=True)
+    for heading, _, _ in COLUMNS:
+        name, unit = heading.split(" [")
+        # In a terminal a word a line keeps the columns narrow; brackets would be markup to rich.
+        text = "\n".join([*name.split(), f"[{unit}"]) if console.is_terminal else heading
+        table.add_column(escape(text), justify="right", no_wrap=not console.is_terminal)
+    last = None
+    for case, policy, cells in table_rows(rows):
+        if case != last:
+            table.add_section()
+            table.add_row(f"[bold]{escape(case)}[/bold]")
+            last = case
+        table.add_row(escape(policy), *map(escape, cells))
+    console.print(table)
+
+
+def markdown_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the table as Markdown."""
+    lines = [
+        "| case | policy | " + " | ".join(heading for heading, _, _ in COLUMNS) + " |",
+        "| --- | --- |" + " ---: |" * len(COLUMNS),
+    ]
+    lines += [f"| {case} | {policy} | {' | '.join(cells)} |" for case, policy, cells in table_rows(rows)]
+    return "\n".join(lines)

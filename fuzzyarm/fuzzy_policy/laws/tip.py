@@ -1,0 +1,80 @@
+"""Any fixed law, told to bring the tip rather than the motors to the reference.
+
+The law tracks θ_d of `elastic_target` in place of q_d, and its own feedforward, which is what it answers at zero error,
+makes way for u_ff:
+
+    u = law(q_a, q̇_a, x_I; θ_d, θ̇_d, θ̈_d) - law(θ_d, θ̇_d, 0; θ_d, θ̇_d, θ̈_d) + u_ff.
+
+For the fuzzy law that is K_hv e + H_hv x_I + (L(z) - L(z_d)) r + u_ff, with e, x_I and r of θ_d, and L at the measured
+and at the wanted premises: what L cancels for the kept premises it still cancels. θ_d is as good a reference as q_d, so
+the certificate keeps its words, with other contents of d, see `tip_statement`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
+from fuzzyarm.fuzzy_policy.policy import Policy
+
+
+class TipPolicy(Policy):
+    """A fixed law that tracks θ_d; see the module. Its memory is that of the law and that of `ElasticTarget`."""
+
+    def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
+        """Wrap a law.
+
+        Args:
+            law: a policy that tracks what its observation calls the reference.
+            friction: whether the feedforward holds the dry friction.
+            average: whether the feedforward is that of the middle of the coming hold.
+        """
+        super().__init__(law.parameters, law.control_period)
+        self.law, self.friction, self.average = law, friction, average
+        self.memory_size = law.memory_size + MEMORY_SIZE
+        self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
+
+    def without_dry_friction(self) -> TipPolicy:
+        """Return this policy for an arm without dry friction: nothing to feed forward."""
+        return TipPolicy(self.law, friction=False, average=self.average)
+
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Evaluate the law, see `Policy`."""
+        own = self.law.memory_size
+        seen, resting = np.empty_like(observation), np.empty_like(observation)
+        own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
+        self._target.advance(observation, memory[:, own:], seen[:, 4:], feedforward)
+        seen[:, :4] = observation[:, :4]
+        resting[:, 4:] = seen[:, 4:]
+        resting[:, :4] = seen[:, 4:8]
+        self.law.act(resting, np.zeros((len(memory), own)), own_feedforward)
+        self.law.act(seen, memory[:, :own], torque)
+        torque += feedforward - own_feedforward
+
+
+def tip_statement(reference: JointReference) -> str:
+    """Return what a controller's certificate says of the law that tracks θ_d of `reference`, with the box re-checked.
+
+    The inequality of the certificate holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the
+    dropped premises make of the error (it vanishes with it), and u_ff without friction less the rigid arm's inverse
+    dynamics at θ_d: that is τ_d less the torque the links would need at θ_d, known beforehand and bounded here.
+    """
+    try:
+        elastic = ElasticReference(reference)
+    except ValueError as error:
+        return f"Told to bring the tip to this reference it has no certificate: {error}."
+    t = np.linspace(0.0, reference.duration, CHECKED_INSTANTS)
+    links_at_target = rigid_inverse_dynamics(*elastic.sample(t), arm_constants(reference.parameters))
+    known = np.abs(elastic.torque(t) - links_at_target).max(axis=0)
+    return (
+        "Told to bring the tip to the reference, it tracks theta_d = q_d + delta, where the motors must be for the "
+        "bent joints to put the links on q_d. theta_d is a twice differentiable reference like any other (its second "
+        "derivative jumps where that of q_d has a corner), so the same inequalities hold for the error from theta_d; d "
+        "then also holds what the feedforward adds for the elastic joints, at most "
+        f"({known[0]:.2g}, {known[1]:.2g}) N m here, and friction only as far as the feedforward misses it. "
+        f"Along this reference theta_d takes {100 * elastic.box_use:.0f} % of the box. That the tip then follows is "
+        "measured, not proven."
+    )

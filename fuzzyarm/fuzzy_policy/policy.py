@@ -1,0 +1,91 @@
+"""What the fixed policies share: the `predict` protocol of stable-baselines3, single and batched."""
+
+from __future__ import annotations
+
+import abc
+import math
+
+import numpy as np
+
+from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.envs.physics.parameters import ArmParameters
+
+OBSERVATION_SIZE = 10
+
+
+class Policy(abc.ABC):
+    """A fixed feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
+
+    Torques are clipped to the robot's limits.
+
+    Attributes:
+        memory_size: numbers that a lane remembers, all zero when an episode begins. Two, if not said otherwise: the
+            integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
+    """
+
+    memory_size = 2
+
+    def __init__(self, parameters: ArmParameters, control_period: float) -> None:
+        """Keep the robot and the control period T [s]."""
+        if not (math.isfinite(control_period) and control_period > 0.0):
+            raise ValueError(f"control_period = {control_period!r} s is out of range; allowed: (0, inf) s")
+        self.parameters, self.control_period = parameters, control_period
+        self._torque_limit = np.array(parameters.torque_limit)
+
+    @abc.abstractmethod
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Fill `torque` (lanes, 2), unclipped, and advance `memory` (lanes, memory_size), both in place.
+
+        For `observation` (lanes, 10); nothing is checked, see `predict`.
+        """
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: np.ndarray | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return motor torques [N m] and the next state.
+
+        Args:
+            observation: (10,) or (lanes, 10), as `FuzzyArmEnv` gives it.
+            state: what the last call returned; None begins an episode.
+            episode_start: (lanes,) booleans; True resets that lane's state.
+            deterministic: ignored, the law is deterministic.
+
+        Returns:
+            Torques, (2,) or (lanes, 2), and the state, (memory_size,) or (lanes, memory_size).
+
+        Raises:
+            ValueError: an argument has a wrong shape.
+        """
+        given = np.asarray(observation, dtype=np.float64)
+        if given.ndim not in (1, 2) or given.shape[-1] != OBSERVATION_SIZE:
+            raise ValueError(f"observation has shape {given.shape}; allowed: (10,) or (lanes, 10)")
+        batch = np.ascontiguousarray(given[np.newaxis] if given.ndim == 1 else given)
+        lanes = len(batch)
+        if state is None:
+            memory = np.zeros((lanes, self.memory_size))
+        else:
+            memory = np.array(state, dtype=np.float64, ndmin=2)
+            if memory.shape != (lanes, self.memory_size):
+                allowed = (*given.shape[:-1], self.memory_size)
+                raise ValueError(f"state has shape {np.shape(state)}; allowed: {allowed}")
+            if episode_start is not None:
+                starts = np.atleast_1d(episode_start)
+                if starts.shape != (lanes,):
+                    raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
+                memory[starts.astype(bool)] = 0.0
+        action = np.empty((lanes, 2))
+        self.act(batch, memory, action)
+        _clip(action, self._torque_limit)
+        return (action[0], memory[0]) if given.ndim == 1 else (action, memory)
+
+
+@kernel
+def _clip(torque: np.ndarray, limit: np.ndarray) -> None:
+    """Bring torques (lanes, 2) within ±limit (2,), in place."""
+    for lane in range(len(torque)):
+        for joint in range(2):
+            torque[lane, joint] = min(max(torque[lane, joint], -limit[joint]), limit[joint])

@@ -1,0 +1,1 @@
+"""Matrix inequalities and their proof in exact rational arithmetic."""

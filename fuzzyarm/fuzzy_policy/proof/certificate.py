@@ -1,0 +1,165 @@
+"""What a controller file claims, proven anew from its stored gains in exact rational arithmetic."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
+from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
+from fuzzyarm.fuzzy_policy.proof.exact import exact, is_positive_definite, rational, smallest_eigenvalue
+from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
+
+NOT_COVERED = (
+    "Not covered: the elastic joints, sampling and hold, measurement noise, torque limits, and any motion that leaves "
+    "the box; those are measured, not proven."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """One matrix inequality: its name, whether it is proven, and its margin.
+
+    The margin is the smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in
+    floating point: how far from failing, no part of the proof.
+    """
+
+    name: str
+    proven: bool
+    margin: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """The outcome of `certify`: every inequality, and what they prove together, in words."""
+
+    claims: tuple[Claim, ...]
+    statement: str
+
+    @property
+    def proven(self) -> bool:
+        """Whether every inequality is proven."""
+        return all(claim.proven for claim in self.claims)
+
+    @property
+    def margin(self) -> float:
+        """The smallest margin."""
+        return min(claim.margin for claim in self.claims)
+
+
+def certify(controller: Controller, progress: Callable[[], None] | None = None) -> Certificate:
+    """Prove P > 0 and every inequality of the controller's form, from the stored gains (M := K P).
+
+    Those are Ψ of its theorem and, for a bound of the fastest pole, Φ of `consistent_reference`.
+    The vertices are formed anew from the robot parameters, everything in exact rational arithmetic (`exact`).
+    `progress` is called after each inequality.
+    """
+    data = exact_vertices(controller)
+    P, Q, X, tau = exact(controller.P), exact(controller.Q), exact(controller.X), exact(controller.tau)
+    gains, L = exact(controller.gains), exact(controller.feedforward_gains)
+    alpha, gamma = rational(controller.alpha), rational(controller.gamma)
+    M = gains @ P[: data.n_e, : data.n_e]
+
+    def psi(i: int, j: int, k: int, position: int) -> np.ndarray:
+        common = {"alpha": alpha, "gamma2": gamma * gamma, "P": P, "M": M[j, k], "Q": Q[position], "X": X[position]}
+        if isinstance(data, TrackingVertices):
+            return np.asarray(theorem2.psi(data, i, k, **common, L=L[j, k], tau=tau[position, k]))
+        return np.asarray(consistent_reference.psi(data, i, k, **common, tau=tau[position, k]))
+
+    families = {"Psi": psi}
+    if controller.fastest_pole is not None:
+        beta = rational(controller.fastest_pole)
+        pole_Q, pole_X, pole_tau = (exact(getattr(controller, name)) for name in POLE_ARRAYS)
+
+        def phi(i: int, j: int, k: int, position: int) -> np.ndarray:
+            slack = {"Q": pole_Q[position], "X": pole_X[position], "tau": pole_tau[position, k]}
+            return np.asarray(consistent_reference.phi(data, i, k, beta=beta, P=P, M=M[j, k], **slack))
+
+        families["Phi"] = phi
+
+    claims = [_claim("P > 0", P)]
+    for letter, inequality in families.items():
+        for position, (i, j) in enumerate(data.pairs):
+            for k in range(len(data.E)):
+                if i == j:
+                    name, matrix = f"{letter}_{i + 1},{i + 1},{k + 1} < 0", -inequality(i, i, k, position)
+                else:
+                    name = f"{letter}_{i + 1},{j + 1},{k + 1} + {letter}_{j + 1},{i + 1},{k + 1} < 0"
+                    matrix = -inequality(i, j, k, position) - inequality(j, i, k, position)
+                claims.append(_claim(name, matrix))
+                if progress:
+                    progress()
+    return Certificate(tuple(claims), statement(controller))
+
+
+def exact_vertices(controller: Controller) -> Vertices:
+    """Return the vertices of the controller's form in exact rationals, formed anew from its robot parameters."""
+    polytope = controller.model.polytope_in(rational)
+    terms = [UncertainTerm((u.premise,), u.on, exact(u.H), exact(u.W)) for u in polytope.uncertainties]
+    if controller.common_multiplier:
+        terms = stacked(terms)
+    plain = Vertices(polytope.E, polytope.A, exact(controller.model.B), controller.integral, terms)
+    if controller.weight is None:
+        return plain
+    A_r, B_r = reference_model()
+    Q_inverse = exact(np.zeros((4, 4)))
+    for entry, value in enumerate(controller.weight):
+        Q_inverse[entry, entry] = 1 / rational(float(value))
+    return TrackingVertices(
+        plain.E, plain.A, plain.B, plain.integral, terms, exact(A_r), exact(B_r), Q_inverse=Q_inverse
+    )
+
+
+def statement(controller: Controller) -> str:
+    """Return what the certificate proves and what it does not, with the numbers of this controller."""
+    p, model = controller.model.parameters, controller.model
+    box = (
+        f"For the rigid arm in continuous time, as long as |q| <= ({p.joint_limit[0]:.6g}, {p.joint_limit[1]:.6g}) rad "
+        f"and |dq/dt| <= ({p.velocity_limit[0]:g}, {p.velocity_limit[1]:g}) rad/s, and for every twice differentiable "
+        f"reference: "
+    )
+    if controller.form == "paper":
+        claim = (
+            "with V over error and reference model, dV/dt + e'Qe - gamma^2 w'w + 2 alpha V < 0, w = (d, r): both decay "
+            f"at least as exp(-{controller.alpha:g} t) where w vanishes, and from zero initial conditions the L2 gain "
+            f"from w to Q^(1/2) e is at most {controller.gamma:.3g}. d is friction, tip forces and payload "
+            "as joint torques. "
+        )
+        return box + claim + NOT_COVERED
+    dropped = [u.premise for u in model.uncertainties]
+    residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
+    alpha, beta, strip = controller.alpha, controller.fastest_pole, ""
+    if beta is not None:
+        strip = (
+            f" and no faster than exp(-{beta:g} t), so that the poles of the loop frozen at any such state have real "
+            f"parts between -{beta:g} and -{alpha:g} 1/s"
+        )
+    claim = (
+        f"without disturbance the tracking error decays at least as exp(-{alpha:g} t){strip}, and from zero error the "
+        f"L2 gain from the disturbance torque d to the position error is at most {controller.gamma:.3g} rad/(N m). "
+        f"d holds friction, tip forces and payload as joint torques{residual}. "
+    )
+    return box + claim + NOT_COVERED
+
+
+def residual_bound(model: TSModel, reference: JointReference) -> np.ndarray:
+    """Return a bound (2,) [N m] on the feedforward residual of the consistent form along a reference.
+
+    The feedforward holds dropped premises at mid-range: what is left is Σ f_i r_i S_i y, |f_i| <= 1, with r_i half the
+    range and S_i the slope of premise i, y = (q_d, q̇_d) for A and its derivative for E. The bound sums absolute
+    values, for any state in the box, at 2001 instants of the reference.
+    """
+    motion = reference.sample(np.linspace(0.0, reference.duration, 2001))
+    x_r, dx_r = np.hstack([motion.q, motion.dq]), np.hstack([motion.dq, motion.ddq])
+    total = np.zeros((len(x_r), 2))
+    for u in model.uncertainties:
+        total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, 2:]
+    return np.asarray(total.max(axis=0))
+
+
+def _claim(name: str, matrix: np.ndarray) -> Claim:
+    return Claim(name, is_positive_definite(matrix), smallest_eigenvalue(matrix))

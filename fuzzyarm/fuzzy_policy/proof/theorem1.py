@@ -1,0 +1,97 @@
+"""Theorem 1: the matrix Ξ_ijk of (15), for the tracking error and the reference model together.
+
+            | S_11   ⋆      ⋆      ⋆      ⋆      ⋆      ⋆   |   e, with the integral (e, x_I)
+            | S_21   S_22   ⋆      ⋆      ⋆      ⋆      ⋆   |   x_r
+            | S_31   S_32   S_33   ⋆      ⋆      ⋆      ⋆   |   ė
+    Ξ_ijk = | S_41   S_42   S_43   S_44   ⋆      ⋆      ⋆   |   ẋ_r
+            | 0      0      B_dᵀ   0      -γ²I   ⋆      ⋆   |   d
+            | 0      0      S_63   B_rᵀ   0      -γ²I   ⋆   |   r
+            | P_11   0      0      0      0      0      -Q⁻¹|   z
+
+    S_11 = He(Q_11 + αP_11)                  S_21 = Q_21 + Q_12ᵀ          S_22 = He(Q_22 + αP_22)
+    S_31 = A_i P_11 + B M_jk - E_k Q_11 + X_11ᵀ          S_32 = (A_i - E_k A_r) P_22 - E_k Q_12 + X_21ᵀ
+    S_41 = -Q_21 + X_12ᵀ                                 S_42 = A_r P_22 - Q_22 + X_22ᵀ
+    S_33 = -He(E_k X_11)      S_43 = -X_21 - X_12ᵀ E_kᵀ      S_44 = -He(X_22)
+    S_63 = (B L_jk)ᵀ - (E_k B_r)ᵀ
+
+The blocks of Q and X are those of the pair (i, j). If Ξ_iik < 0 and Ξ_ijk + Ξ_jik < 0 for i < j and all k, with
+P_11, P_22 > 0, then V = ēᵀ P_11⁻¹ ē + x_rᵀ P_22⁻¹ x_r obeys, along (10) with u = M_hv P_11⁻¹ ē + L_hv r,
+
+    V̇ + eᵀQe - γ² wᵀw + 2αV < 0,     w = (d, r).
+
+The paper prints an eighth column of ⋆ in (15), Ξ_ik for Ξ_iik in (14), and a D_v in (11) whose lower row lacks the
+[0 B_r] that (8) has and (15) uses. With the integral (Remark 2), E_k is diag(E_pk, I), A_i is [[A_pi, 0], [C_p, 0]],
+A_i - E_k A_r is [A_pi - E_pk A_r; 0] (printed there with B_r for A_r), E_k B_r is [E_pk B_r; 0], and the last
+row is [I 0] P_11: z weights e only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, identity, symmetric
+from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices
+
+
+def xi(
+    data: TrackingVertices,
+    i: int,
+    k: int,
+    *,
+    alpha: Any,
+    gamma2: Any,
+    P: Any,
+    M: Any,
+    L: Any,
+    Q: Any,
+    X: Any,
+    block: Block = np.block,
+) -> Any:
+    """Return Ξ_ijk, symmetric and affine in P, M, L, Q, X and γ²; dropped premises stand at mid-range.
+
+    Args:
+        data: the vertices, n_e = 4 or, with the integral, 6; n = n_e + 4.
+        i: vertex of A, from 0.
+        k: vertex of E, from 0.
+        alpha: decay rate α [1/s].
+        gamma2: γ².
+        P: diag(P_11, P_22), (n, n); only its two diagonal blocks are read.
+        M: M_jk, (2, n_e).
+        L: L_jk, (2, 6).
+        Q: Q_ij, (n, n).
+        X: X_ij, (n, n).
+        block: `np.block` for arrays of floats or of exact rationals, `cvxpy.bmat` for cvxpy expressions.
+    """
+    E, A, B, A_r, B_r = data.error_E(k), data.error_A(i), data.error_rows(data.B), data.A_r, data.B_r
+    A_minus_E_A_r = data.error_rows(data.A[i] - data.E[k] @ A_r)
+    E_B_r = data.error_rows(data.E[k] @ B_r)
+    n_e = data.n_e
+    P_11, P_22 = P[:n_e, :n_e], P[n_e:, n_e:]
+    Q_11, Q_12, Q_21, Q_22 = Q[:n_e, :n_e], Q[:n_e, n_e:], Q[n_e:, :n_e], Q[n_e:, n_e:]
+    X_11, X_12, X_21, X_22 = X[:n_e, :n_e], X[:n_e, n_e:], X[n_e:, :n_e], X[n_e:, n_e:]
+
+    S_11 = he(Q_11 + alpha * P_11)
+    S_21 = Q_21 + Q_12.T
+    S_31 = A @ P_11 + B @ M - E @ Q_11 + X_11.T
+    S_41 = -Q_21 + X_12.T
+    S_22 = he(Q_22 + alpha * P_22)
+    S_32 = A_minus_E_A_r @ P_22 - E @ Q_12 + X_21.T
+    S_42 = A_r @ P_22 - Q_22 + X_22.T
+    S_33 = -he(E @ X_11)
+    S_43 = -X_21 - X_12.T @ E.T
+    S_44 = -he(X_22)
+    S_63 = (B @ L).T - E_B_r.T
+    return symmetric(
+        [
+            [S_11],
+            [S_21, S_22],
+            [S_31, S_32, S_33],
+            [S_41, S_42, S_43, S_44],
+            [0, 0, B.T, 0, -gamma2 * identity(2)],
+            [0, 0, S_63, B_r.T, 0, -gamma2 * identity(6)],
+            [P_11[:4, :], 0, 0, 0, 0, 0, -data.Q_inverse],
+        ],
+        block,
+    )

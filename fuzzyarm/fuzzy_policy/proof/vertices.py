@@ -1,0 +1,143 @@
+"""The vertex matrices that the inequalities are built from, with the integral of Remark 2 appended.
+
+    Ē_k = diag(E_pk, I),   Ā_i = [[A_pi, 0], [C_p, 0]],   B̄ = [B_p; 0],   C_p = [I 0],
+
+act on ē = (e, x_I), ẋ_I = C_p e = q - q_d; without the integral ē = e and the bars do nothing. The entries are floats
+or exact rationals, whatever the matrices are filled with, but never both: numpy's product of such a mixture fails.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from fuzzyarm.fuzzy_policy.proof.block_matrix import identity, zeros
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
+
+REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 6.1.3
+
+
+@dataclasses.dataclass(frozen=True)
+class UncertainTerm:
+    """Hᵀ Δ W with ΔᵀΔ <= I, added to E_p or to A_p: the dropped `premises` (section 5.1), with one multiplier.
+
+    Attributes:
+        premises: the names; several share one multiplier when their H and W are stacked, Δ = diag(f, ...).
+        on: "E" or "A".
+        H: (rows, 4).
+        W: (rows, 4), the same at every vertex.
+    """
+
+    premises: tuple[str, ...]
+    on: str
+    H: np.ndarray
+    W: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Vertices:
+    """The T-S model as the inequalities use it, in SI units; lists and arrays are not to be changed.
+
+    Attributes:
+        E: N_e matrices E_pk, (4, 4).
+        A: N matrices A_pi, (4, 4).
+        B: B_p = B_d, (4, 2).
+        integral: whether ē = (e, x_I), n_e = 6, or ē = e, n_e = 4.
+        uncertainties: the dropped premises, one term for each multiplier τ.
+    """
+
+    E: list[np.ndarray]
+    A: list[np.ndarray]
+    B: np.ndarray
+    integral: bool
+    uncertainties: list[UncertainTerm]
+
+    @property
+    def n_e(self) -> int:
+        """Size of ē."""
+        return 6 if self.integral else 4
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """The index pairs i <= j of the convex double sum."""
+        return [(i, j) for i in range(len(self.A)) for j in range(i, len(self.A))]
+
+    def error_E(self, k: int) -> np.ndarray:
+        """Return Ē_k (n_e, n_e)."""
+        n_I = self.n_e - 4
+        return np.block([[self.E[k], zeros(4, n_I)], [zeros(n_I, 4), identity(n_I)]])
+
+    def error_A(self, i: int) -> np.ndarray:
+        """Return Ā_i (n_e, n_e)."""
+        n_I = self.n_e - 4
+        C_p = identity(4)[:n_I]
+        return np.block([[self.A[i], zeros(4, n_I)], [C_p, zeros(n_I, n_I)]])
+
+    def error_rows(self, plant_rows: np.ndarray) -> np.ndarray:
+        """Return [Y; 0] (n_e, m): what enters the rows of e, for Y (4, m), and leaves ẋ_I alone."""
+        return np.vstack([plant_rows, zeros(self.n_e - 4, plant_rows.shape[1])])
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackingVertices(Vertices):
+    """Likewise for the paper's own form, with the reference model (8) and the weight of (13).
+
+    Attributes:
+        A_r: (4, 4).
+        B_r: (4, 6).
+        Q_inverse: Q⁻¹ of eᵀQe in (13), (4, 4).
+    """
+
+    A_r: np.ndarray
+    B_r: np.ndarray
+    Q_inverse: np.ndarray
+
+
+def reference_model() -> tuple[np.ndarray, np.ndarray]:
+    """Return A_r (4, 4) and B_r (4, 6) of (8) for r = (q_d, q̇_d, q̈_d)."""
+    p, I, O = REFERENCE_POLE, np.eye(2), np.zeros((2, 2))  # noqa: E741  identity
+    A_r = np.block([[O, I], [-(p**2) * I, -2.0 * p * I]])
+    B_r = np.block([[O, O, O], [p**2 * I, 2.0 * p * I, I]])
+    return A_r, B_r
+
+
+def error_vertices(model: TSModel, integral: bool, *, common_multiplier: bool = False) -> Vertices:
+    """Return the vertices of a T-S model in floats.
+
+    Args:
+        model: the T-S model.
+        integral: whether to append x_I (Remark 2).
+        common_multiplier: one multiplier for all dropped premises of A and one for E, as Theorem 2 prints it, or
+            one for each, which is less conservative.
+    """
+    terms = [UncertainTerm((u.premise,), u.on, u.H, u.W) for u in model.uncertainties]
+    if common_multiplier:
+        terms = stacked(terms)
+    return Vertices(model.E_vertices, model.A_vertices, model.B, integral, terms)
+
+
+def tracking_vertices(
+    model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool = False
+) -> TrackingVertices:
+    """Return `error_vertices` with the reference model and `weight`, the diagonal (4,) of Q."""
+    A_r, B_r = reference_model()
+    plain = error_vertices(model, integral, common_multiplier=common_multiplier)
+    return TrackingVertices(
+        plain.E, plain.A, plain.B, integral, plain.uncertainties, A_r, B_r, Q_inverse=np.diag(1.0 / weight)
+    )
+
+
+def stacked(terms: list[UncertainTerm]) -> list[UncertainTerm]:
+    """Return the terms of A stacked into one, H_aᵀ Δ_a W_a, then those of E, H_eᵀ Δ_e W_e."""
+    groups = [(on, [term for term in terms if term.on == on]) for on in ("A", "E")]
+    return [
+        UncertainTerm(
+            tuple(name for term in group for name in term.premises),
+            on,
+            np.vstack([term.H for term in group]),
+            np.vstack([term.W for term in group]),
+        )
+        for on, group in groups
+        if group
+    ]

@@ -1,0 +1,295 @@
+"""The command line as a user meets it: outputs, exit codes, one-line errors, whole files."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.fuzzy_policy.controller import Controller
+
+QUICK = ["evaluate", "--policy", "fuzzy-4", "--case", "nominal"]
+
+
+def one_line_error(capsys):
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys):
+    assert main([*QUICK, "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "Case 1: nominal" in out
+    assert "fuzzy-4: certificate." in out
+    assert "Not covered: the elastic joints" in out
+    assert "\x1b" not in out  # plain when piped
+    assert "tip error max [mm]" in out  # rich would take the unit for markup
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"results.json", "results.csv", "overview.png", "overview.svg"} <= names
+    assert not [name for name in names if name.endswith(".part")]
+
+
+def test_evaluate_json_is_the_results_file(tmp_path, capsys):
+    assert main([*QUICK, "--json", "--out", str(tmp_path)]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "results.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--policy", "nobody"], "choose from: fuzzy-32, fuzzy-16"),
+        (["--case", "nowhere"], "choose from: nominal, machining, payload"),
+        (["--policy", "missing.json"], "missing.json"),
+        (["--seeds", "0"], "seeds = 0"),
+        (["--seeds", "5"], "encoder noise"),
+        (["--encoder-noise", "-1", "0"], "EncoderNoise.position = -1.0"),
+        (["--robot", "missing.toml"], "missing.toml"),
+    ],
+)
+def test_evaluate_bad_usage_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, expected):
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 2
+    assert expected in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["fly"], ["evaluate", "--seeds", "x"], ["design"], ["evaluate", "--nope"], ["bench", "x"]]
+)
+def test_argument_errors_exit_with_2(arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+
+
+def test_an_unwritable_folder_is_named_before_anything_runs(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main([*QUICK, "--out", str(tmp_path / "file" / "sub")]) == 2
+    assert str(tmp_path / "file" / "sub") in one_line_error(capsys)
+
+
+def test_a_full_disk_leaves_no_half_file(tmp_path, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    assert main([*QUICK, "--out", str(tmp_path)]) == 2
+    assert "No space left" in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_leaves_whole_files_and_one_line(tmp_path, capsys, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", interrupt)
+    assert main([*QUICK, "--out", str(tmp_path)]) == 130
+    assert "interrupted" in one_line_error(capsys)
+    assert {path.name for path in tmp_path.iterdir()} == {"results.json", "results.csv"}
+    json.loads((tmp_path / "results.json").read_text())
+
+
+def test_another_arm_runs_computed_torque_and_refuses_the_shipped_controller(tmp_path, capsys):
+    robot = tmp_path / "arm.toml"
+    robot.write_text("mass = [12, 8]\n")
+    out = tmp_path / "out"
+    common = ["--case", "nominal", "--robot", str(robot), "--out", str(out)]
+    assert main(["evaluate", "--policy", "computed-torque", *common]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", "--policy", "fuzzy-4", *common]) == 2
+    assert "designed for another robot (mass differ)" in one_line_error(capsys)
+
+
+def test_an_episode_that_fails_gives_exit_code_1(tmp_path, capsys):
+    robot = tmp_path / "arm.toml"
+    robot.write_text("velocity_limit = [3.4, 4.42]\n")  # the reference just fits, the payload rings
+    arguments = [
+        "--policy",
+        "computed-torque",
+        "--case",
+        "payload",
+        "--robot",
+        str(robot),
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    assert main(["evaluate", *arguments]) == 1
+    assert "left the domain (25)" in capsys.readouterr().err
+
+
+def test_design_writes_a_controller_that_evaluate_takes(tmp_path, capsys):
+    path = tmp_path / "mine.json"
+    assert main(["design", "--rules", "1", "--no-integral", "--out", str(path)]) == 0
+    out = capsys.readouterr().out
+    for part in ("1 rules: kept none", "alpha = 20 1/s", "exact rational arithmetic", "K dq2", "Not covered"):
+        assert part in out
+    assert Controller.load(path).model.rules == 1
+    assert main(["evaluate", "--policy", str(path), "--case", "nominal", "--out", str(tmp_path)]) == 0
+
+
+def test_an_infeasible_design_writes_nothing_and_exits_with_1(tmp_path, capsys):
+    path = tmp_path / "never.json"
+    arguments = ["--rules", "1", "--alpha", "400", "--gain-bound", "1e5", "--out", str(path)]
+    assert main(["design", *arguments]) == 1
+    assert "the largest that works is about" in one_line_error(capsys)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--rules", "5"], "choose from: 32, 16, 8, 4, 2, 1"),
+        (["--keep", "z1,z7"], "z1, z2, z3, z4, z5"),
+        (["--alpha", "-1"], "alpha = -1.0"),
+        (["--alpha", "fast"], '--alpha fast must be a number or "max"'),
+        (["--gamma", "min"], "gamma and gain_bound are left open"),
+        (["--gain-bound", "0"], "gain_bound = 0.0"),
+        (["--gamma", "nan"], "gamma = nan"),
+        (["--out", "controller.txt"], "must end in .json"),
+        (["--out", "no/such/folder/c.json"], "does not exist"),
+    ],
+)
+def test_design_bad_usage_is_one_line(tmp_path, capsys, monkeypatch, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    assert main(["design", "--out", "c.json", *arguments]) == 2
+    assert expected in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_real_interrupt_leaves_no_part_files(tmp_path):
+    """SIGINT once the first files are there: exit code 130, one line, nothing half-written."""
+    command = [sys.executable, "-m", "fuzzyarm", "evaluate", "--out", str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob("*.svg")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in err and "Traceback" not in err
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_the_installed_command_works():
+    done = subprocess.run([sys.executable, "-m", "fuzzyarm", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("fuzzyarm ")
+
+
+def shipped(name):
+    from importlib import resources
+
+    return str(resources.files("fuzzyarm.fuzzy_policy.controllers") / name)
+
+
+def test_verify_proves_files_and_says_what_for(capsys):
+    assert main(["verify", shipped("fuzzy-4.json"), shipped("paper-1-common.json")]) == 0
+    out = capsys.readouterr().out
+    assert out.count(": PROVEN") == 2
+    assert "13 of 13 inequalities proven in exact rational arithmetic" in out
+    assert "poles of the loop frozen at any such state have real parts between -200 and -20 1/s" in out
+    assert out.count("for the error from theta_d") == 1  # the consistent form only
+    assert out.count("Not covered: the elastic joints") == 2
+    assert "proven     P > 0, margin" in out
+    assert "feedforward residual in d is at most" in out
+
+
+def test_verify_names_what_fails_and_exits_with_1(tmp_path, capsys):
+    controller = dataclasses.replace(Controller.load(shipped("fuzzy-4.json")), alpha=60.0)
+    controller.save(tmp_path / "wrong.json")
+    assert main(["verify", str(tmp_path / "wrong.json")]) == 1
+    out = capsys.readouterr().out
+    assert "NOT PROVEN" in out
+    assert "not proven Psi_1,1,1 < 0, margin -" in out
+    assert "Not covered" not in out  # no statement without a proof
+
+
+def test_verify_json(capsys):
+    assert main(["verify", "--json", shipped("fuzzy-1.json")]) == 0
+    report = json.loads(capsys.readouterr().out)[0]
+    assert report["proven"]
+    assert all(claim["proven"] for claim in report["claims"])
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1]", "no json"])
+def test_verify_bad_files_are_one_line_and_exit_code_2(tmp_path, capsys, content):
+    path = tmp_path / "bad.json"
+    path.write_text(content)
+    assert main(["verify", str(path)]) == 2
+    assert str(path) in one_line_error(capsys)
+
+
+def test_design_in_the_form_of_the_paper(tmp_path, capsys):
+    path = tmp_path / "paper.json"
+    arguments = ["--theorem", "paper", "--rules", "2", "--no-integral", "--common-multiplier", "--out", str(path)]
+    assert main(["design", *arguments]) == 0
+    assert "paper form, without integral" in capsys.readouterr().out
+    assert Controller.load(path).common_multiplier
+
+
+def test_design_objectives(tmp_path, capsys):
+    path = str(tmp_path / "c.json")
+    assert main(["design", "--rules", "1", "--gamma", "min", "--gain-bound", "1e5", "--out", path]) == 0
+    assert "smallest L2 gain" in capsys.readouterr().out
+    assert main(["design", "--rules", "1", "--alpha", "max", "--gain-bound", "2e5", "--out", path]) == 0
+    assert "largest decay rate" in capsys.readouterr().out
+
+
+@pytest.fixture
+def quick_bench(monkeypatch):
+    """Let `fuzzyarm bench` measure the one environment only, for as short as it can."""
+    from fuzzyarm.eval.bench import run as bench
+    from fuzzyarm.eval.bench.entries import own_single
+
+    entry = dataclasses.replace(own_single(), tip_error=None)
+    monkeypatch.setattr(bench, "WARM_UP", 0.0)
+    monkeypatch.setattr(bench.BenchConfig, "groups", lambda self: {"one environment": [entry]})
+    monkeypatch.setattr(bench.BenchConfig, "sweep_groups", lambda self: {"sweep": [entry]} if self.sweep else {})
+    monkeypatch.setattr(bench, "memory_per_lane", lambda: {"bytes": 321.0, "reason": None})
+    return ["bench", "--seconds", "1e-4"]
+
+
+def test_bench_prints_a_table_and_writes_nothing(tmp_path, capsys, monkeypatch, quick_bench):
+    monkeypatch.chdir(tmp_path)
+    assert main(quick_bench) == 0
+    out = capsys.readouterr().out
+    for part in ("FuzzyArm-v0, Numba", "steps/s [thousand]", "5 rounds of 0.0001 s", "321 bytes"):
+        assert part in out
+    assert "\x1b" not in out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bench_json_is_the_file(tmp_path, capsys, quick_bench):
+    assert main([*quick_bench, "--json", "--lanes-sweep", "--out", str(tmp_path / "new")]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "new" / "bench.json").read_text())
+    assert printed["rows"][0]["steps_per_s"]["median"] > 0.0
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"bench.json", "throughput.png"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--seconds", "-1"], "seconds = -1.0"),
+        (["--rounds", "6"], "rounds = 6 must be odd"),
+        (["--rounds", "3"], "at least 5"),
+        (["--threads", "0"], "threads = 0"),
+        (["--lanes", "64", "0"], "lanes = [64, 0]"),
+        (["--lanes-sweep"], "say where with --out DIR"),
+        (["--out", "file/sub"], "file/sub"),
+    ],
+)
+def test_bench_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monkeypatch, arguments, expected):
+    def never(*_):
+        raise AssertionError("something ran")
+
+    monkeypatch.setattr("fuzzyarm.eval.bench.run.bench", never)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    assert main(["bench", *arguments]) == 2
+    assert expected in one_line_error(capsys)

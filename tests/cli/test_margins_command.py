@@ -1,0 +1,156 @@
+"""`fuzzyarm margins` as a user meets it: outputs, exit codes, one-line errors, whole files."""
+
+import json
+import os
+import tempfile
+
+import pytest
+
+from fuzzyarm.cli import main
+
+QUICK = ["margins", "--policy", "computed-torque"]
+
+
+def one_line_error(capsys):
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+@pytest.fixture
+def never(monkeypatch):
+    """Fail if any policy is measured."""
+
+    def measure(*_):
+        raise AssertionError("something ran")
+
+    monkeypatch.setattr("fuzzyarm.eval.stability.margins.measure", measure)
+
+
+def test_a_table_and_what_it_means(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(QUICK) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[0].startswith("policy")
+    assert "5 kg payload loop gain from" in out
+    assert out.splitlines()[1].startswith("computed-torque  0.9924")
+    assert "A local measurement and not a proof: postures frozen, dry friction removed" in out
+    assert "\x1b" not in out and err == ""  # plain when piped, progress in a terminal only
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_is_the_file(tmp_path, capsys):
+    path = tmp_path / "margins.json"
+    assert main([*QUICK, "--policy", "fuzzy-4", "--json", "--out", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert printed == path.read_text(encoding="utf-8")
+    assert [row["policy"] for row in json.loads(printed)["rows"]] == ["computed-torque", "fuzzy-4"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_table_says_where_the_file_is(tmp_path, capsys):
+    path = tmp_path / "margins.json"
+    path.write_text("an old one")
+    assert main([*QUICK, "--out", str(path)]) == 0
+    assert capsys.readouterr().out.endswith(f"written to {path}\n")
+    assert json.loads(path.read_text())["schema"] == "fuzzyarm-margins/1"
+
+
+def test_by_default_all_policies_there_are(capsys, monkeypatch):
+    for module in ("fuzzyarm.policies.registry", "fuzzyarm.eval.stability.margins"):
+        monkeypatch.setattr(f"{module}.NAMES", ("fuzzy-1", "computed-torque", "fuzzy-2"))
+    assert main(["margins", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [row["policy"] for row in document["rows"]] == ["fuzzy-1", "computed-torque", "fuzzy-2"]
+    assert document["command"] == "fuzzyarm margins"
+
+
+def test_another_arm_is_that_of_plant_and_policy(tmp_path, capsys):
+    """An unstable loop is a result: the word in the table, exit code 0."""
+    robot = tmp_path / "arm.toml"
+    robot.write_text("motor_inertia = [0.1, 0.1]\n")
+    assert main([*QUICK, "--robot", str(robot)]) == 0
+    out = capsys.readouterr().out
+    assert out.splitlines()[1].split().count("unstable") == 8
+    assert "computed-torque, no 'loop gain from' or 'to' or 'to, one sample later': unstable with its own" in out
+
+
+def test_a_controller_file(tmp_path, capsys):
+    path = tmp_path / "mine.json"
+    assert main(["design", "--rules", "1", "--no-integral", "--out", str(path)]) == 0
+    capsys.readouterr()
+    assert main(["margins", "--policy", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert out.splitlines()[1].startswith("mine  ")
+    assert "mine, no 'loop gain from': stable down to 0.01 times its loop gain" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--policy", "nobody"], "choose from: fuzzy-32, fuzzy-16"),
+        (["--policy", "missing.json"], "missing.json"),
+        (["--policy", "broken.json"], "broken.json"),
+        (["--policy", "computed-torque"], "must be one or more different names"),
+        (["--robot", "missing.toml"], "missing.toml"),
+        (["--robot", "bad.toml"], "mass = (-1, 8) is out of range"),
+        (["--robot", "short.toml"], "reach"),
+        (["--policy", "fuzzy-4", "--robot", "arm.toml"], "designed for another robot (mass differ)"),
+        (["--out", "margins.txt"], "margins.txt must be a file ending in .json"),
+        (["--out", "folder.json"], "folder.json must be a file ending in .json"),
+        (["--out", "no/such/folder/m.json"], "the folder no/such/folder does not exist"),
+        (["--out", "broken.json/m.json"], "the folder broken.json does not exist"),
+    ],
+)
+def test_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monkeypatch, never, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.json").mkdir()
+    (tmp_path / "broken.json").write_text("{}")
+    (tmp_path / "bad.toml").write_text("mass = [-1, 8]\n")
+    (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\n")
+    (tmp_path / "arm.toml").write_text("mass = [12, 8]\n")
+    before = sorted(tmp_path.iterdir())
+    assert main([*QUICK, *arguments]) == 2
+    assert expected in one_line_error(capsys)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("arguments", [["now"], ["--nope"], ["--policy"], ["--robot"], ["--out"], ["--json=yes"]])
+def test_argument_errors_exit_with_2(arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(["margins", *arguments])
+    assert caught.value.code == 2
+
+
+def test_a_folder_that_cannot_be_written_to_is_named_before_anything_runs(tmp_path, capsys, monkeypatch, never):
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refused)
+    assert main([*QUICK, "--out", str(tmp_path / "m.json")]) == 2
+    assert f"cannot write to {tmp_path}: Permission denied" in one_line_error(capsys)
+
+
+def test_a_full_disk_leaves_the_old_file_and_no_half_one(tmp_path, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "margins.json"
+    path.write_text("the old one")
+    monkeypatch.setattr(os, "replace", full)
+    assert main([*QUICK, "--out", str(path)]) == 2
+    assert "No space left" in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == [path] and path.read_text() == "the old one"
+
+
+def test_an_interrupt_leaves_the_old_file_and_one_line(tmp_path, capsys, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    path = tmp_path / "margins.json"
+    path.write_text("the old one")
+    monkeypatch.setattr("fuzzyarm.eval.stability.margins.measure", interrupt)
+    assert main([*QUICK, "--out", str(path)]) == 130
+    assert "interrupted" in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == [path] and path.read_text() == "the old one"

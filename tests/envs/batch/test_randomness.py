@@ -1,0 +1,192 @@
+"""The counter-based generator: published words, a bijection, and numbers that pass for independent draws."""
+
+import numpy as np
+import pytest
+from numba import njit
+from scipy import stats
+
+from fuzzyarm.envs.batch.randomness import GAMMA, draw, key_of, mix, normal_pair, uniform
+
+WORDS = 1 << 64
+# The generator's first words for the seed 1234567, as Rosetta Code prints them.
+PUBLISHED = (
+    6457827717110365317,
+    3203168211198807973,
+    9817491932198370423,
+    4593380528125082431,
+    16408922859458223821,
+)
+SAMPLES = 100_000
+
+
+def words(*values):
+    """Unsigned words as an array, which wraps without a warning."""
+    return np.array(values, dtype=np.uint64)
+
+
+def counters(count, start=0):
+    return np.arange(start, start + count, dtype=np.uint64)
+
+
+def keys(count):
+    """Keys of the first seeds."""
+    return np.array([key_of(seed) for seed in range(count)])
+
+
+def unmixed(word):
+    """The word that `mix` takes to this one, in whole numbers: each of its three steps undone in turn."""
+    for shift, factor in ((31, 0x94D049BB133111EB), (27, 0xBF58476D1CE4E5B9), (30, None)):
+        shifted = word
+        for _ in range(64 // shift + 1):
+            shifted = word ^ (shifted >> shift)
+        word = shifted if factor is None else shifted * pow(factor, -1, WORDS) % WORDS
+    return word
+
+
+def key_with(word, counter=0):
+    """The key whose number `counter` is this word."""
+    return words((unmixed(word) - (counter + 1) * int(GAMMA)) % WORDS)
+
+
+def uncorrelated(first, second):
+    """Whether two samples' correlation is within five standard deviations of none."""
+    return abs(np.corrcoef(first, second)[0, 1]) < 5.0 / np.sqrt(len(first))
+
+
+# --- words -------------------------------------------------------------------------------------------------------
+
+
+def test_words_are_the_published_ones_the_first_at_counter_zero():
+    assert tuple(draw(words(1234567), counters(5)).tolist()) == PUBLISHED
+
+
+def test_words_are_those_of_the_generator_that_adds_and_mixes():
+    """Against whole numbers: add γ, then two rounds of xor-shift and multiply, and a last xor-shift."""
+    state, expected = 0x0123456789ABCDEF, []
+    for _ in range(100):
+        state = (state + 0x9E3779B97F4A7C15) % WORDS
+        word = (state ^ (state >> 30)) * 0xBF58476D1CE4E5B9 % WORDS
+        word = (word ^ (word >> 27)) * 0x94D049BB133111EB % WORDS
+        expected.append(word ^ (word >> 31))
+    assert draw(words(0x0123456789ABCDEF), counters(100)).tolist() == expected
+
+
+def test_mix_is_a_bijection():
+    rng = np.random.default_rng(0)
+    given = np.concatenate([rng.integers(0, WORDS, 2000, dtype=np.uint64), words(0, 1, WORDS - 1, WORDS // 2)])
+    assert [unmixed(word) for word in mix(given).tolist()] == given.tolist()
+    assert mix(words(*[unmixed(word) for word in given.tolist()])).tolist() == given.tolist()
+
+
+def test_each_bit_of_the_key_turns_half_the_bits_of_the_word():
+    key = np.random.default_rng(1).integers(0, WORDS, 4000, dtype=np.uint64)
+    for bit in range(64):
+        changed = draw(key, words(0)) ^ draw(key ^ words(1 << bit), words(0))
+        share = np.bitwise_count(changed).mean() / 64
+        assert abs(share - 0.5) < 5.0 * 0.5 / np.sqrt(64 * 4000), bit
+
+
+# --- uniform numbers ---------------------------------------------------------------------------------------------
+
+
+def test_uniform_numbers_are_multiples_of_two_to_minus_53_below_one():
+    numbers = uniform(words(7), counters(SAMPLES))
+    assert numbers.min() >= 0.0 and numbers.max() < 1.0
+    assert np.array_equal(np.ldexp(numbers, 53), np.floor(np.ldexp(numbers, 53)))
+    assert (np.ldexp(numbers, 53) % 2.0 == 1.0).mean() == pytest.approx(0.5, abs=0.01)  # all 53 bits are in use
+    for word, number in ((0, 0.0), (WORDS - 1, 1.0 - 2.0**-53), (WORDS // 2, 0.5), (1 << 11, 2.0**-53)):
+        assert uniform(key_with(word), words(0)).tolist() == [number]
+
+
+@pytest.mark.parametrize("key", range(5))
+def test_one_stream_is_uniform(key):
+    assert stats.kstest(uniform(keys(5)[key : key + 1], counters(SAMPLES)), "uniform").pvalue > 1e-4
+
+
+@pytest.mark.parametrize("counter", [0, 1, 17, 32, 6031])
+def test_one_counter_is_uniform_over_neighbouring_keys(counter):
+    assert stats.kstest(uniform(counters(SAMPLES), words(counter)), "uniform").pvalue > 1e-4
+
+
+def test_pairs_fill_the_square_evenly():
+    """Chi-square over a 32 by 32 grid, of neighbouring counters and of neighbouring keys."""
+    stream, lanes = uniform(words(3), counters(2 * SAMPLES)), uniform(counters(2 * SAMPLES), words(5))
+    for numbers in (stream, lanes):
+        counts, _, _ = np.histogram2d(numbers[::2], numbers[1::2], bins=32, range=((0, 1), (0, 1)))
+        assert stats.chisquare(counts.ravel()).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("lag", [1, 2, 4, 17, 1000])
+def test_neighbours_are_uncorrelated(lag):
+    stream, lanes = uniform(words(9), counters(SAMPLES + lag)), uniform(counters(SAMPLES + lag), words(9))
+    for numbers in (stream, lanes):
+        assert uncorrelated(numbers[lag:], numbers[:-lag])
+    assert uncorrelated(stream[:SAMPLES], lanes[:SAMPLES])
+
+
+def test_streams_of_successive_episodes_are_uncorrelated():
+    """Word 0 of an episode's stream is the key of the next one."""
+    first = keys(1)
+    second = draw(first, words(0))
+    third = draw(second, words(0))
+    streams = [uniform(key, counters(SAMPLES)) for key in (first, second, third)]
+    assert uncorrelated(streams[0], streams[1]) and uncorrelated(streams[1], streams[2])
+    assert uncorrelated(streams[0][1:], streams[1][:-1])
+
+
+# --- normal numbers ----------------------------------------------------------------------------------------------
+
+
+def test_normal_pairs_are_standard_normal_and_independent():
+    pairs = np.array(normal_pair(words(11), counters(SAMPLES) * words(2)))
+    for sample in pairs:
+        assert stats.kstest(sample, "norm").pvalue > 1e-4
+        # Five standard deviations of each estimate: variance of the mean 1/n, of the second moment 2/n, of the
+        # third 15/n, of the fourth 96/n.
+        moments = [np.mean(sample**power) for power in (1, 2, 3, 4)]
+        spread = 5.0 * np.sqrt(np.array([1.0, 2.0, 15.0, 96.0]) / SAMPLES)
+        assert (np.abs(np.array(moments) - [0.0, 1.0, 0.0, 3.0]) < spread).all()
+    first, second = pairs
+    assert uncorrelated(first, second) and uncorrelated(first**2, second**2)
+    assert uncorrelated(first[1:], first[:-1]) and uncorrelated(first[1:], second[:-1])
+
+
+def test_normal_pairs_are_box_and_mullers():
+    counter = counters(1000, 40)
+    u, v = uniform(words(13), counter), uniform(words(13), counter + words(1))
+    radius = np.sqrt(-2.0 * np.log1p(-u))
+    expected = np.array([radius * np.cos(2.0 * np.pi * v), radius * np.sin(2.0 * np.pi * v)])
+    np.testing.assert_allclose(normal_pair(words(13), counter), expected, rtol=0.0, atol=3e-15)
+
+
+def test_the_outermost_normal_number_is_finite():
+    largest = normal_pair(key_with(WORDS - 1), words(0))
+    assert np.hypot(*largest)[0] == pytest.approx(np.sqrt(106.0 * np.log(2.0)), rel=1e-15)
+    assert np.array_equal(np.abs(normal_pair(key_with(0), words(0))), np.zeros((2, 1)))
+
+
+# --- keys and compiled code --------------------------------------------------------------------------------------
+
+
+def test_keys_are_numpys_and_all_different():
+    assert len(set(keys(5000).tolist())) == 5000
+    assert key_of(2**200 + 1) != key_of(1)  # seeds of any size
+    assert key_of(42) == np.random.SeedSequence(42).generate_state(1, np.uint64)[0]
+
+
+@njit
+def _loop(key, counter, word, number, pairs):
+    for i in range(len(key)):
+        word[i], number[i] = draw(key[i], counter[i]), uniform(key[i], counter[i])
+        pairs[0, i], pairs[1, i] = normal_pair(key[i], counter[i])
+
+
+def test_compiled_code_draws_the_same_bits_as_numpy():
+    rng = np.random.default_rng(2)
+    key, counter = rng.integers(0, WORDS, (2, 20_000), dtype=np.uint64)
+    word, number, pairs = np.empty_like(key), np.empty(len(key)), np.empty((2, len(key)))
+    _loop(key, counter, word, number, pairs)
+    assert np.array_equal(word, draw(key, counter))
+    assert np.array_equal(number, uniform(key, counter))
+    # NumPy's own logarithm may differ from the C library's in the last bit.
+    np.testing.assert_allclose(pairs, normal_pair(key, counter), rtol=5e-16)

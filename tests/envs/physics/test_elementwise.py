@@ -1,0 +1,197 @@
+"""The elementwise functions: against arithmetic of 40 digits, and the same bits from NumPy and compiled code."""
+
+import mpmath
+import numpy as np
+import pytest
+from numba import njit
+
+from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, root, select, sign, sine_cosine, smaller
+
+PRECISE = mpmath.MPContext()
+PRECISE.dps = 40
+SPECIAL = np.array([0.0, -0.0, 5e-324, -5e-324, 1e-308, 1e300, -1e300, np.inf, -np.inf, np.nan])
+
+
+def neighbours(points):
+    """The points and the floats next to them."""
+    return np.concatenate([points, np.nextafter(points, np.inf), np.nextafter(points, -np.inf)])
+
+
+def angles():
+    """Angles within ±2π: everywhere, at the borders of the octants and quadrants, and near zero."""
+    rng = np.random.default_rng(0)
+    borders = neighbours(np.arange(-8, 9) * np.pi / 4)
+    small = 10.0 ** rng.uniform(-300, 0, 300) * rng.choice([-1.0, 1.0], 300)
+    everywhere = np.concatenate([rng.uniform(-2.0 * np.pi, 2.0 * np.pi, 2000), borders, small, [0.0, -0.0]])
+    return everywhere[np.abs(everywhere) <= 2.0 * np.pi]
+
+
+def numbers():
+    """Numbers of every size, the special ones among them."""
+    rng = np.random.default_rng(1)
+    sizes = 10.0 ** rng.uniform(-320, 308, 500) * rng.choice([-1.0, 1.0], 500)
+    return np.concatenate([rng.uniform(-10.0, 10.0, 2000), sizes, angles(), SPECIAL])
+
+
+def error(found, exact, points):
+    """Largest absolute error against a function of mpmath."""
+    pairs = zip(found.tolist(), points.tolist(), strict=True)
+    return max(float(abs(PRECISE.mpf(y) - exact(PRECISE.mpf(x)))) for y, x in pairs)
+
+
+def bits(values):
+    """The bits of floats; every nan counts as the same."""
+    values = np.array(values, dtype=np.float64)
+    return np.where(np.isnan(values), np.nan, values).view(np.uint64)
+
+
+# --- sine and cosine ---------------------------------------------------------------------------------------------
+
+
+def test_sine_and_cosine_are_right_to_3e_16_within_a_turn():
+    x = angles()
+    sine, cosine = sine_cosine(x)
+    assert error(sine, PRECISE.sin, x) < 3e-16
+    assert error(cosine, PRECISE.cos, x) < 3e-16
+
+
+def test_sine_and_cosine_are_good_up_to_a_million():
+    """Also where the reduction is at its worst: floats next to multiples of π/2, the result next to zero."""
+    rng = np.random.default_rng(2)
+    multiples = neighbours(rng.integers(-636_000, 636_000, 300) * (np.pi / 2.0))
+    x = np.concatenate([rng.uniform(-1e6, 1e6, 1000), multiples])
+    sine, cosine = sine_cosine(x)
+    assert error(sine, PRECISE.sin, x) < 3e-16
+    assert error(cosine, PRECISE.cos, x) < 3e-16
+
+
+def test_small_sines_keep_their_relative_precision():
+    x = 10.0 ** np.random.default_rng(3).uniform(-300, -1, 300)
+    exact = [PRECISE.sin(PRECISE.mpf(value)) for value in x.tolist()]
+    found = sine_cosine(x)[0].tolist()
+    assert max(float(abs(PRECISE.mpf(y) / z - 1)) for y, z in zip(found, exact, strict=True)) < 2.0**-52
+
+
+def test_sine_is_odd_and_cosine_even_to_the_bit():
+    x = angles()
+    (sine, cosine), (mirrored_sine, mirrored_cosine) = sine_cosine(x), sine_cosine(-x)
+    assert np.array_equal(mirrored_sine, -sine) and np.array_equal(mirrored_cosine, cosine)
+
+
+def test_sine_and_cosine_of_zero_are_exact():
+    for zero in (0.0, -0.0):
+        assert sine_cosine(np.float64(zero)) == (0.0, 1.0)
+
+
+def test_sine_and_cosine_are_one_circle():
+    sine, cosine = sine_cosine(angles())
+    np.testing.assert_allclose(sine * sine + cosine * cosine, 1.0, rtol=0.0, atol=1e-15)
+    assert np.abs(sine).max() <= 1.0 and np.abs(cosine).max() <= 1.0
+
+
+@pytest.mark.parametrize("angle", [np.nan, np.inf, -np.inf])
+def test_an_angle_that_is_not_finite_has_no_sine(angle):
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(sine_cosine(np.float64(angle))).all()
+
+
+# --- the Gaussian ------------------------------------------------------------------------------------------------
+
+
+def test_gaussian_is_right_to_3e_14():
+    rng = np.random.default_rng(4)
+    small = 10.0 ** rng.uniform(-200, 0, 200)
+    x = np.concatenate([rng.uniform(-7.0, 7.0, 3000), small, neighbours(np.array([0.0, 40.0**0.5, -(40.0**0.5)]))])
+    assert error(gaussian(x), lambda y: PRECISE.exp(-y * y), x) < 3e-14
+
+
+def test_gaussian_is_one_at_zero_even_and_falling():
+    x = np.linspace(0.0, 6.3, 400)
+    assert gaussian(np.float64(0.0)) == 1.0 and gaussian(np.float64(-0.0)) == 1.0
+    assert (np.diff(gaussian(x)) < 0.0).all()
+    assert np.array_equal(gaussian(-x), gaussian(x))
+
+
+@pytest.mark.parametrize("far", [6.4, 100.0, 1e150, 1e300, np.inf])
+def test_far_out_the_gaussian_stays_at_4e_18(far):
+    with np.errstate(over="ignore"):
+        tail = gaussian(np.array([far, -far]))
+    assert tail[0] == tail[1] == pytest.approx(np.exp(-40.0), rel=1e-12)
+    assert 1.0 + tail[0] == 1.0
+
+
+# --- the small ones ----------------------------------------------------------------------------------------------
+
+
+def test_sign_is_that_of_numpy_and_zero_for_nan():
+    x = numbers()
+    assert np.array_equal(sign(x), np.where(np.isnan(x), 0.0, np.sign(x)))
+
+
+def test_positive_part_is_the_maximum_with_zero():
+    x = numbers()
+    x = x[np.abs(x) < 8e307]
+    assert np.array_equal(positive_part(x), np.maximum(x, 0.0))
+
+
+def test_smaller_is_the_minimum():
+    rng = np.random.default_rng(5)
+    a = np.concatenate([rng.normal(size=1000), [0.0, -0.0, 1e308, -1e308, 3.0]])
+    b = np.concatenate([rng.normal(size=1000), [-1.0, 2.0, -1e308, 1e308, 3.0]])
+    assert np.array_equal(smaller(a, b), np.minimum(a, b)) and np.array_equal(smaller(b, a), np.minimum(a, b))
+
+
+def test_root_is_the_correctly_rounded_square_root():
+    x = 10.0 ** np.random.default_rng(6).uniform(-300, 300, 500)
+    exact = [float(PRECISE.sqrt(PRECISE.mpf(value))) for value in x.tolist()]
+    assert root(x).tolist() == exact
+
+
+def test_select_takes_the_first_where_the_condition_holds():
+    condition = np.array([True, False, True])
+    assert select(condition, np.arange(3.0), -1.0).tolist() == [0.0, -1.0, 2.0]
+    assert select(condition, 7.0, np.nan).tolist() == pytest.approx([7.0, np.nan, 7.0], nan_ok=True)
+
+
+# --- one code, the same bits -------------------------------------------------------------------------------------
+
+
+@njit(error_model="numpy")
+def _one(x, y):
+    first, second = sine_cosine(x)
+    return first, second, gaussian(x), sign(x), positive_part(x), smaller(x, y), root(abs(x)), select(x < y, x, y)
+
+
+@njit(error_model="numpy")
+def _loop(x, y, out):
+    for i in range(len(x)):
+        first, second = sine_cosine(x[i])
+        out[0, i], out[1, i], out[2, i], out[3, i] = first, second, gaussian(x[i]), sign(x[i])
+        out[4, i], out[5, i] = positive_part(x[i]), smaller(x[i], y[i])
+        out[6, i], out[7, i] = root(abs(x[i])), select(x[i] < y[i], x[i], y[i])
+
+
+def test_numpy_compiled_scalars_and_compiled_loops_give_the_same_bits():
+    x = numbers()
+    y = np.random.default_rng(7).permutation(x)
+    with np.errstate(all="ignore"):
+        arrays = np.array(_one.py_func(x, y))
+        alone = np.array([_one.py_func(*pair) for pair in zip(x[-500:], y[-500:], strict=True)]).T
+    scalars = np.array([_one(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)]).T
+    loop = np.empty_like(arrays)
+    _loop(x, y, loop)
+    assert np.array_equal(bits(scalars), bits(arrays))
+    assert np.array_equal(bits(loop), bits(arrays))
+    assert np.array_equal(bits(alone), bits(arrays[:, -500:]))
+    assert np.isfinite(arrays).mean() > 0.9
+
+
+def test_tensors_use_torchs_own_functions():
+    torch = pytest.importorskip("torch")
+    x = torch.tensor(angles())
+    sine, cosine = sine_cosine(x)
+    assert torch.equal(sine, torch.sin(x)) and torch.equal(cosine, torch.cos(x))
+    assert torch.equal(gaussian(x), torch.exp(-x * x)) and torch.equal(root(x * x), torch.sqrt(x * x))
+    for function in (sign, positive_part):
+        assert np.array_equal(function(x).numpy(), function(x.numpy()))
+    assert np.array_equal(smaller(x, -x).numpy(), -np.abs(x.numpy()))

@@ -1,0 +1,222 @@
+"""The reference solution: stick-slip events, energy, tolerances, and agreement with very small sub-steps."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.physics import event_integrator
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix, tip_position
+from fuzzyarm.envs.physics.event_integrator import integrate
+from fuzzyarm.envs.physics.integrator import hold
+from fuzzyarm.envs.physics.parameters import ArmParameters
+
+TABLE_1 = ArmParameters()
+CONSERVATIVE = dataclasses.replace(
+    TABLE_1,
+    viscous_friction=(0.0, 0.0),
+    static_friction=(0.0, 0.0),
+    coulomb_friction=(0.0, 0.0),
+    damping=(0.0, 0.0),
+)
+HANGING = np.zeros(8)
+SWINGING = np.array([1.0, 0.5, 1.001, 0.496, 1.0, -2.0, 1.5, -1.0])
+
+
+def no_force(_):
+    return 0.0, 0.0
+
+
+def solve(state, torque, seconds, arm=TABLE_1, force=no_force, **tolerances):
+    return integrate(np.array(state, float), np.array(torque, float), force, arm, Payload(), 0.0, seconds, **tolerances)
+
+
+def energy(state, arm):
+    c, deflection, dq = arm_constants(arm), state[:2] - state[2:4], state[6:8]
+    m11, m12, m22 = mass_matrix(np.cos(state[3]), c)
+    kinetic = 0.5 * (m11 * dq[0] ** 2 + m22 * dq[1] ** 2) + m12 * dq[0] * dq[1]
+    elastic = 0.5 * (np.dot(arm.motor_inertia, state[4:6] ** 2) + np.dot(arm.stiffness, deflection**2))
+    return kinetic + elastic - c.c4 * np.cos(state[2]) - c.c5 * np.cos(state[2] + state[3])
+
+
+# Start, torque, time [s], and the modes (signs of the motor velocities) that each joint goes through.
+EVENTS = {
+    "slip to stick": ([0, 0, 0, 0, 0.01, -0.01, 0, 0], (0.0, 0.0), 8e-3, ([1, 0], [-1, 0])),
+    "stick to slip": ([0, 0, 0, 0, 0, 0, 0.5, -0.5], (0.0, 0.0), 4e-3, ([0, 1], [0, -1])),
+    "reversal": ([0, 0, 0, 0, 0.02, 0.05, 0, 0], (-50.0, -30.0), 4e-3, ([1, -1], [1, -1])),
+    "many": ([0, 0, 0, 0, 0, 0, 0.05, -0.1], (0.0, 0.0), 8e-2, ([0, 1, 0, 1, 0], [0, -1, 0, 1, 0])),
+}
+
+
+def in_pieces(start, torque, seconds, pieces):
+    """The states of many short calls that make up one long one."""
+    states, times = [np.array(start, float)], np.linspace(0.0, seconds, pieces + 1)
+    for begin, end in itertools.pairwise(times):
+        states.append(integrate(states[-1], np.array(torque), no_force, TABLE_1, Payload(), begin, end))
+    return np.array(states)
+
+
+def in_substeps(start, torque, seconds, h):
+    lanes, constants = np.array(start, float)[:, None], np.array(arm_constants(TABLE_1))[:, None]
+    hold(lanes, np.array(torque)[:, None], np.zeros((4, 1)), constants, h, round(seconds / h))
+    return lanes[:, 0]
+
+
+@pytest.mark.parametrize("case", EVENTS)
+def test_motors_go_through_the_expected_modes(case):
+    start, torque, seconds, expected = EVENTS[case]
+    signs = np.sign(in_pieces(start, torque, seconds, 400)[:, 4:6]).T
+    assert tuple([s for k, s in enumerate(joint) if k == 0 or s != joint[k - 1]] for joint in signs) == expected
+
+
+@pytest.mark.parametrize("case", EVENTS)
+def test_agrees_with_tiny_substeps_through_events(case):
+    start, torque, seconds, _ = EVENTS[case]
+    reference = solve(start, torque, seconds)
+    coarse, fine = (np.abs(in_substeps(start, torque, seconds, h) - reference).max() for h in (4e-6, 1e-6))
+    assert fine < 1e-8
+    assert coarse > 10.0 * fine  # of second order towards the reference, not towards something near it
+
+
+@pytest.mark.parametrize("case", EVENTS)
+def test_one_call_is_many_short_calls(case):
+    start, torque, seconds, _ = EVENTS[case]
+    state = in_pieces(start, torque, seconds, 13)[-1]
+    np.testing.assert_allclose(state, solve(start, torque, seconds), rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("case", EVENTS)
+def test_tolerances_and_steps_change_nothing(case, monkeypatch):
+    start, torque, seconds, _ = EVENTS[case]
+    default = solve(start, torque, seconds)
+    half = solve(start, torque, seconds, rtol=0.5e-11, atol=0.5e-13)
+    monkeypatch.setattr(event_integrator, "MAX_STEP", 1e-5)
+    short_steps = solve(start, torque, seconds)
+    monkeypatch.setattr(event_integrator, "MAX_STEP", 1e-2)  # the tolerances alone choose the steps
+    free_steps = solve(start, torque, seconds)
+    np.testing.assert_allclose([half, short_steps, free_steps], [default] * 3, rtol=0, atol=1e-10)
+
+
+def test_energy_is_kept_without_losses():
+    after = solve(SWINGING, (0.0, 0.0), 0.5, arm=CONSERVATIVE)
+    assert energy(after, CONSERVATIVE) == pytest.approx(energy(SWINGING, CONSERVATIVE), abs=1e-9)
+
+
+def test_torque_and_tip_force_do_their_work():
+    torque, force = np.array([40.0, -20.0]), np.array([30.0, -80.0])
+    after = solve(SWINGING, torque, 0.2, arm=CONSERVATIVE, force=lambda _: force)
+    tips = [tip_position(state[2:4], CONSERVATIVE.length) for state in (SWINGING, after)]
+    work = torque @ (after[:2] - SWINGING[:2]) + force @ (tips[1] - tips[0])
+    assert abs(work) > 10.0
+    assert energy(after, CONSERVATIVE) - energy(SWINGING, CONSERVATIVE) == pytest.approx(work, abs=1e-9)
+
+
+def test_coulomb_friction_takes_torque_times_path():
+    arm = dataclasses.replace(CONSERVATIVE, static_friction=(6.0, 3.0), coulomb_friction=(6.0, 3.0))
+    start, torque = np.array([0, 0, 0, 0, 0.5, -0.5, 0, 0]), np.array([0.0, 0.0])
+    after = solve(start, torque, 2e-3, arm=arm)
+    assert np.array_equal(np.sign(after[4:6]), [1.0, -1.0])
+    lost = np.dot((6.0, 3.0), np.abs(after[:2]))
+    assert lost > 1e-3
+    assert energy(start, arm) - energy(after, arm) == pytest.approx(lost, abs=1e-11)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_the_static_torque_itself_holds_without_an_event(direction, monkeypatch):
+    monkeypatch.setattr(event_integrator, "MAX_EVENTS", 0)
+    torque = direction * np.array(TABLE_1.static_friction)
+    assert np.array_equal(solve(HANGING, torque, 0.1), HANGING)
+
+
+def test_stuck_motors_stay_exactly():
+    state = np.array([0, 0, 0, 0, 0, 0, 0.01, -0.01])
+    for _ in range(50):
+        state = solve(state, (0.0, 0.0), 1e-3)
+        assert np.array_equal(state[[0, 1, 4, 5]], np.zeros(4)) and np.abs(state[2:4]).min() > 0.0
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_break_away_just_above_the_static_torque(direction):
+    torque = direction * np.array(TABLE_1.static_friction) * (1.0 + 1e-9)
+    after = solve(HANGING, torque, 1e-3)
+    assert (after[:2] * direction > 0.0).all() and (after[4:6] * direction > 0.0).all()
+
+
+def test_break_away_and_stop_within_one_step():
+    """Net torque 0.3 N m over static falls at a rate r: the motor moves for 2 e / r by (2/3) e^3 / (r^2 I_a)."""
+    arm, excess, rate = dataclasses.replace(TABLE_1, damping=(0.0, 0.0)), 0.3, 6.4e4 * 0.05
+    assert 2.0 * excess / rate < event_integrator.MAX_STEP
+    after = solve([0, 0, 0, 0, 0, 0, -0.05, 0], (6.0 + excess, 0.0), 4e-4, arm=arm)
+    assert after[4] == 0.0
+    assert after[0] == pytest.approx(2.0 / 3.0 * excess**3 / (rate**2 * 2.71), rel=1e-2)
+
+
+def test_frictionless_motor_at_rest_is_free():
+    start = np.array([0, 0, 0, 0, 0, 0, 0.5, -0.5])
+    after = solve(start, (0.0, 0.0), 4e-3, arm=CONSERVATIVE)
+    assert after[0] > 1e-5 and after[1] < -1e-5
+    assert energy(after, CONSERVATIVE) == pytest.approx(energy(start, CONSERVATIVE), abs=1e-11)
+
+
+def test_frictionless_arm_hangs_at_rest_without_an_event(monkeypatch):
+    monkeypatch.setattr(event_integrator, "MAX_EVENTS", 0)
+    assert np.array_equal(solve(HANGING, (0.0, 0.0), 0.1, arm=CONSERVATIVE), HANGING)
+
+
+def test_both_joints_may_have_their_event_at_the_same_time():
+    twin = dataclasses.replace(TABLE_1, motor_inertia=(2.0, 1.0), viscous_friction=(0.2, 0.1), damping=(0.0, 0.0))
+    twin = dataclasses.replace(twin, stiffness=(1e-6, 0.5e-6), gravity=1e-9)
+    after = solve([0, 0, 0, 0, 0.01, 0.01, 0, 0], (0.0, 0.0), 0.02, arm=twin)
+    assert np.array_equal(after[4:6], np.zeros(2))
+    assert after[0] == pytest.approx(after[1], rel=1e-9)
+
+
+def test_the_force_follows_time():
+    def force(t):
+        return 100.0 * np.cos(300.0 * t), -80.0 * np.sin(200.0 * t)
+
+    begin, end, pieces = 0.2, 0.21, 10_000
+    after = integrate(SWINGING, np.array([120.0, 10.0]), force, TABLE_1, Payload(5.0), begin, end)
+    lanes, torque = SWINGING[:, None].copy(), np.array([[120.0], [10.0]])
+    constants = np.array(arm_constants(TABLE_1, Payload(5.0)))[:, None]
+    h = (end - begin) / pieces
+    for k in range(pieces):
+        middle = np.array([*force(begin + (k + 0.5) * h), 0.0, 0.0])[:, None]
+        hold(lanes, torque, middle, constants, h, 1)
+    np.testing.assert_allclose(lanes[:, 0], after, rtol=0, atol=1e-8)
+
+
+def test_no_time_no_change():
+    assert np.array_equal(solve(SWINGING, (1.0, 2.0), 0.0), SWINGING)
+
+
+def test_the_start_is_not_changed():
+    start = np.array([0, 0, 0, 0, 0.01, -0.01, 0, 0])
+    before = start.copy()
+    integrate(start, np.zeros(2), no_force, TABLE_1, Payload(), 0.0, 8e-3)
+    assert np.array_equal(start, before)
+
+
+@pytest.mark.parametrize(("state", "torque", "stop"), [
+    (np.full(8, np.nan), (0.0, 0.0), 1e-3),
+    (HANGING, (np.inf, 0.0), 1e-3),
+    (HANGING, (0.0, 0.0), -1e-3),
+    (HANGING, (0.0, 0.0), np.nan),
+])  # fmt: skip
+def test_bad_input_is_named(state, torque, stop):
+    with pytest.raises(ValueError, match=r"cannot integrate from 0\.0 s"):
+        solve(state, torque, stop)
+
+
+def test_too_many_events_name_time_and_state(monkeypatch):
+    monkeypatch.setattr(event_integrator, "MAX_EVENTS", 1)
+    start, torque, seconds, _ = EVENTS["many"]
+    with pytest.raises(RuntimeError, match=r"more than 1 stick-slip events before t = .* s, state \["):
+        solve(start, torque, seconds)
+
+
+@pytest.mark.parametrize("begin", [-1.0, 1e-4])
+def test_solver_failure_names_time_and_state(begin):
+    with pytest.raises(RuntimeError, match=r"step size .* at t = .* s, state \["):
+        solve(SWINGING, (0.0, 0.0), 1e-3, force=lambda t: (np.nan, 0.0) if t > begin else (0.0, 0.0))

@@ -1,0 +1,222 @@
+"""The sub-step: order two, energy, the two back ends and the lanes of a batch."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.physics.dynamics import (
+    Arm,
+    Payload,
+    State,
+    arm_constants,
+    coriolis_torque,
+    gravity_torque,
+    mass_matrix,
+    rigid_inverse_dynamics,
+    tip_position,
+)
+from fuzzyarm.envs.physics.event_integrator import integrate
+from fuzzyarm.envs.physics.integrator import held, hold, hold_numpy
+from fuzzyarm.envs.physics.parameters import ArmParameters
+
+TABLE_1 = ArmParameters()
+FRICTIONLESS = dataclasses.replace(
+    TABLE_1, viscous_friction=(0.0, 0.0), static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0)
+)
+CONSERVATIVE = dataclasses.replace(FRICTIONLESS, damping=(0.0, 0.0))
+SWINGING = np.array([1.0, 0.5, 1.001, 0.496, 1.0, -2.0, 1.5, -1.0])
+
+
+def advance(state, torque, force, arm, h, substeps, payload=None):
+    """One lane over `substeps` of h."""
+    lanes, constants = np.array(state)[:, None], np.array(arm_constants(arm, payload))[:, None]
+    line = np.array([*force, 0.0, 0.0])[:, None]  # a constant force
+    hold(lanes, np.array(torque, float)[:, None], line, constants, h, substeps)
+    return lanes[:, 0]
+
+
+def trajectory(state, arm, h, seconds, sample=1e-3):
+    """States at every `sample` of an arm left to itself."""
+    states = [state]
+    for _ in range(round(seconds / sample)):
+        states.append(advance(states[-1], (0.0, 0.0), (0.0, 0.0), arm, h, round(sample / h)))
+    return np.array(states)
+
+
+def energy(states, arm):
+    """Kinetic energy of motors and links, of the joint springs and of gravity [J], over the last axis."""
+    c = arm_constants(arm)
+    motor, link, motor_velocity, link_velocity = (states[..., k : k + 2] for k in (0, 2, 4, 6))
+    m11, m12, m22 = mass_matrix(np.cos(link[..., 1]), c)
+    v1, v2 = link_velocity[..., 0], link_velocity[..., 1]
+    kinetic = 0.5 * (m11 * v1**2 + m22 * v2**2) + m12 * v1 * v2
+    motors = 0.5 * (motor_velocity**2 @ np.array(arm.motor_inertia))
+    springs = 0.5 * ((motor - link) ** 2 @ np.array(arm.stiffness))
+    return kinetic + motors + springs - c.c4 * np.cos(link[..., 0]) - c.c5 * np.cos(link.sum(axis=-1))
+
+
+def order(steps, errors):
+    """Slope of log error over log step."""
+    return np.polyfit(np.log(steps), np.log(errors), 1)[0]
+
+
+def test_energy_drift_without_losses_is_small_and_of_second_order():
+    steps = np.array([5e-4, 2.5e-4, 1.25e-4, 6.25e-5])
+    drifts = []
+    for h in steps:
+        levels = energy(trajectory(SWINGING, CONSERVATIVE, h, 1.5), CONSERVATIVE)
+        drifts.append(np.abs(levels - levels[0]).max())
+    swing = arm_constants(CONSERVATIVE).c4
+    assert drifts[-1] < 1e-5 * swing
+    assert 1.8 < order(steps, drifts) < 2.3
+
+
+@pytest.mark.parametrize("arm", [FRICTIONLESS, TABLE_1], ids=["joint damping", "friction and damping"])
+def test_energy_never_rises_without_input(arm):
+    levels = energy(trajectory(SWINGING, arm, 1e-4, 1.5, sample=1e-4), arm)
+    assert np.diff(levels).max() < 1e-8 * (levels[0] - levels[-1])
+
+
+def test_arm_with_friction_comes_to_rest_exactly():
+    heavy = dataclasses.replace(TABLE_1, damping=(200.0, 100.0), static_friction=(300.0, 200.0))
+    heavy = dataclasses.replace(heavy, coulomb_friction=(300.0, 200.0))
+    state = trajectory(SWINGING, heavy, 1e-4, 1.0)[-1]
+    assert np.array_equal(state[4:6], np.zeros(2))
+
+
+def test_constant_tip_force_does_the_work_force_times_way():
+    force, steps, errors = np.array([30.0, -80.0]), np.array([5e-4, 2.5e-4, 1.25e-4]), []
+    for h in steps:
+        after = advance(SWINGING, (0.0, 0.0), force, CONSERVATIVE, h, round(0.2 / h))
+        tips = [tip_position(state[2:4], CONSERVATIVE.length) for state in (SWINGING, after)]
+        work = force @ (tips[1] - tips[0])
+        errors.append(abs(energy(after, CONSERVATIVE) - energy(SWINGING, CONSERVATIVE) - work))
+    assert abs(work) > 10.0 and errors[-1] < 1e-4 * abs(work)
+    assert 1.8 < order(steps, errors) < 2.3
+
+
+def test_constant_motor_torque_does_the_work_torque_times_angle():
+    torque = np.array([40.0, -20.0])
+    after = advance(SWINGING, torque, (0.0, 0.0), CONSERVATIVE, 1e-5, 20_000)
+    work = torque @ (after[:2] - SWINGING[:2])
+    gained = energy(after, CONSERVATIVE) - energy(SWINGING, CONSERVATIVE)
+    assert abs(work) > 10.0 and gained == pytest.approx(work, abs=1e-6 * abs(work))
+
+
+CASES = {
+    "smooth": (FRICTIONLESS, SWINGING, (40.0, -20.0), (30.0, -80.0), 0.05),
+    "slip": (TABLE_1, np.r_[SWINGING[:4], 2.0, -2.0, 2.0, -2.0], (120.0, 10.0), (30.0, -80.0), 0.05),
+    "stick": (TABLE_1, np.r_[np.full(4, 0.2), np.zeros(4)], (10.0, 0.0), (0.0, 0.0), 0.2),
+}
+
+
+MODES = {"smooth": [{1.0}, {-1.0}], "slip": [{1.0}, {-1.0}], "stick": [{1.0, 0.0, -1.0}, {0.0, -1.0}]}
+
+
+def reference(case):
+    """The state at the end of a case, and the motor velocities at every millisecond."""
+    arm, state, torque, force, seconds = CASES[case]
+    states = [state]
+    for k in range(round(seconds / 1e-3)):
+        states.append(integrate(states[-1], torque, lambda _: force, arm, Payload(2.0), k * 1e-3, (k + 1) * 1e-3))
+    return states[-1], np.array(states)[:, 4:6]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_second_order_against_the_event_integrator(case):
+    arm, state, torque, force, seconds = CASES[case]
+    exact, motor_velocity = reference(case)
+    visited = [set(signs) for signs in np.sign(motor_velocity[1:]).T.tolist()]
+    assert visited == MODES[case]
+    substeps = np.array([2, 4, 8, 16, 32])
+    errors = [
+        np.abs(advance(state, torque, force, arm, 1e-3 / n, n * round(seconds / 1e-3), Payload(2.0)) - exact).max()
+        for n in substeps
+    ]
+    assert 1.8 < order(1e-3 / substeps, errors) < 2.3
+    assert errors[-1] < 1e-4
+
+
+def random_lanes(lanes, seed=0):
+    """States, torques, forces and arms of a mixed batch; a third of the motors at rest."""
+    rng = np.random.default_rng(seed)
+    state = rng.uniform(-1.0, 1.0, (8, lanes)) * np.array([2, 2, 0, 0, 1, 1, 1, 1])[:, None]
+    state[2:4] = state[:2] + 1e-3 * rng.uniform(-1.0, 1.0, (2, lanes))
+    state[4:6, ::3] = 0.0
+    arms = []
+    for _ in range(lanes):
+        scale = {name: rng.uniform(0.7, 1.3) for name in ("mass", "stiffness", "damping", "static_friction")}
+        arm = dataclasses.replace(TABLE_1, **{k: tuple(s * x for x in getattr(TABLE_1, k)) for k, s in scale.items()})
+        arms.append(arm_constants(arm, Payload(float(rng.uniform(0.0, 5.0)))))
+    return state, rng.normal(size=(2, lanes)) * 50.0, rng.normal(size=(4, lanes)) * 100.0, np.array(arms).T.copy()
+
+
+@pytest.mark.parametrize("lanes", [1, 31, 32, 33, 200])
+def test_numba_is_numpy_bit_for_bit(lanes):
+    state, torque, force, arms = random_lanes(lanes)
+    expected = hold_numpy(state, torque, force, arms, 1e-4, 10)
+    hold(state, torque, force, arms, 1e-4, 10)
+    assert np.array_equal(state, expected) and np.array_equal(np.signbit(state), np.signbit(expected))
+
+
+def test_torch_is_numpy_to_the_last_digits():
+    """Tensors run through the same lines, with torch's own sine, cosine and exponential."""
+    torch = pytest.importorskip("torch")
+    state, torque, force, arms = random_lanes(50)
+    lanes, constants = State(*torch.tensor(state)), Arm(*torch.tensor(arms))
+    lanes = held(lanes, torch.tensor(torque), torch.tensor(force), constants, 1e-4, 10)
+    hold(state, torque, force, arms, 1e-4, 10)
+    np.testing.assert_allclose(torch.stack(lanes).numpy(), state, rtol=0.0, atol=1e-12)
+
+
+def test_numpy_back_end_leaves_its_arguments_alone():
+    state, torque, force, arms = random_lanes(5)
+    before = state.copy()
+    hold_numpy(state, torque, force, arms, 1e-4, 10)
+    assert np.array_equal(state, before)
+
+
+def test_each_lane_is_the_lane_alone_bit_for_bit():
+    state, torque, force, arms = random_lanes(37)
+    alone = [np.ascontiguousarray(state[:, k : k + 1]) for k in range(37)]
+    for k, lane in enumerate(alone):
+        hold(lane, *(np.ascontiguousarray(x[:, k : k + 1]) for x in (torque, force, arms)), 1e-4, 50)
+    hold(state, torque, force, arms, 1e-4, 50)
+    assert np.array_equal(state, np.hstack(alone))
+
+
+def test_a_force_of_the_wrong_shape_is_refused():
+    state, torque, force, arms = random_lanes(5)
+    with pytest.raises(ValueError, match="four rows"):
+        hold(state, torque, force[:2], arms, 1e-4, 10)
+
+
+def test_the_force_is_the_line_through_the_step():
+    """Sub-step j of n takes mean + ((j + 1/2)/n - 1/2) change: the same as n holds of one sub-step each."""
+    state, torque, force, arms = random_lanes(5)
+    expected, n = state.copy(), 4
+    for j in range(n):
+        constant = np.vstack([force[:2] + ((j + 0.5) / n - 0.5) * force[2:], np.zeros((2, 5))])
+        hold(expected, torque, constant, arms, 1e-4, 1)
+    hold(state, torque, force, arms, 1e-4, n)
+    assert np.array_equal(state, expected)
+
+
+def test_no_substeps_change_nothing():
+    state, torque, force, arms = random_lanes(5)
+    before = state.copy()
+    hold(state, torque, force, arms, 1e-4, 0)
+    assert np.array_equal(state, before)
+
+
+def test_first_step_from_rest_is_newtons_law():
+    rng = np.random.default_rng(3)
+    q, torque, h = rng.uniform(-1.0, 1.0, 2), np.array([150.0, -60.0]), 1e-6
+    after = advance(np.r_[q, q, np.zeros(4)], torque, (0.0, 0.0), FRICTIONLESS, h, 1)
+    c = arm_constants(FRICTIONLESS)
+    np.testing.assert_allclose(after[4:6] / h, torque / np.array(FRICTIONLESS.motor_inertia), rtol=1e-4)
+    link = rigid_inverse_dynamics(q, np.zeros(2), after[6:8] / h, c)
+    np.testing.assert_allclose(link, np.zeros(2), atol=1e-2)
+    assert np.abs(gravity_torque(np.sin(q[0]), np.sin(q.sum()), c)).max() > 10.0
+    assert coriolis_torque(np.sin(q[1]), 0.0, 0.0, c) == (0.0, 0.0)

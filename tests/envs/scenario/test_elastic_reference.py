@@ -1,0 +1,202 @@
+"""The motors' reference: the link equation, calculus, an independent solver, and the elastic arm run open loop."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
+
+from fuzzyarm.envs.physics.dynamics import State as ArmState
+from fuzzyarm.envs.physics.dynamics import (
+    arm_constants,
+    coriolis_torque,
+    gravity_torque,
+    joint_torque,
+    solve_mass_matrix,
+    tip_position,
+)
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
+from fuzzyarm.envs.scenario.paths import Lemniscate, Line, Spline
+from fuzzyarm.envs.scenario.reference import JointReference
+
+ARM = ArmParameters()
+SOFT = dataclasses.replace(ARM, stiffness=(2e4, 5e3), damping=(400.0, 100.0))  # time constants of 20 ms
+STIFFLY_DAMPED = dataclasses.replace(ARM, damping=(20.4, 0.02))  # 0.3 ms and 2 µs
+UNDAMPED = dataclasses.replace(ARM, damping=(0.0, 3.8))
+WAYPOINTS = ((0.4, 0.5), (0.5, 0.6), (0.6, 0.4), (0.5, 0.3))
+REFERENCES = {
+    "the paper's circle": JointReference(),
+    "lemniscate": JointReference(Lemniscate((0.4, 0.5), 0.2), duration=2.0),
+    "line": JointReference(Line((0.4, 0.5), (0.6, 0.4)), duration=0.8),
+    "waypoints, other elbow": JointReference(Spline(WAYPOINTS), duration=1.2, elbow_sign=-1),
+    "soft arm": JointReference(parameters=SOFT),
+    "one joint hardly damped": JointReference(parameters=STIFFLY_DAMPED),
+    "one joint undamped": JointReference(parameters=UNDAMPED),
+}
+
+
+@pytest.fixture(params=REFERENCES, scope="module")
+def elastic(request):
+    return ElasticReference(REFERENCES[request.param])
+
+
+def instants(reference, count=700):
+    """Times from before the start to after the end, corners among them."""
+    inner = np.linspace(-0.05, reference.duration + 0.1, count)
+    return np.sort(np.concatenate([inner, reference.corners()]))
+
+
+def test_the_link_equation_holds(elastic):
+    """M q̈_d + C q̇_d + g = K_t (θ_d - q_d) + B_t (θ̇_d - q̇_d), all terms written out, to 1e-9 N m."""
+    reference, arm = elastic.reference, arm_constants(elastic.reference.parameters)
+    t = instants(reference)
+    (q, dq, ddq), motor = reference.sample(t), elastic.sample(t)
+    c2 = np.cos(q[:, 1])
+    m12 = arm.c3 + arm.c2 * c2
+    sin2 = np.sin(q[:, 1])
+    second = arm.c5 * np.sin(q[:, 0] + q[:, 1])
+    needed = np.stack(
+        [
+            (arm.c1 + 2 * arm.c2 * c2) * ddq[:, 0]
+            + m12 * ddq[:, 1]
+            - arm.c2 * sin2 * dq[:, 1] * (2 * dq[:, 0] + dq[:, 1])
+            + arm.c4 * np.sin(q[:, 0])
+            + second,
+            m12 * ddq[:, 0] + arm.c3 * ddq[:, 1] + arm.c2 * sin2 * dq[:, 0] ** 2 + second,
+        ],
+        axis=1,
+    )
+    given = np.stack(
+        joint_torque(ArmState(*motor.q.T, *q.T, *motor.dq.T, *dq.T), arm),
+        axis=1,
+    )
+    np.testing.assert_allclose(given, needed, rtol=0.0, atol=1e-9)
+
+
+def test_velocities_and_accelerations_are_the_derivatives(elastic):
+    """The integral of each over pieces between corners is the change of what it differentiates."""
+    reference = elastic.reference
+    after_corners = reference.corners()[:, np.newaxis] + np.logspace(-7, -2, 31)  # the joints settle in µs to ms
+    ends = np.concatenate([reference.corners(), after_corners.ravel(), np.linspace(0.0, reference.duration, 301)])
+    ends = np.unique(ends)
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    middle, half = 0.5 * (ends[:-1] + ends[1:]), 0.5 * np.diff(ends)
+    inside = elastic.sample(middle[:, np.newaxis] + half[:, np.newaxis] * nodes)
+    at_ends = elastic.sample(ends)
+
+    def change(rate):
+        return np.einsum("pnj,n,p->pj", rate, weights, half)
+
+    np.testing.assert_allclose(change(inside.dq), np.diff(at_ends.q, axis=0), rtol=0.0, atol=1e-12)
+    # Without damping θ̇_d jumps at corners: a piece that ends in one is left out.
+    whole = ~np.isin(ends[1:], reference.corners()) | (min(reference.parameters.damping) > 0.0)
+    assert whole.sum() > 300
+    np.testing.assert_allclose(change(inside.ddq)[whole], np.diff(at_ends.dq, axis=0)[whole], rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["the paper's circle", "soft arm", "waypoints, other elbow"])
+def test_an_integrator_finds_the_same_bending(name):
+    """B_t δ̇ = τ_d - K_t δ from rest, by an implicit Runge-Kutta method, corner to corner."""
+    reference = REFERENCES[name]
+    elastic = ElasticReference(reference)
+    stiffness, damping = np.array(reference.parameters.stiffness), np.array(reference.parameters.damping)
+    delta = elastic.torque(0.0) / stiffness
+    corners = reference.corners()
+    for start, end in itertools.pairwise(corners):
+        asked = np.linspace(start, end, 8)
+        found = solve_ivp(
+            lambda t, x: (elastic.torque(t) - stiffness * x) / damping,
+            (start, end),
+            delta,
+            method="Radau",
+            t_eval=asked,
+            rtol=1e-9,
+            atol=1e-13,
+        )
+        delta = found.y[:, -1]
+        bending = elastic.sample(asked).q - reference.sample(asked).q
+        np.testing.assert_allclose(found.y.T, bending, rtol=0.0, atol=1e-9)
+
+
+def test_the_elastic_arm_without_friction_follows_open_loop():
+    """u = I_a θ̈_d + f_v θ̇_d + τ_d moves the tip along the circle with no feedback at all."""
+    reference = JointReference()
+    elastic, arm = ElasticReference(reference), arm_constants(ARM)
+    inertia, viscous = np.array(ARM.motor_inertia), np.array(ARM.viscous_friction)
+
+    # Finer at the start, where the joints settle within a millisecond.
+    grid = np.unique(np.concatenate([np.logspace(-7, -2, 400), np.linspace(0.0, reference.duration, 1501)]))
+    motor = elastic.sample(grid)
+    feedforward = make_interp_spline(grid, inertia * motor.ddq + viscous * motor.dq + elastic.torque(grid))
+
+    def rates(t, x):
+        torque = feedforward(t)
+        state = ArmState(*x)
+        joint = np.array(joint_torque(state, arm))
+        coriolis = np.array(coriolis_torque(np.sin(x[3]), x[6], x[7], arm))
+        gravity = np.array(gravity_torque(np.sin(x[2]), np.sin(x[2] + x[3]), arm))
+        link = solve_mass_matrix(np.cos(x[3]), *(joint - coriolis - gravity), arm)
+        return np.concatenate([x[4:], (torque - joint - viscous * x[4:6]) / inertia, link])
+
+    start, motor = reference.sample(0.0), elastic.sample(0.0)
+    x0 = np.concatenate([motor.q, start.q, motor.dq, start.dq])
+    asked = np.linspace(0.0, reference.duration, 61)
+    found = solve_ivp(rates, (0.0, reference.duration), x0, method="DOP853", t_eval=asked, rtol=1e-10, atol=1e-12)
+    tip = tip_position(found.y[2:4].T, ARM.length)
+    np.testing.assert_allclose(tip, reference.tip(asked).position, rtol=0.0, atol=1e-8)
+    bending = found.y[0:2].T - found.y[2:4].T
+    assert np.abs(bending).max() > 1e-3  # there was something to compensate
+
+
+def test_at_rest_the_bending_is_static():
+    elastic = ElasticReference(JointReference())
+    for t in (-1.0, 0.0, 5.0):
+        motion, rest = elastic.sample(t), elastic.reference.sample(t)
+        static = np.stack(gravity_torque(np.sin(rest.q[0]), np.sin(rest.q.sum()), arm_constants(ARM)))
+        np.testing.assert_allclose(motion.q - rest.q, static / np.array(ARM.stiffness), rtol=0.0, atol=1e-15)
+        np.testing.assert_allclose(motion.dq, 0.0, atol=1e-12)
+
+
+def test_shapes_follow_the_times():
+    elastic = ElasticReference(JointReference())
+    t = np.linspace(0.0, 1.5, 6)
+    many, grid = elastic.sample(t), elastic.sample(t.reshape(2, 3))
+    assert elastic.sample(0.3).q.shape == (2,) and many.q.shape == (6, 2)
+    for flat, shaped in zip(many, grid, strict=True):
+        np.testing.assert_array_equal(shaped, flat.reshape(2, 3, 2))
+    np.testing.assert_array_equal(many.q[2], elastic.sample(t[2]).q)
+
+
+def test_box_use_is_the_largest_share():
+    elastic = ElasticReference(JointReference())
+    motion = elastic.sample(np.linspace(0.0, 1.5, 501))
+    share = max(np.abs(motion.q).max() / np.pi, np.abs(motion.dq).max() / 15.0)
+    assert elastic.box_use == pytest.approx(share, rel=1e-12)
+    assert 0.6 < elastic.box_use < 0.7
+
+
+@pytest.mark.parametrize(
+    ("message", "duration", "change"),
+    [
+        ("theta_d2 = .* rad at t", 1.5, {"joint_limit": (3.0, 2.0055), "stiffness": (6.4e4, 2e3)}),
+        ("dtheta_d2 = .* rad/s at t", 0.6, {"velocity_limit": (9.0, 11.5), "stiffness": (6.4e4, 1e3)}),
+    ],
+)
+def test_leaving_the_box_is_refused(message, duration, change):
+    """Limits that the links keep and the motors, a bending further, do not."""
+    reference = JointReference(duration=duration, parameters=dataclasses.replace(ARM, **change))
+    with pytest.raises(ValueError, match="^" + message + r".*allowed: \[-.*stiffen the joints"):
+        ElasticReference(reference)
+
+
+def test_corners_of_a_reference_are_those_of_its_path_in_time():
+    reference = JointReference(Spline(WAYPOINTS), duration=1.2)
+    corners = reference.corners()
+    assert len(corners) == 4
+    np.testing.assert_allclose(reference.tip(corners).position, WAYPOINTS, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(JointReference().corners(), [0.0, 1.5])

@@ -1,0 +1,146 @@
+"""Tip curves: derivatives, closure, and the shapes they claim to be."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline, TipPath
+
+WAYPOINTS = ((0.6, 0.1), (0.5, 0.5), (0.1, 0.6), (-0.3, 0.5))
+LOOP = ((0.5, 0.3), (0.6, 0.5), (0.4, 0.7), (0.2, 0.5))
+PATHS = {
+    "paper circle": Circle(),
+    "arc": Circle(center=(0.3, 0.3), radius=0.3, start_angle=0.4, turns=0.3),
+    "two turns": Circle(center=(0.3, 0.3), radius=0.1, start_angle=-1.0, turns=2.0),
+    "line": Line((0.7, 0.2), (0.2, 0.7)),
+    "lemniscate": Lemniscate((0.4, 0.4), 0.2, angle=0.5),
+    "spline": Spline(WAYPOINTS),
+    "two-point spline": Spline(WAYPOINTS[:2]),
+    "closed spline": Spline(LOOP, closed=True),
+}
+CLOSED = ("paper circle", "two turns", "lemniscate", "closed spline")
+every_path = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
+
+
+def central_difference(function, x, h):
+    """Return (f(x + h) - f(x - h)) / 2h, exact to h² f'''/6."""
+    return (function(x + h) - function(x - h)) / (2.0 * h)
+
+
+@every_path
+def test_derivatives_match_central_differences(path):
+    s = np.random.default_rng(0).uniform(0.01, 0.99, 200)
+    _, dp, ddp = path.points(s)
+    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[0], s, 1e-5), dp, rtol=0, atol=2e-7)
+    np.testing.assert_allclose(central_difference(lambda x: path.points(x)[1], s, 1e-5), ddp, rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize("name", ["paper circle", "lemniscate"])
+@pytest.mark.parametrize("order", [1, 2])
+def test_central_differences_converge_with_second_order(name, order):
+    path, s = PATHS[name], np.linspace(0.1, 0.9, 50)
+
+    def error(h):
+        return np.abs(central_difference(lambda x: path.points(x)[order - 1], s, h) - path.points(s)[order]).max()
+
+    assert math.log2(error(2e-3) / error(1e-3)) == pytest.approx(2.0, abs=0.01)
+
+
+@every_path
+def test_shapes_follow_s_and_values_do_not_depend_on_it(path):
+    s = np.linspace(0.0, 1.0, 12).reshape(3, 4)
+    for whole, single in zip(path.points(s), path.points(s[2, 1]), strict=True):
+        assert whole.shape == (3, 4, 2)
+        assert single.shape == (2,)
+        np.testing.assert_allclose(single, whole[2, 1], rtol=1e-14, atol=1e-14)
+        whole[0] = 0.0  # the caller owns the arrays
+
+
+@every_path
+def test_paths_are_values(path):
+    assert isinstance(path, TipPath)
+    with pytest.raises(AttributeError):
+        path.points = None
+    assert hash(path) == hash(type(path)(**{name: getattr(path, name) for name in path.__dataclass_fields__}))
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_closed_paths_close_with_both_derivatives(name):
+    for start, end in zip(PATHS[name].points(0.0), PATHS[name].points(1.0), strict=True):
+        np.testing.assert_allclose(start, end, rtol=0, atol=1e-12)
+
+
+def test_circle_keeps_its_radius_angle_and_direction():
+    p, dp, _ = Circle().points(np.array([0.0, 0.25]))
+    np.testing.assert_allclose(p, [[0.35, 0.85], [0.55, 0.65]], atol=1e-15)  # from psi = pi/2 down to psi = 0
+    np.testing.assert_allclose(dp[0], [2.0 * math.pi * 0.2, 0.0], atol=1e-15)
+    p = PATHS["arc"].points(np.linspace(0.0, 1.0, 20))[0] - 0.3
+    np.testing.assert_allclose(np.hypot(p[:, 0], p[:, 1]), 0.3, rtol=1e-14)
+    assert math.atan2(p[-1, 1], p[-1, 0]) == pytest.approx(0.4 + 0.6 * math.pi)
+
+
+def test_line_joins_its_ends():
+    np.testing.assert_allclose(PATHS["line"].points(np.array([0.0, 1.0]))[0], [(0.7, 0.2), (0.2, 0.7)], atol=1e-15)
+
+
+def test_lemniscate_satisfies_geronos_equation_in_its_own_axes():
+    p = PATHS["lemniscate"].points(np.linspace(0.0, 1.0, 101))[0] - 0.4
+    x = math.cos(0.5) * p[:, 0] + math.sin(0.5) * p[:, 1]
+    y = -math.sin(0.5) * p[:, 0] + math.cos(0.5) * p[:, 1]
+    np.testing.assert_allclose(x**4, 0.2**2 * (x**2 - y**2), rtol=0, atol=1e-16)
+    assert (x.max(), y[10]) == pytest.approx((0.2, 0.1 * math.sin(0.4 * math.pi)), rel=1e-12)
+
+
+@pytest.mark.parametrize(("points", "closed"), [(WAYPOINTS, False), (LOOP, True)])
+def test_spline_passes_its_waypoints_at_their_chord_lengths(points, closed):
+    corners = np.array(points + points[:1] if closed else points)
+    chords = np.cumsum(np.hypot(*np.diff(corners, axis=0).T))
+    s = np.append(0.0, chords / chords[-1])
+    path = Spline(np.array(points), closed)
+    np.testing.assert_allclose(path.points(s)[0], corners, atol=1e-14)
+    for before, after in zip(path.points(s[1:-1] - 1e-9), path.points(s[1:-1] + 1e-9), strict=True):
+        np.testing.assert_allclose(before, after, atol=1e-5)  # twice continuously differentiable
+
+
+def test_two_point_spline_is_the_line_and_an_arrays_content_is_copied():
+    points = np.array([[0.7, 0.2], [0.2, 0.7]])
+    spline, s = Spline(points), np.linspace(0.0, 1.0, 11)
+    points[:] = 0.0
+    assert spline == Spline([(0.7, 0.2), (0.2, 0.7)])
+    for got, expected in zip(spline.points(s), PATHS["line"].points(s), strict=True):
+        np.testing.assert_allclose(got, expected, atol=1e-14)
+
+
+def test_importing_paths_does_not_import_scipy():
+    script = "import sys, fuzzyarm.envs.scenario.paths; sys.exit('scipy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Circle(radius=0.0), r"radius = 0.0 m is out of range; allowed: \(0, inf\) m"),
+        (lambda: Circle(radius=math.nan), r"radius = nan must be a finite number"),
+        (lambda: Circle(radius=True), r"radius = True must be a finite number"),
+        (lambda: Circle(center=(0.0, math.inf)), r"center y = inf must be a finite number"),
+        (lambda: Circle(center=0.3), r"center = 0.3 must be a pair"),
+        (lambda: Circle(start_angle="up"), r"start_angle = 'up' must be a finite number \[rad\]"),
+        (lambda: Circle(turns=0), r"turns = 0.0 is out of range; allowed: any finite number but 0"),
+        (lambda: Line((0.1, 0.2), (0.1, 0.2)), r"start = .* and end = .* are 0 m apart; allowed: \[1e-06, inf\) m"),
+        (lambda: Line((0.1, 0.2, 0.3), (0.0, 0.0)), r"start = .* must be a pair"),
+        (lambda: Lemniscate((0.0, 0.0), -0.2), r"half_width = -0.2 m is out of range; allowed: \(0, inf\) m"),
+        (lambda: Lemniscate((0.0, 0.0), 0.2, math.nan), r"angle = nan must be a finite number"),
+        (lambda: Spline([(0.1, 0.2)]), r"waypoints holds 1 point\(s\); allowed: 2 or more"),
+        (lambda: Spline([]), r"waypoints holds 0 point\(s\)"),
+        (lambda: Spline(3.0), r"waypoints = 3.0 must be a sequence"),
+        (lambda: Spline([(0.1, 0.2), (0.3, math.nan)]), r"waypoints\[1\] y = nan must be a finite number"),
+        (lambda: Spline([(0.1, 0.2), (0.3, 0.4), (0.3, 0.4)]), r"waypoints\[1\] .* and waypoints\[2\] .* 0 m apart"),
+        (lambda: Spline([*LOOP, LOOP[0]], closed=True), r"waypoints\[4\] .* and waypoints\[0\] .* 0 m apart"),
+    ],
+)
+def test_bad_values_raise_with_name_value_and_range(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()

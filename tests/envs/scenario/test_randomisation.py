@@ -1,0 +1,489 @@
+"""Domain randomisation: every draw in its range, uniform and on its own, and applied to what it names alone."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fuzzyarm.envs.batch.kernels import VECTORS, split
+from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, plant_of, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
+from fuzzyarm.envs.scenario.randomisation import (
+    ALLOWED,
+    RANDOMISATIONS,
+    DomainRandomisation,
+    Draw,
+    find_randomisation,
+    reference_family,
+    varied,
+)
+from fuzzyarm.envs.scenario.reference import JointReference
+
+TABLE_1 = ArmParameters()
+LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
+REFERENCE = JointReference()
+SHORT = tuple(JointReference(Line((0.4, 0.5), (0.45, 0.4 + 0.02 * k)), duration=0.3) for k in range(5))
+EVERYTHING = DomainRandomisation(
+    mass=(0.9, 1.1),
+    motor_inertia=(0.8, 1.3),
+    stiffness=(0.7, 1.2),
+    damping=(0.5, 1.6),
+    dry_friction=(0.4, 1.5),
+    viscous_friction=(0.3, 1.4),
+    payload=(1.0, 5.0),
+    force=(0.2, 0.8),
+    angle=(-0.01, 0.02),
+    references=SHORT,
+)
+NOISY = Disturbance(
+    tip_force=CASES["machining"].disturbance.tip_force, encoder_noise=EncoderNoise(position=1e-4, velocity=1e-2)
+)
+PER_JOINT = [name for name in ALLOWED if name not in ("payload", "force")]
+# The factors of a draw, and the fields of `ArmParameters` that each scales.
+SCALES = {
+    "mass": ("mass", "inertia"),
+    "motor_inertia": ("motor_inertia",),
+    "stiffness": ("stiffness",),
+    "damping": ("damping",),
+    "dry_friction": ("static_friction", "coulomb_friction"),
+    "viscous_friction": ("viscous_friction",),
+}
+
+
+def lanes_with(randomisation, count, *, seed=0, disturbance=NOISY, parameters=TABLE_1, initial=None):
+    """Lanes at the start of an episode, and the vectors of its first instant by name."""
+    task = (disturbance, None if randomisation.references else REFERENCE)
+    lanes = Lanes([parameters], [task], count, control_period=1e-3, substeps=5, randomisation=randomisation)
+    results = lanes.reset(range(seed, seed + count), initial=initial)
+    return lanes, dict(zip(VECTORS, split(results)[1], strict=True))
+
+
+def scaled(parameters, **factors):
+    """The arm with fields multiplied, one factor per joint."""
+    fields = {
+        name: tuple(x * y for x, y in zip(getattr(parameters, name), factor, strict=True))
+        for name, factor in factors.items()
+    }
+    return dataclasses.replace(parameters, **fields)
+
+
+def a_draw(**given):
+    """The draw that changes nothing, but for the given entries."""
+    nothing = dict.fromkeys(Draw._fields, 1.0) | dict.fromkeys(("payload", "angle1", "angle2", "reference"), 0.0)
+    return Draw(**(nothing | given))
+
+
+def episode(env, torques, **reset):
+    """Observations, rewards and infos of an open-loop episode."""
+    observation, info = env.reset(**reset)
+    results = [(observation, 0.0, False, False, info)]
+    results += [env.step(torque) for torque in torques]
+    return results
+
+
+def same(first, second):
+    """Whether two episodes are the same, bit for bit."""
+    return all(
+        np.array_equal(a[0], b[0])
+        and a[1:4] == b[1:4]
+        and a[4].keys() == b[4].keys()
+        and all(np.array_equal(a[4][key], b[4][key]) for key in a[4])
+        for a, b in zip(first, second, strict=True)
+    )
+
+
+TORQUES = np.array([110.0, 30.0]) + np.random.default_rng(0).normal(scale=10.0, size=(30, 2))
+
+
+@pytest.fixture(scope="module")
+def many():
+    """What 4000 lanes drew of everything."""
+    return lanes_with(EVERYTHING, 4000)[0].randomisation_info()
+
+
+@pytest.fixture(scope="module")
+def family():
+    """The family of the arm of Table 1."""
+    return reference_family(TABLE_1)
+
+
+# --- ranges and messages -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ALLOWED)
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        1.0,
+        (1.0,),
+        (1.0, 1.0, 1.0),
+        "ab",
+        (1.2, 0.8),
+        (np.nan, 1.0),
+        (0.1, np.nan),
+        (-np.inf, 0.1),
+        (0.1, np.inf),
+        ("1", "2"),
+        (True, True),
+        None,
+        (0.1, 2000.0),
+        (-1.0, 0.1),
+    ],
+)
+def test_a_wrong_range_is_named_with_what_is_allowed(name, wrong):
+    low, high, unit = ALLOWED[name]
+    message = f"DomainRandomisation.{name} = {wrong!r} must be a range (low, high) with {low:g} <= low <= high <= {high:g}{unit}"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        DomainRandomisation(**{name: wrong})
+
+
+@pytest.mark.parametrize("name", ALLOWED)
+def test_the_ends_of_what_is_allowed_are_allowed(name):
+    low, high, _ = ALLOWED[name]
+    for given in ((low, high), [low, high], (low, low), (high, high), (np.float64(low), high)):
+        randomisation = DomainRandomisation(**{name: given})
+        assert randomisation.varies == (given[0] < given[1])
+    for given in ((np.nextafter(low, -9.0), high), (low, np.nextafter(high, 9e9))):
+        with pytest.raises(ValueError, match=rf"DomainRandomisation\.{name} = "):
+            DomainRandomisation(**{name: given})
+
+
+def test_a_family_holds_references_only():
+    with pytest.raises(
+        ValueError, match=r"DomainRandomisation\.references holds Circle.* it must hold JointReference objects"
+    ):
+        DomainRandomisation(references=(REFERENCE, Circle()))
+
+
+def test_a_family_for_another_arm_is_refused():
+    other = DomainRandomisation(references=(REFERENCE, JointReference(parameters=LONG)))
+    with pytest.raises(ValueError, match=r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m"):
+        FuzzyArmEnv(randomisation=other)
+
+
+def test_a_reference_and_a_variation_that_draws_references_exclude_each_other():
+    for randomisation in ("robust", EVERYTHING):
+        with pytest.raises(ValueError, match="either a reference or a randomisation that draws references, not both"):
+            FuzzyArmEnv(reference=REFERENCE, randomisation=randomisation)
+    FuzzyArmEnv(reference=REFERENCE, randomisation="plants")
+
+
+def test_an_unknown_variation_names_the_choices():
+    with pytest.raises(
+        ValueError, match="unknown randomisation 'wild'; choose from: nominal, plants, robust, or give a"
+    ):
+        FuzzyArmEnv(randomisation="wild")
+
+
+def test_the_named_variations():
+    nominal, plants, robust = (find_randomisation(name, TABLE_1) for name in RANDOMISATIONS)
+    assert list(RANDOMISATIONS) == ["nominal", "plants", "robust"]
+    assert nominal == DomainRandomisation() and not nominal.varies and plants.varies and robust.varies
+    assert (plants.mass, plants.stiffness, plants.dry_friction) == ((0.9, 1.1), (0.8, 1.2), (0.5, 1.5))
+    assert (plants.payload, plants.force, plants.angle, plants.references) == ((0, 0), (1, 1), (0, 0), ())
+    assert (robust.payload, robust.force, robust.angle) == ((0.0, 5.0), (0.0, 1.0), (-0.01, 0.01))
+    assert robust.references == reference_family(TABLE_1)
+    assert dataclasses.replace(robust, payload=(0, 0), force=(1, 1), angle=(0, 0), references=()) == plants
+    assert find_randomisation(EVERYTHING, TABLE_1) is EVERYTHING
+
+
+def test_ranges_are_the_fields_in_the_order_of_a_draw():
+    ranges = dict(zip(Draw._fields, EVERYTHING.ranges.tolist(), strict=True))
+    for name in ALLOWED:
+        for entry in (f"{name}1", f"{name}2") if name in PER_JOINT else (name,):
+            assert ranges[entry] == list(getattr(EVERYTHING, name)), entry
+    assert ranges["reference"] == [0.0, 5.0]
+
+
+# --- nothing varied ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "nothing", ["nominal", DomainRandomisation(), DomainRandomisation(mass=[1, 1], payload=(0, 0))]
+)
+def test_a_variation_of_nothing_changes_no_bit(nothing):
+    plain, unvaried = FuzzyArmEnv(disturbance=NOISY), FuzzyArmEnv(disturbance=NOISY, randomisation=nothing)
+    assert same(episode(plain, TORQUES, seed=1), episode(unvaried, TORQUES, seed=1))
+    assert same(episode(plain, TORQUES), episode(unvaried, TORQUES))
+
+
+def test_info_has_no_variation_unless_something_is_drawn():
+    for randomisation in ("nominal", DomainRandomisation(mass=(1.1, 1.1))):
+        assert all(
+            "randomisation" not in step[-1] for step in episode(FuzzyArmEnv(randomisation=randomisation), TORQUES[:3])
+        )
+
+
+def test_a_range_of_one_point_is_that_arm():
+    """A draw without choice: the arm with heavier links, and the same motors' guess of the lighter one's weight."""
+    env = FuzzyArmEnv(randomisation=DomainRandomisation(mass=(1.25, 1.25), dry_friction=(0.5, 0.5)))
+    fields = {"mass": 1.25, "inertia": 1.25, "static_friction": 0.5, "coulomb_friction": 0.5}
+    heavy = scaled(TABLE_1, **{name: (factor, factor) for name, factor in fields.items()})
+    drawn = episode(env, TORQUES)
+    start = drawn[0][-1]
+    state = np.concatenate([start[key] for key in ("q_motor", "q_link", "dq_motor", "dq_link")])
+    built = episode(FuzzyArmEnv(parameters=heavy), TORQUES, options={"initial_state": state})
+    assert same(drawn, built)
+
+
+# --- what is drawn -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [*ALLOWED, "reference"])
+def test_info_holds_every_quantity_in_its_shape(name, many):
+    joints = () if name in ("payload", "force", "reference") else (2,)
+    assert many[name].shape == (4000, *joints)
+    for step in episode(FuzzyArmEnv(randomisation=EVERYTHING), TORQUES[:2]):
+        assert list(step[-1]["randomisation"]) == [*ALLOWED, "reference"]
+        assert np.shape(step[-1]["randomisation"][name]) == joints
+
+
+@pytest.mark.parametrize("name", ALLOWED)
+def test_draws_are_uniform_in_their_range(name, many):
+    low, high = getattr(EVERYTHING, name)
+    for sample in many[name].reshape(4000, -1).T:
+        assert low <= sample.min() and sample.max() <= high
+        assert stats.kstest((sample - low) / (high - low), "uniform").pvalue > 1e-4
+
+
+def test_each_reference_is_drawn_equally_often(many):
+    numbers, counts = np.unique(many["reference"], return_counts=True)
+    assert numbers.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert stats.chisquare(counts).pvalue > 1e-4
+
+
+def test_draws_of_quantities_joints_and_lanes_are_independent(many):
+    drawn = np.concatenate([many[name].reshape(4000, -1) for name in (*ALLOWED, "reference")], axis=1)
+    assert drawn.shape == (4000, 17)
+    standard = (drawn - drawn.mean(axis=0)) / drawn.std(axis=0)
+    limit = 5.0 / np.sqrt(4000)
+    between = standard.T @ standard / 4000 - np.eye(17)
+    lagged = standard[1:].T @ standard[:-1] / 3999
+    assert np.abs(between).max() < limit and np.abs(lagged).max() < limit
+
+
+def test_the_same_seed_draws_the_same_and_each_episode_anew():
+    env, again = FuzzyArmEnv(randomisation=EVERYTHING), FuzzyArmEnv(randomisation=EVERYTHING)
+    first = [env.reset(seed=seed)[1]["randomisation"] for seed in (5, None, None, 5, 6)]
+    second = [again.reset(seed=seed)[1]["randomisation"] for seed in (5, None, None)]
+    for name in first[0]:
+        assert all(np.array_equal(a[name], b[name]) for a, b in zip(first, second, strict=False))
+        assert np.array_equal(first[3][name], first[0][name])
+    for name in ALLOWED:
+        values = np.array([np.ravel(first[k][name]) for k in (0, 1, 2, 4)])
+        assert all(len(set(column)) == 4 for column in values.T.tolist())
+
+
+def test_draws_of_successive_episodes_are_uniform_and_uncorrelated():
+    lanes, _ = lanes_with(EVERYTHING, 1)
+    payloads = np.array([lanes.restart(np.array([0])) is not None and lanes.drawn[12, 0] for _ in range(3000)])
+    share = (payloads - 1.0) / 4.0
+    assert stats.kstest(share, "uniform").pvalue > 1e-4
+    assert abs(np.corrcoef(share[1:], share[:-1])[0, 1]) < 5.0 / np.sqrt(3000)
+
+
+def test_info_tells_the_draws_of_this_episode_to_its_end():
+    env = FuzzyArmEnv(randomisation=EVERYTHING)
+    for _ in range(2):
+        start, *rest = (step[-1]["randomisation"] for step in episode(env, TORQUES[:5]))
+        for later in rest:
+            assert all(np.array_equal(start[name], later[name]) for name in start)
+            if later["mass"].flags.writeable:
+                later["mass"][:] = np.nan  # reaches nobody else
+
+
+def test_narrower_ranges_draw_the_same_shares():
+    """A draw depends on its own range only: what else varies does not shift it."""
+    alone = lanes_with(DomainRandomisation(payload=EVERYTHING.payload), 50)[0].randomisation_info()
+    together = lanes_with(EVERYTHING, 50)[0].randomisation_info()
+    assert np.array_equal(alone["payload"], together["payload"])
+    assert all((alone[name] == 1.0).all() for name in ALLOWED if name not in ("payload", "angle"))
+    assert not alone["angle"].any() and not alone["reference"].any()
+
+
+def test_draws_do_not_shift_the_noise_of_the_same_seed():
+    clamped = dataclasses.replace(TABLE_1, static_friction=(1e6, 1e6), coulomb_friction=(1e6, 1e6))
+    options = {"initial_state": np.zeros(8)}
+    varied_env = FuzzyArmEnv(
+        disturbance=NOISY, parameters=clamped, randomisation=DomainRandomisation(payload=(0.0, 5.0))
+    )
+    plain = FuzzyArmEnv(disturbance=NOISY, parameters=clamped)
+    readings = [
+        [step[0][:4] for step in episode(env, np.zeros((20, 2)), seed=3, options=options)]
+        for env in (plain, varied_env)
+    ]
+    assert np.array_equal(*readings) and np.all(readings[0])
+
+
+# --- what the draws do -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quantity", SCALES)
+def test_each_factor_scales_its_fields_of_its_joint_and_no_other(quantity):
+    given = a_draw(**{f"{quantity}1": 1.25, f"{quantity}2": 0.75})
+    expected = scaled(TABLE_1, **dict.fromkeys(SCALES[quantity], (1.25, 0.75)))
+    assert varied(plant_of(TABLE_1), given) == plant_of(expected) != plant_of(TABLE_1)
+
+
+def test_loads_angles_and_references_leave_the_plant_alone():
+    given = a_draw(payload=3.0, force=0.5, angle1=0.1, angle2=0.2, reference=4.0)
+    assert varied(plant_of(TABLE_1), given) == plant_of(TABLE_1)
+
+
+@pytest.mark.parametrize("own", [Payload(), Payload(2.0), Payload(2.0, at="link")], ids=["none", "tip", "link"])
+def test_the_arm_of_each_lane_is_the_one_with_the_fields_it_drew(own):
+    """Masses, motors, joints and friction scaled; the case's payload as it is and the drawn one at the tip."""
+    lanes, _ = lanes_with(EVERYTHING, 40, disturbance=Disturbance(payload=own))
+    drawn = lanes.randomisation_info()
+    for lane in range(40):
+        factors = {field: drawn[name][lane].tolist() for name, fields in SCALES.items() for field in fields}
+        arm = scaled(TABLE_1, **factors)
+        at_tip = own.mass * (own.at == "tip") + drawn["payload"][lane]
+        expected = np.array(arm_constants(arm, Payload(at_tip)))
+        if own.at == "link":
+            expected += np.array(arm_constants(arm, own)) - np.array(arm_constants(arm))
+        np.testing.assert_allclose(lanes._values[8:28, lane], expected, rtol=1e-14)
+
+
+def test_the_drawn_force_scales_that_of_the_case():
+    env = FuzzyArmEnv("machining", randomisation=DomainRandomisation(force=(0.2, 0.8)))
+    drawn, nominal = (episode(e, TORQUES, seed=2) for e in (env, FuzzyArmEnv("machining")))
+    factor = drawn[0][-1]["randomisation"]["force"]
+    assert 0.2 <= factor <= 0.8
+    for first, second in zip(drawn, nominal, strict=True):
+        assert np.array_equal(first[-1]["external_force"], factor * second[-1]["external_force"])
+    assert nominal[-1][-1]["external_force"].any()
+
+
+def test_the_drawn_force_is_what_moves_the_arm():
+    """A factor of 0 is no force, and one of 1 that of the case, to the bit."""
+    for factor, case in ((0.0, "nominal"), (1.0, "machining")):
+        env = FuzzyArmEnv("machining", randomisation=DomainRandomisation(force=(factor, factor)))
+        for first, second in zip(episode(env, TORQUES), episode(FuzzyArmEnv(case), TORQUES), strict=True):
+            assert np.array_equal(first[0], second[0])
+
+
+def test_an_episode_starts_at_rest_beside_the_reference_with_the_motors_holding_the_arm_of_table_1():
+    randomisation = dataclasses.replace(EVERYTHING, angle=(-0.3, 0.3))
+    lanes, start = lanes_with(randomisation, 40)
+    drawn = lanes.randomisation_info()
+    on_reference = np.array([lanes.episode(lane)[0].sample(0.0).q for lane in range(40)])
+    assert np.array_equal(start["q_link"], on_reference + drawn["angle"])
+    rest = np.zeros((40, 2))
+    gravity = rigid_inverse_dynamics(start["q_link"], rest, rest, arm_constants(TABLE_1))
+    np.testing.assert_allclose(start["q_motor"], start["q_link"] + gravity / TABLE_1.stiffness, rtol=0.0, atol=1e-15)
+    assert not start["dq_link"].any() and not start["dq_motor"].any()
+
+
+def test_a_given_start_is_taken_as_given():
+    state = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
+    _, start = lanes_with(EVERYTHING, 3, initial=np.tile(state, (3, 1)))
+    for name, entries in (("q_motor", state[:2]), ("q_link", state[2:4]), ("dq_link", state[6:])):
+        assert np.array_equal(start[name], np.tile(entries, (3, 1)))
+
+
+def test_the_drawn_reference_is_the_one_followed():
+    env, seen = FuzzyArmEnv(randomisation=EVERYTHING), set()
+    for seed in range(20):
+        start, *steps = episode(env, TORQUES[:3], seed=seed)
+        number = int(start[-1]["randomisation"]["reference"])
+        assert env.reference is SHORT[number]
+        for observation, *_, info in (start, *steps):
+            sample = SHORT[number].sample(info["time"])
+            np.testing.assert_allclose(observation[4:], np.concatenate(sample), rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(info["tip_reference"], SHORT[number].tip(info["time"]).position, atol=1e-15)
+        seen.add(number)
+    assert seen == set(range(5))
+
+
+def test_references_of_different_lengths_end_with_their_episode():
+    family = tuple(JointReference(Line((0.4, 0.5), (0.42, 0.5)), duration=0.1 * k) for k in (1, 2, 3))
+    env, lengths = FuzzyArmEnv(randomisation=DomainRandomisation(references=family), control_period=0.02), set()
+    for seed in range(12):
+        env.reset(seed=seed)
+        steps = 0
+        truncated = terminated = False
+        while not (truncated or terminated):
+            _, _, terminated, truncated, _ = env.step((100.0, 30.0))
+            steps += 1
+        if truncated:
+            assert steps == round(env.reference.duration / 0.02)
+            lengths.add(steps)
+    assert lengths == {5, 10, 15}
+
+
+def test_a_drawing_environment_has_no_reference_before_its_first_episode():
+    env = FuzzyArmEnv(randomisation=EVERYTHING)
+    for wrong in (Circle(), JointReference(parameters=LONG)):
+        with pytest.raises(Exception, match=r"call env\.reset\(\)"):
+            _ = env.reference
+        with pytest.raises(ValueError, match="reference"):
+            env.reset(options={"reference": wrong})
+
+
+def test_a_reference_given_for_one_episode_is_followed_in_it_alone():
+    env = FuzzyArmEnv(randomisation=EVERYTHING)
+    own = episode(env, TORQUES[:3], seed=0, options={"reference": REFERENCE})
+    assert env.reference is REFERENCE
+    for observation, *_, info in own:
+        np.testing.assert_allclose(observation[4:], np.concatenate(REFERENCE.sample(info["time"])), atol=1e-12)
+    env.reset()
+    assert env.reference in SHORT
+
+
+def test_a_case_given_for_one_episode_keeps_the_drawn_reference():
+    env, other = (FuzzyArmEnv(randomisation=EVERYTHING) for _ in range(2))
+    env.reset(seed=1, options={"case": "payload"})
+    other.reset(seed=1)
+    assert env.reference is other.reference
+    c4, expected = (e._lanes._values[8 + 3, 0] for e in (env, other))
+    assert c4 - expected == pytest.approx(5.0 * 9.81 * 0.5, rel=1e-12)
+
+
+# --- the family --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", [TABLE_1, LONG, dataclasses.replace(TABLE_1, length=(0.3, 0.5))], ids="ABC")
+def test_every_reference_of_the_family_can_be_tracked(arm):
+    references = reference_family(arm)
+    reach = sum(arm.length)
+    assert len(references) == 32 and all(reference.parameters is arm for reference in references)
+    FuzzyArmEnv(parameters=arm, randomisation=DomainRandomisation(references=references))  # fits the observation space
+    for reference in references:
+        times = np.linspace(0.0, reference.duration, 1001)
+        motion, distance = reference.sample(times), np.hypot(*reference.tip(times).position.T)
+        # The family is sifted at 200 points of the path; between them a curve strays by less than a millimetre.
+        assert 0.3 * reach - 1e-3 < distance.min() and distance.max() < 0.92 * reach + 1e-3
+        assert np.abs(motion.q).max() <= np.pi and np.abs(motion.dq).max() <= 15.0
+        fastest = 2.2 * (1.46 if isinstance(reference.path, Lemniscate) else 1.0)
+        speed = np.linalg.norm(reference.tip(times).velocity, axis=-1).max() / reach
+        assert 0.4 - 1e-6 < speed < fastest + 1e-6
+
+
+def test_the_family_has_circles_lemniscates_and_lines_in_both_directions(family):
+    shapes = [type(reference.path) for reference in family]
+    assert [shapes.count(shape) for shape in (Circle, Lemniscate, Line)] == [24, 4, 4]
+    turns = [reference.path.turns for reference in family if isinstance(reference.path, Circle)]
+    assert set(turns) == {-1.0, 1.0} and 4 < turns.count(1.0) < 20
+    radii = np.array([reference.path.radius for reference in family if isinstance(reference.path, Circle)])
+    assert radii.min() >= 0.05 and radii.max() <= 0.2 and np.ptp(radii) > 0.1
+    assert len({reference.path for reference in family}) == 32
+
+
+def test_the_family_is_always_the_same(family):
+    assert reference_family(TABLE_1) == family
+    assert reference_family(TABLE_1, 5) == family[:5]
+    first = family[0].path
+    assert isinstance(first, Circle) and 0.4 <= np.hypot(*first.center) <= 0.8
+
+
+def test_robust_episodes_follow_the_family():
+    env = FuzzyArmEnv(randomisation="robust")
+    env.reset(seed=0)
+    assert env.reference in reference_family(TABLE_1)

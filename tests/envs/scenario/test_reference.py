@@ -1,0 +1,226 @@
+"""Joint references: inverse kinematics, time law, limits, and the paper's peak torques."""
+
+import dataclasses
+import itertools
+import math
+import re
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian, tip_position
+from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
+from fuzzyarm.envs.scenario.reference import (
+    CHECKED_INSTANTS,
+    SINGULARITY_MARGIN,
+    JointReference,
+    joint_angles,
+    quintic_time_law,
+)
+
+PATHS = {
+    "paper circle": Circle(),
+    "arc": Circle(center=(0.3, 0.3), radius=0.3, start_angle=0.4, turns=0.3),
+    "across the negative x axis": Circle(center=(-0.6, 0.0), radius=0.2),
+    "line": Line((0.7, 0.2), (0.2, 0.7)),
+    "lemniscate": Lemniscate((0.4, 0.4), 0.2, angle=0.5),
+    "spline": Spline(((0.6, 0.1), (0.5, 0.5), (0.1, 0.6), (-0.3, 0.5))),
+    "closed spline": Spline(((0.5, 0.3), (0.6, 0.5), (0.4, 0.7), (0.2, 0.5)), closed=True),
+}
+ARMS = {"equal links": ArmParameters(), "unequal links": ArmParameters(length=(0.5, 0.45))}
+GRID = np.linspace(0.0, 1.5, 1501)
+
+
+@pytest.fixture(params=itertools.product(PATHS, (1, -1), ARMS), ids=lambda p: f"{p[0]}, elbow {p[1]:+d}, {p[2]}")
+def reference(request):
+    path, elbow_sign, arm = request.param
+    return JointReference(PATHS[path], elbow_sign=elbow_sign, parameters=ARMS[arm])
+
+
+def central_difference(function, t, h=1e-5):
+    """Return (f(t + h) - f(t - h)) / 2h."""
+    return (function(t + h) - function(t - h)) / (2.0 * h)
+
+
+def peak_torques(reference):
+    """Return max |Γ| of (5), rigid arm: Γ = (M_b + I_a) q̈ + C q̇ + g + f_v q̇ + F(q̇) sign q̇ [N m]."""
+    arm, (q, dq, ddq) = reference.parameters, reference.sample(GRID)
+    coulomb, static = np.array(arm.coulomb_friction), np.array(arm.static_friction)
+    friction = stribeck_magnitude(dq, coulomb, static, arm.stribeck_velocity) * np.sign(dq)
+    motor = np.array(arm.motor_inertia) * ddq + np.array(arm.viscous_friction) * dq + friction
+    return np.abs(rigid_inverse_dynamics(q, dq, ddq, arm_constants(arm)) + motor).max(axis=0)
+
+
+def test_forward_kinematics_returns_the_path(reference):
+    q = reference.sample(GRID).q
+    expected = reference.path.points(quintic_time_law(GRID, 1.5)[0])[0]
+    np.testing.assert_allclose(tip_position(q, reference.parameters.length), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(reference.tip(GRID).position, expected, rtol=0, atol=1e-15)
+    assert (np.sign(q[:, 1]) == reference.elbow_sign).all()
+
+
+def test_derivatives_match_central_differences(reference):
+    t = np.random.default_rng(0).uniform(0.01, 1.49, 200)
+    _, dq, ddq = reference.sample(t)
+    np.testing.assert_allclose(central_difference(lambda x: reference.sample(x).q, t), dq, rtol=0, atol=2e-6)
+    np.testing.assert_allclose(central_difference(lambda x: reference.sample(x).dq, t), ddq, rtol=0, atol=5e-5)
+    np.testing.assert_allclose(
+        central_difference(lambda x: reference.tip(x).position, t), reference.tip(t).velocity, rtol=0, atol=1e-7
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_central_differences_converge_with_second_order(order):
+    reference, t = JointReference(), np.linspace(0.2, 1.3, 50)
+
+    def error(h):
+        difference = central_difference(lambda x: reference.sample(x)[order - 1], t, h)
+        return np.abs(difference - reference.sample(t)[order]).max()
+
+    assert math.log2(error(2e-3) / error(1e-3)) == pytest.approx(2.0, abs=0.02)
+
+
+def test_joint_velocity_gives_the_tip_velocity_and_starts_and_ends_at_rest(reference):
+    q, dq, _ = reference.sample(GRID)
+    velocity = np.einsum("tij,tj->ti", tip_jacobian(q, reference.parameters.length), dq)
+    np.testing.assert_allclose(velocity, reference.tip(GRID).velocity, rtol=0, atol=1e-12)
+    at_rest = reference.sample([-1.0, 0.0, 1.5, 7.0])
+    assert not at_rest.dq.any()
+    assert not at_rest.ddq.any()
+    np.testing.assert_array_equal(at_rest.q[[0, 3]], at_rest.q[[1, 2]])
+
+
+def test_one_instant_equals_the_grid(reference):
+    grid = reference.sample(GRID.reshape(19, 79))
+    for k in ((0, 0), (4, 50), (11, 3), (18, 78)):
+        for single, whole in zip(reference.sample(GRID.reshape(19, 79)[k]), grid, strict=True):
+            assert single.shape == (2,)
+            assert whole.shape == (19, 79, 2)
+            np.testing.assert_allclose(single, whole[k], rtol=1e-12, atol=1e-12)
+
+
+def test_no_instants_give_empty_arrays():
+    assert [array.shape for array in JointReference().sample(np.empty((3, 0)))] == [(3, 0, 2)] * 3
+
+
+@pytest.mark.parametrize("elbow_sign", [1, -1])
+def test_joint_angles_are_continuous_where_the_tip_crosses_the_negative_x_axis(elbow_sign):
+    reference = JointReference(PATHS["across the negative x axis"], elbow_sign=elbow_sign)
+    angle = np.arctan2(*reference.tip(GRID).position.T[::-1])
+    assert np.abs(np.diff(angle)).max() > 6.0  # the polar angle of the tip does jump
+    q, dq, _ = reference.sample(GRID)
+    assert (np.abs(np.diff(q, axis=0)) <= 1.001e-3 * np.abs(dq).max(axis=0) + 1e-9).all()
+
+
+def test_quintic_time_law_is_the_printed_polynomial_and_rests_outside():
+    x = np.linspace(0.0, 1.0, 101)
+    s, ds, dds = quintic_time_law(2.0 * x, 2.0)
+    polynomial = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+    np.testing.assert_allclose(s, polynomial(x), atol=1e-14)
+    np.testing.assert_allclose(ds, polynomial.deriv()(x) / 2.0, atol=1e-13)
+    np.testing.assert_allclose(dds, polynomial.deriv(2)(x) / 4.0, atol=1e-13)
+    np.testing.assert_array_equal(quintic_time_law([-0.1, 2.1], 2.0), [[0, 1], [0, 0], [0, 0]])
+
+
+def test_default_has_the_papers_tip_speed():
+    speed = np.linalg.norm(JointReference().tip(GRID).velocity, axis=-1)
+    assert speed.max() == pytest.approx(1.875 * 2.0 * math.pi * 0.2 / 1.5, rel=1e-12)
+    assert round(speed.max(), 4) == 1.5708
+
+
+def test_default_has_the_papers_peak_torques():
+    np.testing.assert_allclose(peak_torques(JointReference()), [228.0, 46.7], rtol=0, atol=0.05)
+    q2 = JointReference().sample(GRID).q[:, 1]
+    assert (round(q2.min(), 2), round(q2.max(), 2)) == (0.71, 2.00)
+
+
+def test_peak_torques_identify_start_angle_direction_and_elbow():
+    matches = []
+    for k, turns, elbow_sign in itertools.product(range(8), (1.0, -1.0), (1, -1)):
+        reference = JointReference(Circle(start_angle=k * math.pi / 4, turns=turns), elbow_sign=elbow_sign)
+        if np.round(peak_torques(reference)).tolist() == [228.0, 47.0]:
+            matches.append((k, turns, elbow_sign))
+    assert matches == [(2, -1.0, 1)]
+
+
+def test_joint_angles_out_of_reach_are_nan():
+    angles = joint_angles(np.array([[0.0, 1.01], [0.0, 0.03], [0.0, 0.5]]), (0.5, 0.42), 1)
+    np.testing.assert_array_equal(np.isnan(angles).any(axis=-1), [True, True, False])
+
+
+def test_unreachable_path_names_the_first_point_its_distance_and_the_ring():
+    message = r"t = 0 s: point \(0.9, 0.5\) m is 1.02956 m from the base; allowed: .* ring \(0, 1\) m less 0.05 rad"
+    with pytest.raises(ValueError, match=message):
+        JointReference(Circle(center=(0.9, 0.3)))
+    x = 0.5 + 0.9 * quintic_time_law(np.linspace(0.0, 1.5, CHECKED_INSTANTS), 1.5)[0]
+    first = x[x >= math.cos(SINGULARITY_MARGIN / 2.0)][0]
+    with pytest.raises(ValueError, match=rf"t = 0\.79\d* s: point \({first:.6g}, 0\) m is {first:.6g} m"):
+        JointReference(Line((0.5, 0.0), (1.4, 0.0)))
+
+
+@pytest.mark.parametrize("length", [(0.5, 0.5), (0.5, 0.42), (0.3, 0.6)])
+def test_the_ring_ends_at_the_margin_to_the_singular_configurations(length):
+    arm = ArmParameters(length=length, mass_center=(0.15, 0.15), velocity_limit=(1e3, 1e3))
+    for bend, inwards in ((SINGULARITY_MARGIN, 1e-6), (math.pi - SINGULARITY_MARGIN, -1e-6)):
+        edge = np.linalg.norm(tip_position(np.array([0.0, bend]), length))
+        good, bad = ((0.0, edge - inwards), (0.0, edge + inwards))
+        JointReference(Line(good, (0.0, 0.5)), parameters=arm)
+        with pytest.raises(ValueError, match="leaves the reach"):
+            JointReference(Line(bad, (0.0, 0.5)), parameters=arm)
+
+
+def test_path_through_the_base_raises():
+    with pytest.raises(ValueError, match=r"t = 0\.7\d* s: point \(0\.02\d*, 0\) m is 0\.02\d* m from the base"):
+        JointReference(Line((0.5, 0.0), (-0.5, 0.0)))
+
+
+def test_joint_limits_name_joint_value_and_limit():
+    beyond_pi = Circle(center=(-0.345, -0.491))
+    with pytest.raises(ValueError, match=r"q1 = 3\.1\d* rad at t = .* \[-3.14159, 3.14159\] .*joint_limit\[0\]"):
+        JointReference(beyond_pi)
+    JointReference(beyond_pi, elbow_sign=-1)
+    arm = ArmParameters(joint_limit=(math.pi, 1.9))
+    with pytest.raises(ValueError, match=r"q2 = 1\.90\d* rad at t = .* \[-1.9, 1.9\] rad .*joint_limit\[1\]"):
+        JointReference(parameters=arm)
+
+
+def test_velocity_limit_names_joint_value_limit_and_the_duration_that_helps():
+    with pytest.raises(ValueError, match=r"dq2 = -?2\d\.\d* rad/s .* \[-15, 15\] rad/s .*velocity_limit\[1\]") as error:
+        JointReference(duration=0.3)
+    needed = float(re.search(r"to (\S+) s or more", str(error.value)).group(1))
+    JointReference(duration=needed)
+    with pytest.raises(ValueError, match=r"Raise duration"):
+        JointReference(duration=needed - 0.002)
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, math.nan, math.inf, True, "1.5", None])
+def test_bad_duration_raises(duration):
+    with pytest.raises(ValueError, match=rf"duration = {duration!r} s is out of range; allowed: \(0, inf\) s"):
+        JointReference(duration=duration)
+
+
+@pytest.mark.parametrize("elbow_sign", [0, 2, True, "up", math.nan])
+def test_bad_elbow_sign_raises(elbow_sign):
+    with pytest.raises(ValueError, match=rf"elbow_sign = {elbow_sign!r} is out of range; allowed: 1 \(q2 > 0\) or -1"):
+        JointReference(elbow_sign=elbow_sign)
+
+
+def test_a_path_of_ones_own_needs_points_of_the_right_shape():
+    class Flat:
+        def points(self, s):
+            return s, s, s
+
+    with pytest.raises(TypeError, match=r"path = 'circle' must have a method points\(s\)"):
+        JointReference("circle")
+    with pytest.raises(ValueError, match=r"gave shape"):
+        JointReference(Flat())
+
+
+def test_a_reference_is_a_value():
+    reference = JointReference()
+    assert reference == JointReference(Circle(), 1.5, 1, ArmParameters())
+    assert hash(reference) == hash(JointReference())
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        reference.duration = 2.0

@@ -1,0 +1,174 @@
+"""Evaluation as a library: records, reproducibility, and the results the project claims."""
+
+import dataclasses
+import json
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.eval.evaluation.result_table import markdown_table, table_rows
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
+from fuzzyarm.policies import load_policy
+
+
+@pytest.fixture(scope="module")
+def evaluation():
+    return evaluate(EvaluationConfig())
+
+
+def row(evaluation, case, policy):
+    return next(r for r in evaluation.rows if (r["case"], r["policy"]) == (case, policy))
+
+
+@pytest.mark.parametrize(
+    ("case", "low", "high"), [("nominal", -0.6, 0.5), ("machining", -0.3, 1.9), ("payload", -1.0, 1.0)]
+)
+def test_fuzzy_4_stays_within_the_expected_motor_side_circularity(evaluation, case, low, high):
+    values = row(evaluation, case, "fuzzy-4")
+    assert low <= values["circularity_motor_min_mm"] < values["circularity_motor_max_mm"] <= high
+
+
+def test_fuzzy_4_needs_the_torques_the_paper_reports(evaluation):
+    values = row(evaluation, "nominal", "fuzzy-4")
+    assert values["torque_peak_1"] == pytest.approx(228, rel=0.01)
+    assert values["torque_peak_2"] == pytest.approx(47, rel=0.01)
+
+
+def test_every_episode_is_complete_and_stays_well_inside_the_box(evaluation):
+    assert evaluation.complete
+    for values in evaluation.rows:
+        assert values["domain_margin"] > 0.2
+
+
+def test_two_evaluations_agree_bit_for_bit_but_for_the_clock(evaluation):
+    again = evaluate(EvaluationConfig(policies=("fuzzy-4",), cases=("machining",)))
+    first, second = dict(row(evaluation, "machining", "fuzzy-4")), dict(again.rows[0])
+    first.pop("predict_us"), second.pop("predict_us")
+    assert first == second
+
+
+def test_noise_is_seeded():
+    config = EvaluationConfig(policies=("fuzzy-4",), cases=("nominal",), seeds=2, encoder_noise=(1e-5, 1e-3))
+    first, second = evaluate(config), evaluate(config)
+    assert [r["tip_error_max_mm"] for r in first.rows] == [r["tip_error_max_mm"] for r in second.rows]
+    assert first.rows[0]["tip_error_max_mm"] != first.rows[1]["tip_error_max_mm"]
+    cell = table_rows(first.rows)[0][2][0]
+    assert " to " in cell  # a median comes with its range
+
+
+def test_certificates_are_told_apart_from_their_absence(evaluation):
+    assert evaluation.certificates["computed-torque"] is None
+    assert "Not covered: the elastic joints" in evaluation.certificates["fuzzy-4"]
+
+
+def test_the_tip_policy_keeps_the_certificate_and_says_what_it_means():
+    texts = evaluate(EvaluationConfig(policies=("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip"), cases=("nominal",)))
+    texts = texts.certificates
+    assert texts["fuzzy-4-tip"].startswith(texts["fuzzy-4"])
+    assert "for the error from theta_d" in texts["fuzzy-4-tip"]
+    assert "takes 64 % of the box" in texts["fuzzy-4-tip"]
+    assert "measured, not proven" in texts["fuzzy-4-tip"]
+    assert texts["computed-torque-tip"] is None
+
+
+def test_the_paper_form_has_no_certificate_for_the_tip():
+    """Its proof is of a law with the reference model in the loop, which the feedforward for the tip replaces."""
+    with resources.as_file(resources.files("fuzzyarm.fuzzy_policy.controllers") / "paper-4.json") as path:
+        config = EvaluationConfig(policies=(str(path), f"{path}-tip"), cases=("nominal",))
+        texts = evaluate(config).certificates
+    assert "reference model" in texts["paper-4"]
+    assert texts["paper-4-tip"] is None
+
+
+def test_a_reference_that_leaves_the_box_bent_has_no_certificate_for_the_tip():
+    arm = ArmParameters(joint_limit=(3.0, 2.0055), stiffness=(6.4e4, 2e3))
+    text = tip_statement(JointReference(parameters=arm))
+    assert "no certificate" in text
+    assert "theta_d2" in text
+
+
+@pytest.mark.parametrize("policy", ["fuzzy-4-tip", "computed-torque-tip"])
+def test_the_tip_follows_a_hundred_times_closer_without_load(evaluation, policy):
+    """Case 1 below 0.1 mm; nothing is promised under loads that nobody told the policy of."""
+    assert row(evaluation, "nominal", policy)["tip_error_max_mm"] < 0.01
+    assert row(evaluation, "nominal", policy.removesuffix("-tip"))["tip_error_max_mm"] > 3.0
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.0 / 0.95])
+@pytest.mark.parametrize("policy", ["fuzzy-4-tip", "computed-torque-tip"])
+def test_a_stiffness_known_to_five_percent_costs_a_quarter_millimetre(policy, factor):
+    arm = ArmParameters()
+    plant = dataclasses.replace(arm, stiffness=tuple(factor * k for k in arm.stiffness))
+    run = rollout(FuzzyArmEnv(parameters=plant), load_policy(policy), policy_name=policy, case="nominal", seed=0)
+    assert 0.1 < metrics(run)["tip_error_max_mm"] < 0.25
+
+
+def test_results_file_holds_what_a_rerun_needs(evaluation, tmp_path):
+    json_path, csv_path = write_results(evaluation, tmp_path)
+    document = json.loads(json_path.read_text())
+    assert document["schema"] == "fuzzyarm-evaluation/1"
+    assert ArmParameters.from_dict(document["config"]["parameters"]) == ArmParameters()
+    assert document["config"]["cases"] == ["nominal", "machining", "payload"]
+    assert document["versions"]["numpy"] == np.__version__
+    assert document["machine"]["cores"] >= 1
+    assert len(document["results"]) == len(csv_path.read_text().splitlines()) - 1 == len(evaluation.rows)
+
+
+def test_markdown_table_has_a_line_for_each_result(evaluation):
+    lines = markdown_table(evaluation.rows).splitlines()
+    assert len(lines) == 2 + len(evaluation.rows)
+    assert len({line.count("|") for line in lines}) == 1
+
+
+def test_an_early_end_is_reported_not_hidden(tmp_path):
+    arm = ArmParameters(velocity_limit=(3.4, 4.42))  # the reference just fits, ringing under the payload does not
+    result = evaluate(EvaluationConfig(policies=("computed-torque",), cases=("payload",), parameters=arm))
+    assert not result.complete
+    assert "velocity left the domain" in result.rows[0]["reason"]
+    assert "ended early in 1 of 1" in table_rows(result.rows)[0][1]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"cases": ("nominl",)}, "choose from: nominal, machining, payload"),
+        ({"cases": ()}, "cases"),
+        ({"policies": ("fuzzy-4", "fuzzy-4")}, "different names"),
+        ({"seeds": 0}, "seeds = 0"),
+        ({"seeds": 3}, "nothing is random without encoder noise"),
+    ],
+)
+def test_bad_configurations_are_refused_before_anything_runs(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(EvaluationConfig(), **change)
+
+
+class LinkSide:
+    """Computed torque that measures the links instead of the motors."""
+
+    def __init__(self, env, bandwidth):
+        self.env, self.policy = env, ComputedTorquePolicy(bandwidth=bandwidth)
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        link = np.concatenate([self.env._lanes._values[2:4, 0], self.env._lanes._values[6:8, 0]])
+        return self.policy.predict(np.concatenate([link, observation[4:]]), state)
+
+
+def test_link_side_measurement_is_unstable_where_motor_side_is_not():
+    """Why the motors are measured: 30 rad/s, half the shipped bandwidth, chatters at the torque limits."""
+    env = FuzzyArmEnv()
+    runs = [
+        rollout(env, policy, policy_name="", case="nominal", seed=0)
+        for policy in (ComputedTorquePolicy(bandwidth=30.0), LinkSide(env, 30.0))
+    ]
+    motor_side, link_side = (metrics(run) for run in runs)
+    assert motor_side["torque_rate_rms"] < 1e3
+    assert link_side["torque_rate_rms"] > 1e4

@@ -1,0 +1,257 @@
+"""The figures: what is in them, and the files they become."""
+
+import dataclasses
+import os
+import pickle
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation.figures import FOCUS, TIME_FIGURES, draw_figures, write_figures
+
+WITHOUT_FORCE = ("path", *TIME_FIGURES)
+WITH_FORCE = (*WITHOUT_FORCE, "force")
+
+
+def circle(phase):
+    return np.column_stack([0.35 + 0.2 * np.cos(phase), 0.65 + 0.2 * np.sin(phase)])
+
+
+def episode(policy="a", case="nominal", *, samples=60, seed=0, error=1e-3, completed=True, curve=circle):
+    """Return a made-up rollout whose tip goes round `curve` with deviations of size `error` [m]."""
+    phase = np.linspace(0.0, 2.0 * np.pi, 60)[:samples]
+    wave = np.column_stack([np.sin(3.0 * phase), np.cos(5.0 * phase)])
+    force = wave * (150.0 if case == "machining" else 0.0)
+    reference = curve(phase)
+    return Rollout(
+        policy=policy,
+        case=case,
+        seed=seed,
+        control_period=0.025,
+        completed=completed,
+        reason="" if completed else "left the joint domain",
+        step_time=1e-5,
+        time=0.025 * np.arange(1, samples + 1),
+        tip=reference + error * wave,
+        tip_reference=reference,
+        tip_error=error * np.hypot(*wave.T),
+        circularity_error=error * wave[:, 0],
+        circularity_error_motor=0.1 * error * wave[:, 1],
+        q_motor=wave + error,
+        dq_motor=3.0 * wave,
+        q_link=wave,
+        dq_link=3.0 * wave,
+        q_reference=wave,
+        dq_reference=3.0 * wave,
+        torque=100.0 * wave,
+        friction_torque=np.sign(wave),
+        external_force=force,
+        reward=np.ones(samples),
+        domain_use=np.full(samples, 0.3),
+    )
+
+
+TWO = [episode("fuzzy-4"), episode("computed-torque", error=2e-3)]
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def crosses(axes):
+    return [line.get_xydata()[0] for line in axes.lines if line.get_marker() == "x"]
+
+
+def curves(axes, samples):
+    """Return the lines of the policies: those with as many points that are neither reference."""
+    return [line for line in axes.lines if len(line.get_xdata()) == samples and line.get_label() != "reference"]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Two policies in two cases, written once."""
+    folder = tmp_path_factory.mktemp("figures")
+    calls = []
+    rollouts = [*TWO, *(dataclasses.replace(one, case="payload") for one in TWO), episode("fuzzy-4", "machining")]
+    return write_figures(rollouts, folder, lambda: calls.append(1)), folder, calls
+
+
+def test_every_figure_is_written_in_both_formats(written):
+    paths, folder, calls = written
+    names = {f"{case}-{name}" for case in ("nominal", "payload") for name in WITHOUT_FORCE}
+    names |= {f"machining-{name}" for name in WITH_FORCE} | {"overview"}
+    assert {path.name for path in paths} == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
+    assert set(folder.iterdir()) == set(paths)
+    assert len(calls) == len(names)
+
+
+def test_files_are_pictures(written):
+    for path in written[0]:
+        if path.suffix == ".svg":
+            assert ElementTree.parse(path).getroot().tag == "{http://www.w3.org/2000/svg}svg"
+            continue
+        with Image.open(path) as picture:
+            picture.load()
+            assert picture.format == "PNG"
+            assert picture.width >= 800
+            assert picture.info["dpi"] == pytest.approx((150, 150), abs=0.1)
+            assert min(picture.convert("L").getextrema()) < 128
+
+
+def test_a_second_run_gives_the_same_svg_whatever_the_global_settings_and_leaves_those_alone(written, tmp_path):
+    _, folder, _ = written
+    with matplotlib.rc_context({"font.size": 20.0, "xtick.direction": "in", "axes.labelpad": 30.0}):
+        before = dict(matplotlib.rcParams)
+        paths = write_figures(TWO, tmp_path)
+        assert dict(matplotlib.rcParams) == before
+    for path in paths:
+        if path.suffix == ".svg" and path.name != "overview.svg":
+            assert path.read_bytes() == (folder / path.name).read_bytes()
+
+
+@pytest.mark.parametrize("curve", [circle, lambda phase: np.column_stack([0.4 + 0.1 * phase / 6.0, 0.5 + 0.0 * phase])])
+def test_axes_have_labels_with_units_and_legends_name_every_policy(curve):
+    figures = draw_figures([episode("a", "machining", curve=curve), episode("b", "machining", curve=curve)])
+    assert set(figures) == {*(f"machining-{name}" for name in WITH_FORCE), "overview"}
+    for name, figure in figures.items():
+        labels = [figure.axes[-1].get_xlabel(), *(axes.get_ylabel() for axes in figure.axes)]
+        assert all(label.endswith("]") and "[" in label for label in labels), name
+        assert any("circularity" in label for label in labels) == (
+            curve is circle and name in ("machining-circularity", "overview")
+        )
+        if name != "machining-force":
+            assert set(legend(figure)) >= {"a", "b"}
+        assert "ended early" not in legend(figure)
+
+
+def test_the_path_is_drawn_with_x_down_and_magnified_deviations():
+    axes = draw_figures([episode(error=1e-3)])["nominal-path"].axes[0]
+    assert axes.get_title("left").endswith("× 20")
+    assert axes.get_aspect() == 1.0
+    bottom, top = axes.get_ylim()
+    assert bottom > top
+    reference, drawn = episode().tip_reference, curves(axes, 60)[0].get_xydata()
+    np.testing.assert_allclose(drawn[:, ::-1], reference + 20 * (episode().tip - reference), atol=1e-12)
+
+
+def test_the_magnification_falls_for_large_deviations():
+    axes = draw_figures([episode(error=30e-3)])["nominal-path"].axes[0]
+    assert axes.get_title("left").endswith("× 2")
+
+
+def test_circularity_is_that_of_the_tip_and_below_it_that_of_the_motors_on_the_same_scale():
+    link, motor = draw_figures([episode(error=1e-3)])["nominal-circularity"].axes
+    np.testing.assert_allclose(curves(link, 60)[0].get_ydata(), 1e3 * episode().circularity_error)
+    np.testing.assert_allclose(curves(motor, 60)[0].get_ydata(), 1e3 * episode().circularity_error_motor)
+    assert motor.get_ylim() == link.get_ylim()
+    assert "circularity error" in link.get_ylabel()
+    assert "error" not in motor.get_ylabel()
+
+
+def test_tip_errors_decades_apart_are_all_seen():
+    good, bad = episode("good", error=3e-6), episode("bad", error=20e-3)
+    tip = draw_figures([good, bad])["overview"].axes[0]
+    assert tip.get_yscale() == "log"
+    assert tip.get_ylim() == (1e-3, 100.0)  # mm; from the decade of the best one's rms to that of the worst one's peak
+    for line, drawn in zip(curves(tip, 60), (good, bad), strict=True):
+        np.testing.assert_allclose(line.get_ydata(), np.maximum(1e3 * drawn.tip_error, 1e-3))
+    assert not tip.texts
+
+
+def test_an_episode_that_ended_early_is_marked():
+    short = episode("b", samples=20, completed=False)
+    for name, figure in draw_figures([episode("a"), short]).items():
+        assert legend(figure)[-1] == "ended early", name
+        for axes in figure.axes:
+            assert len(crosses(axes)) == 1
+            if not name.endswith("path"):
+                assert crosses(axes)[0][0] == short.time[-1]
+    friction = draw_figures([short])["nominal-friction"].axes[0]
+    assert tuple(crosses(friction)[0]) == (short.time[-1], short.friction_torque[-1, 0])
+
+
+@pytest.mark.parametrize("completed", [True, False])
+def test_a_policy_far_off_does_not_flatten_the_others(completed):
+    figures = draw_figures([episode("good"), episode("bad", samples=50, error=20 * FOCUS * 1e-3, completed=completed)])
+    error = figures["overview"].axes[1]
+    assert error.get_ylim()[1] < 1.2  # mm; the good one reaches 1.0
+    assert "bad up to" in error.texts[0].get_text()
+    for _, y in crosses(error):
+        assert y in error.get_ylim()
+    assert not figures["nominal-torque"].axes[0].texts
+
+
+@pytest.mark.parametrize("samples", [1, 2, 30])
+def test_one_policy_that_never_finishes(samples):
+    figures = draw_figures([episode("sac", samples=samples, completed=False)])
+    for name in ("nominal-path", "nominal-velocity", "overview"):
+        figures[name].draw_without_rendering()
+        assert figures[name].axes[0].lines
+
+
+def test_many_policies_look_different_and_the_same_in_every_case():
+    rollouts = [episode(f"policy {k}") for k in range(12)] + [episode("policy 7", "payload")]
+    figures = draw_figures(rollouts)
+    lines = curves(figures["nominal-torque"].axes[0], 60)
+    looks = [(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines]
+    assert len(set(looks)) == 12
+    assert len({color for color, _ in looks[:8]}) == len({dashes for _, dashes in looks[:8]}) == 8
+    assert curves(figures["payload-torque"].axes[0], 60)[0].get_color() == looks[7][0]
+
+
+def test_the_legend_fits_below_the_axes():
+    figure = draw_figures([episode(f"a policy with a long name {k}") for k in range(8)])["nominal-velocity"]
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.width
+    assert box.y1 <= min(axes.get_tightbbox().y0 for axes in figure.axes)
+
+
+def test_of_several_seeds_the_first_is_drawn():
+    figure = draw_figures([episode(seed=0, error=1e-3), episode(seed=1, error=2e-3)])["nominal-circularity"]
+    (line,) = curves(figure.axes[0], 60)
+    np.testing.assert_allclose(line.get_ydata(), 1e3 * episode(error=1e-3).circularity_error)
+
+
+def test_no_rollouts_is_an_error(tmp_path):
+    with pytest.raises(ValueError, match="run at least one episode"):
+        write_figures([], tmp_path)
+
+
+def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        write_figures(TWO, tmp_path / "missing")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
+    old = tmp_path / "nominal-path.png"
+    old.write_bytes(b"old")
+
+    def fail(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_figures(TWO, tmp_path)
+    assert list(tmp_path.iterdir()) == [old]
+    assert old.read_bytes() == b"old"
+
+
+def test_pyplot_is_not_imported(tmp_path):
+    code = (
+        "import pathlib, pickle, sys; from fuzzyarm.eval.evaluation.figures import write_figures; "
+        "write_figures(pickle.load(sys.stdin.buffer), pathlib.Path(sys.argv[1])); "
+        "sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    command = [sys.executable, "-W", "error", "-c", code, str(tmp_path)]
+    result = subprocess.run(command, input=pickle.dumps([episode()]), capture_output=True, check=False)
+    assert result.returncode == 0, result.stderr.decode()
+    assert (tmp_path / "overview.png").exists()

@@ -1,0 +1,166 @@
+"""The leaderboard: scores by hand, ranks, and files that must not be mixed."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.eval.evaluation.ranking import leaderboard
+from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig, evaluate, write_results
+from fuzzyarm.eval.evaluation.statistics import estimate
+
+CASES = ("nominal", "machining", "payload")
+
+
+def document(errors, *, cases=CASES, version="0.1.0", **config):
+    """Results with these rms tip errors [mm]: by policy one list per case, of one number per seed."""
+    seeds = len(next(iter(errors.values()))[0])
+    return {
+        "schema": SCHEMA,
+        "config": {
+            "policies": list(errors),
+            "cases": list(cases),
+            "seeds": seeds,
+            "encoder_noise": [1e-5, 1e-3],
+            "control_period": 1e-3,
+            "parameters": {},
+        }
+        | config,
+        "versions": {"fuzzyarm": version},
+        "commit": None,
+        "machine": {"cpu": "any"},
+        "certificates": {name: "proven" if name.startswith("fuzzy") else None for name in errors},
+        "results": [
+            {"case": case, "policy": name, "seed": seed, "completed": True, "reason": "", "tip_error_max_mm": 50.0}
+            | {"tip_error_rms_mm": errors[name][k][seed]}
+            for k, case in enumerate(cases)
+            for name in errors
+            for seed in range(seeds)
+        ],
+    }
+
+
+@pytest.fixture
+def write(tmp_path):
+    def file(name, document):
+        (tmp_path / name).mkdir()
+        path = tmp_path / name / "results.json"
+        path.write_text(json.dumps(document), encoding="utf-8")
+        return path
+
+    return file
+
+
+def ranked(*paths):
+    board = leaderboard(paths)
+    return [(rank, standing.policy) for rank, standing in zip(board.ranks, board.standings, strict=True)]
+
+
+def one_line_error(capsys):
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+def test_the_score_is_the_geometric_mean_over_the_cases(write):
+    board = leaderboard([write("a", document({"a": [[1.0], [8.0], [27.0]], "b": [[0.0], [8.0], [27.0]]}))])
+    assert [standing.score.mean for standing in board.standings] == pytest.approx([0.0, 6.0])
+    assert board.standings[1].score[1:] == (None, None)  # one seed says nothing of the spread
+    assert board.standings[1].rms == {"nominal": 1.0, "machining": 8.0, "payload": 27.0}
+
+
+def test_seeds_are_scored_one_by_one_and_then_estimated(write):
+    errors = np.random.default_rng(0).lognormal(size=(3, 5))
+    standing = leaderboard([write("a", document({"a": errors.tolist()}))]).standings[0]
+    assert standing.score == pytest.approx(estimate(np.exp(np.log(errors).mean(axis=0))), rel=1e-12)
+    assert standing.score.low < standing.score.mean < standing.score.high
+    assert standing.rms["payload"] == pytest.approx(np.sort(errors[2])[1:4].mean())
+
+
+def test_the_smallest_comes_first_across_files_and_equals_share_a_rank(write):
+    one = write("one", document({"c": [[3.0]] * 3, "a": [[1.0]] * 3}))
+    two = write("two", document({"a": [[1.0]] * 3, "b": [[2.0]] * 3}))
+    assert ranked(one, two.parent) == [(1, "a"), (1, "a"), (3, "b"), (4, "c")]
+    assert [s.source for s in leaderboard([one, two.parent]).standings] == [str(p) for p in (one, two, two, one)]
+
+
+def test_who_lost_the_path_ranks_last_by_how_often(write):
+    results = document({name: [[error]] * 3 for name, error in (("a", 1.0), ("b", 2.0), ("c", 3.0), ("d", 4.0))})
+    rows = {(row["policy"], row["case"]): row for row in results["results"]}
+    rows["a", "nominal"] |= {"completed": False, "reason": "left"}
+    rows["a", "payload"]["tip_error_max_mm"] = 100.1
+    rows["b", "machining"]["tip_error_max_mm"] = 100.1
+    rows["c", "machining"]["tip_error_max_mm"] = 100.0  # at the limit is not beyond it
+    path = write("a", results)
+    assert ranked(path) == [(1, "c"), (2, "d"), (3, "b"), (4, "a")]
+    standings = {standing.policy: standing for standing in leaderboard([path]).standings}
+    assert standings["a"].score is None
+    assert (standings["a"].lost, standings["a"].episodes) == (2, 3)
+    assert standings["a"].rms == {"nominal": None, "machining": 1.0, "payload": None}
+    assert standings["c"].score.mean == pytest.approx(3.0)
+
+
+FINE = {"a": [[1.0], [2.0], [3.0]]}
+OTHERS = {
+    "version": (document(FINE, version="0.2.0"), "version of fuzzyarm is 0.1.0 in the first and 0.2.0 in the second"),
+    "cases": (document({"a": [[1.0]]}, cases=("nominal",)), "cases is nominal, machining, payload in the first and no"),
+    "seeds": (document({"a": [[1.0, 2.0]] * 3}), "number of seeds is 1 in the first and 2 in the second"),
+    "noise": (document(FINE, encoder_noise=[0.0, 0.0]), "encoder noise is (1e-05, 0.001) in the first and (0.0, 0.0)"),
+    "period": (document(FINE, control_period=2e-3), "control period is 0.001 in the first and 0.002"),
+    "arm": (document(FINE, parameters={"mass": [12.0, 9.0]}), "mass of the arm is [15.0, 9.0] in the first and [12.0"),
+}
+
+
+@pytest.mark.parametrize(("other", "expected"), OTHERS.values(), ids=OTHERS)
+def test_unlike_results_are_refused_with_the_difference(write, capsys, other, expected):
+    paths = [write("one", document(FINE)), write("two", document({"b": FINE["a"]})), write("three", other)]
+    assert main(["leaderboard", *map(str, paths)]) == 2
+    error = one_line_error(capsys)
+    assert expected in error
+    assert str(paths[0]) in error and str(paths[2]) in error
+
+
+def test_the_order_of_the_cases_is_no_difference(write):
+    turned = document({"b": [[30.0], [2.0], [1.0]]}, cases=CASES[::-1])
+    standings = leaderboard([write("a", document(FINE)), write("b", turned)]).standings
+    assert [list(standing.rms) for standing in standings] == [list(CASES)] * 2
+    assert standings[1].rms["payload"] == 30.0
+
+
+def test_a_file_given_twice_is_refused(write, capsys):
+    path = write("a", document(FINE))
+    assert main(["leaderboard", str(path), str(path.parent)]) == 2
+    assert "is given twice" in one_line_error(capsys)
+
+
+def test_an_empty_folder_is_one_line(tmp_path, capsys):
+    assert main(["leaderboard", str(tmp_path)]) == 2
+    assert f"{tmp_path / 'results.json'} is not there" in one_line_error(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_table_of_real_results(tmp_path, capsys):
+    config = EvaluationConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("nominal",))
+    evaluation = evaluate(config)
+    path, _ = write_results(evaluation, tmp_path)
+    assert main(["leaderboard", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "\x1b" not in out
+    rows = [line.split() for line in out.splitlines()[1:3]]
+    best, second = evaluation.rows[1]["tip_error_rms_mm"], evaluation.rows[0]["tip_error_rms_mm"]
+    assert rows[0][:3] == ["1", "computed-torque-tip", f"{best:#.3g}"] and rows[0][-2:] == ["no", str(path)]
+    assert rows[1][:3] == ["2", "fuzzy-4", f"{second:#.3g}"] and rows[1][-2:] == ["yes", str(path)]
+    assert "Score: geometric mean over the cases of the rms tip error. Lost:" in out
+    assert "control period 1 ms, 1 seed, no noise" in out
+
+
+def test_markdown_has_the_same_cells(write, capsys):
+    path = write("a", document({"fuzzy|4": [[1.0, 2.0, 3.0]] * 3, "b": [[9.0, 9.0, 9.0]] * 3}))
+    assert main(["leaderboard", str(path), "--markdown"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert {line.count("|") for line in lines[:4]} == {10}
+    assert lines[2].startswith("| 1 | fuzzy&#124;4 | 2.00 (1.00 to 3.00) | 2.00 |")
+    assert "bootstrap interval of 95 %" in lines[-1]

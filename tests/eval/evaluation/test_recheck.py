@@ -1,0 +1,316 @@
+"""Running an evaluation again from its results: what agrees, what differs, and what is refused."""
+
+import copy
+import hashlib
+import json
+import shlex
+import shutil
+import sys
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.evaluation.recheck import check
+from fuzzyarm.eval.evaluation.results_file import read_results
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
+from fuzzyarm.policies.files import policy_files
+
+ROOT = Path(__file__).parents[3]
+SHIPPED = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers")))
+LAW = "from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy as Law\n"
+
+
+@pytest.fixture(scope="module")
+def evaluation():
+    config = EvaluationConfig(
+        policies=("fuzzy-4", "computed-torque"), cases=("nominal",), seeds=2, encoder_noise=(1e-5, 1e-3)
+    )
+    return evaluate(config)
+
+
+@pytest.fixture
+def document(evaluation):
+    """What `evaluate` writes, to be changed at will."""
+    return json.loads(json.dumps(evaluation.to_dict()))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty current folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    return tmp_path
+
+
+def write(folder, document):
+    path = folder / "results.json"
+    path.write_text(document if isinstance(document, str) else json.dumps(document), encoding="utf-8")
+    return path
+
+
+def one_line_error(capsys):
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+def differences(folder, document, evaluation, monkeypatch):
+    """What a check of a document finds if this evaluation comes out."""
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", lambda *_: evaluation)
+    return [found.name for found in check(read_results(write(folder, document))).differences]
+
+
+@pytest.mark.parametrize("name", ["results.json", "."])
+def test_a_fresh_evaluation_agrees_with_itself_and_nothing_is_written(folder, document, capsys, name):
+    path = write(folder, document)
+    before = path.read_bytes()
+    assert main(["evaluate", "--check", name]) == 0
+    out = capsys.readouterr().out
+    numbers = 4 * (len(document["results"][0]) - len(("case", "policy", "seed", "completed", "reason", "predict_us")))
+    assert out == f"{numbers + len(('alpha', 'gamma'))} numbers of 4 rows agree\n"
+    assert list(folder.iterdir()) == [path]
+    assert path.read_bytes() == before
+
+
+def test_each_number_is_compared(folder, document, evaluation, monkeypatch):
+    """Twice the tolerance is seen, half of it is not."""
+    names = [k for k, v in document["results"][0].items() if isinstance(v, float) and k != "predict_us"]
+    assert len(names) == 16
+    for row in range(4):
+        for name in names:
+            for factor, expected in ((1.0 + 2e-6, [name]), (1.0 - 5e-7, [])):
+                changed = copy.deepcopy(document)
+                changed["results"][row][name] *= factor
+                assert differences(folder, changed, evaluation, monkeypatch) == expected
+
+
+def test_so_is_what_is_no_metric(folder, document, evaluation, monkeypatch):
+    def found(change):
+        changed = copy.deepcopy(document)
+        change(changed)
+        return differences(folder, changed, evaluation, monkeypatch)
+
+    assert found(lambda d: d["results"][1].update(completed=False)) == ["completed"]
+    assert found(lambda d: d["results"][1].update(reason="gone")) == ["reason"]
+    assert found(lambda d: d["results"][1].pop("energy")) == ["energy"]
+    assert found(lambda d: d["results"][1].update(height=1.0)) == ["height"]
+    assert found(lambda d: d["certified_bounds"]["fuzzy-4"].update(gamma=1e-4)) == ["gamma"]
+    assert found(lambda d: d["certified_bounds"].update({"fuzzy-4": None})) == [
+        "form",
+        "alpha",
+        "gamma",
+        "controller_digest",
+    ]
+
+
+def test_the_clock_is_not_compared(folder, document, evaluation, monkeypatch):
+    document["results"][0]["predict_us"] *= 3.0
+    assert differences(folder, document, evaluation, monkeypatch) == []
+
+
+def test_what_differs_is_shown_with_both_values(folder, document, capsys):
+    document["results"][0]["energy"] = 100.0
+    document["results"][3]["return"] = 1.0
+    assert main(["evaluate", "--check", str(write(folder, document))]) == 1
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert lines[1][:6] == ["fuzzy-4,", "nominal,", "seed", "0", "energy", "100"]
+    assert lines[2][:6] == ["computed-torque,", "nominal,", "seed", "1", "return", "1"]
+    assert lines[3] == ["2", "values", "of", "4", "rows", "differ"]
+
+
+def test_other_versions_are_a_note(folder, document, capsys):
+    document["versions"]["numpy"], document["commit"] = "1.0", "abc"
+    assert main(["evaluate", "--check", str(write(folder, document))]) == 0
+    out = capsys.readouterr().out
+    assert "note: numpy: 1.0 when measured, " in out
+    assert "note: commit: abc when measured, " in out
+    assert out.count("note:") == 2
+
+
+def test_another_file_of_the_same_name_is_noticed(folder, capsys):
+    mine = folder / "mine.json"
+    shutil.copy(SHIPPED / "fuzzy-1.json", mine)
+    write_results(evaluate(EvaluationConfig(policies=("mine.json-tip",), cases=("nominal",))), folder)
+    assert main(["evaluate", "--check", "results.json"]) == 0
+    capsys.readouterr()
+    shutil.copy(SHIPPED / "fuzzy-2.json", mine)
+    assert main(["evaluate", "--check", "results.json"]) == 2
+    assert "mine.json-tip is not the one that was measured: mine.json has another content" in one_line_error(capsys)
+    mine.unlink()
+    assert main(["evaluate", "--check", "results.json"]) == 2
+    assert "mine.json: No such file" in one_line_error(capsys)
+
+
+def test_a_file_alone_runs_no_code(folder, capsys):
+    """Only with the same --policy on the command line; then the source must be the one that was measured."""
+    source = folder / "my_checked.py"
+    source.write_text(LAW)
+    name = "my_checked:Law"
+    write_results(evaluate(EvaluationConfig(policies=(name, "computed-torque"), cases=("nominal",))), folder)
+    del sys.modules["my_checked"]
+    arguments = ["evaluate", "--check", "results.json"]
+    assert main(arguments) == 2
+    assert f"if you trust it, add --policy {name}" in one_line_error(capsys)
+    assert main([*arguments, "--policy", name, "--policy", "my_checked:Other"]) == 2
+    assert "--policy my_checked:Other: beside --check it only permits code" in one_line_error(capsys)
+    assert "my_checked" not in sys.modules
+    assert main([*arguments, "--policy", name]) == 0
+    assert "rows agree" in capsys.readouterr().out
+    source.write_text(LAW + "# changed\n")
+    assert main([*arguments, "--policy", name]) == 2
+    assert f"policy {name} is not the one that was measured: my_checked.py" in one_line_error(capsys)
+    del sys.modules["my_checked"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--case", "nominal"],
+        ["--seeds", "0"],
+        ["--encoder-noise", "0", "0"],
+        ["--robot", "arm.toml"],
+        ["--out", "there"],
+        ["--json"],
+    ],
+)
+def test_options_that_the_file_decides_are_refused(folder, document, capsys, options):
+    assert main(["evaluate", "--check", str(write(folder, document)), *options]) == 2
+    assert f"leave out {options[0]}" in one_line_error(capsys)
+
+
+def test_a_policy_by_name_is_refused_beside_check(folder, document, capsys):
+    assert main(["evaluate", "--check", str(write(folder, document)), "--policy", "fuzzy-4"]) == 2
+    assert "--policy fuzzy-4: beside --check" in one_line_error(capsys)
+
+
+def replaced(keys, value):
+    """Return a change that puts a value into a nested document, or takes the key out of it."""
+
+    def change(document):
+        for key in keys[:-1]:
+            document = document[key]
+        if value is None:
+            del document[keys[-1]]
+        else:
+            document[keys[-1]] = value
+
+    return change
+
+
+BROKEN = {
+    "another schema": (replaced(["schema"], "fuzzyarm-margins/1"), "the schema is 'fuzzyarm-margins/1'"),
+    "no schema": (replaced(["schema"], None), "the schema is 'None'"),
+    "no configuration": (replaced(["config"], None), "'config' is missing"),
+    "no versions": (replaced(["versions"], None), "'versions' is missing"),
+    "no version": (replaced(["versions", "fuzzyarm"], None), "'fuzzyarm' is missing"),
+    "no certificates": (replaced(["certificates"], None), "'certificates' is missing"),
+    "bounds": (replaced(["certified_bounds", "fuzzy-4"], [1]), "is damaged"),
+    "a bound": (replaced(["certified_bounds", "fuzzy-4", "gamma"], 10**400), "is damaged"),
+    "a word for a bound": (replaced(["certified_bounds", "fuzzy-4", "gamma"], [1.0]), "are no finite numbers and text"),
+    "digests": (replaced(["policy_files", "fuzzy-4"], "abc"), "is damaged"),
+    "no digests": (replaced(["policy_files", "fuzzy-4"], None), "'fuzzy-4' is missing"),
+    "no machine": (replaced(["machine"], None), "'machine' is missing"),
+    "policies": (replaced(["config", "policies"], "fuzzy-4"), "must be one or more different names"),
+    "a policy": (replaced(["config", "policies", 0], 4), "policies must be names"),
+    "a case": (replaced(["config", "cases"], ["nowhere"]), "choose from: nominal"),
+    "seeds": (replaced(["config", "seeds"], "many"), "is damaged"),
+    "many seeds": (replaced(["config", "seeds"], 10**12), "4 rows are not one for each policy, case and seed"),
+    "noise": (replaced(["config", "encoder_noise"], [0.0]), "is damaged"),
+    "period": (replaced(["config", "control_period"], "0.001"), "control_period must be a number"),
+    "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass = "),
+    "no rows": (replaced(["results"], []), "0 rows are not one for each"),
+    "a row": (replaced(["results", 0], "fuzzy-4"), "is damaged"),
+    "a row of another": (replaced(["results", 0, "seed"], 1), "where the row of ('nominal', 'fuzzy-4', 0) belongs"),
+    "no error": (replaced(["results", 0, "tip_error_rms_mm"], None), "a row lacks tip_error_rms_mm"),
+    "a word": (replaced(["results", 0, "energy"], "much"), "energy of ('nominal', 'fuzzy-4', 0) is 'much'"),
+    "infinity": (replaced(["results", 0, "energy"], float("inf")), "is inf, no finite number"),
+    "a huge number": (replaced(["results", 0, "energy"], 10**400), "is damaged"),
+    "completed": (replaced(["results", 0, "completed"], "yes"), "completed = 'yes'"),
+}
+
+
+@pytest.mark.parametrize(("change", "expected"), BROKEN.values(), ids=BROKEN)
+@pytest.mark.parametrize("command", [["evaluate", "--check"], ["leaderboard"]], ids=["check", "leaderboard"])
+def test_a_broken_file_is_one_line_that_names_it(folder, document, capsys, monkeypatch, command, change, expected):
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", None)  # nothing may run
+    change(document)
+    path = write(folder, document)
+    assert main([*command, str(path)]) == 2
+    error = one_line_error(capsys)
+    assert str(path) in error and expected in error and "fuzzyarm evaluate --out" in error
+
+
+@pytest.mark.parametrize("content", ["", "[]", "no json", "[" * 100_000, '{"schema": "fuzzyarm-evaluation/1"'])
+def test_what_is_no_document_is_one_line(folder, capsys, content):
+    path = write(folder, content)
+    assert main(["evaluate", "--check", str(path)]) == 2
+    assert str(path) in one_line_error(capsys)
+
+
+@pytest.mark.parametrize("name", [".", "missing.json", "missing/results.json"])
+def test_an_empty_folder_or_a_missing_file_is_one_line(folder, capsys, name):
+    assert main(["evaluate", "--check", name]) == 2
+    assert "is not there; make it anew with" in one_line_error(capsys)
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(("old", "new"), [("computed-torque", "computed-torrent"), ("fuzzy-4", "fuzzy-5")])
+def test_an_unknown_policy_is_named(folder, document, capsys, old, new):
+    text = json.dumps(document).replace(old, new)
+    assert main(["evaluate", "--check", str(write(folder, text))]) == 2
+    assert f"unknown policy '{new}'; choose from" in one_line_error(capsys)
+
+
+def test_files_from_before_the_digests_still_read(folder, document, capsys):
+    for key in ("policy_files", "certified_bounds", "command", "date"):
+        del document[key]
+    assert main(["evaluate", "--check", str(write(folder, document))]) == 0
+    assert "whether their files are the same was not compared" in capsys.readouterr().out
+    read_results(ROOT / "benchmarks" / "results" / "evaluate.json")
+
+
+def sha256(path):
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def test_policies_are_known_by_the_content_of_their_files(folder):
+    shipped = ROOT / "fuzzyarm" / "learned_policy" / "policies"
+    assert policy_files("fuzzy-4") == policy_files("fuzzy-4-tip") == {"fuzzy-4.json": sha256(SHIPPED / "fuzzy-4.json")}
+    assert policy_files("computed-torque") == policy_files("computed-torque-tip") == policy_files("nobody") == {}
+    assert policy_files("ppo-robust") == {"policy.json": sha256(shipped / "ppo-robust" / "policy.json")}
+    residual = {"policy.json": sha256(shipped / "ppo-residual" / "policy.json")} | policy_files("fuzzy-4")
+    assert policy_files("ppo-residual") == policy_files(str(shipped / "ppo-residual")) == residual
+    mine = folder / "mine.json"
+    mine.write_bytes((SHIPPED / "fuzzy-4.json").read_bytes().replace(b"\n", b"\r\n"))  # as another system writes it
+    assert policy_files("mine.json-tip") == {"mine.json": sha256(SHIPPED / "fuzzy-4.json")}
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        EvaluationConfig(),
+        EvaluationConfig(policies=("fuzzy-4", "my file.json"), cases=("payload", "nominal")),
+        EvaluationConfig(seeds=3, encoder_noise=(1e-5, 0.001)),
+    ],
+)
+def test_the_recorded_command_is_that_of_the_configuration(config, monkeypatch, folder):
+    class Seen(Exception):
+        pass
+
+    def seen(given, *_):
+        assert given == config
+        raise Seen
+
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.run.evaluate", seen)
+    with pytest.raises(Seen):
+        main(shlex.split(config.command())[1:])
+
+
+def test_there_is_no_command_for_what_no_option_names():
+    assert EvaluationConfig(parameters=ArmParameters(gravity=1.6)).command() is None
+    assert EvaluationConfig(control_period=2e-3).command() is None

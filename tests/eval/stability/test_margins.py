@@ -1,0 +1,250 @@
+"""The table of margins: its numbers are those of direct calls, what has none says why, and it fits its console."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import io
+import json
+import math
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from fuzzyarm.cli.application import _parser
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.stability import margins as margins_table
+from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
+from fuzzyarm.eval.stability.margins import (
+    CONDITIONS,
+    LIMITS,
+    MarginsConfig,
+    margin_cells,
+    margin_notes,
+    margins,
+    measure,
+)
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.policies.registry import LEARNED, NAMES, load_policy
+
+ARM = ArmParameters()
+NAMED = ("computed-torque", "fuzzy-4")
+PAYLOAD = "5 kg payload"
+
+
+class Springs:
+    """u = (60, 20) N m - 2e4 e - 400 ė, which no loop gain however small makes unstable."""
+
+    def predict(self, observation: np.ndarray, state: Any = None, *_: Any, **__: Any) -> tuple[np.ndarray, Any]:
+        """Evaluate the law."""
+        e = observation[..., :4] - observation[..., 4:8]
+        return np.array([60.0, 20.0]) - 2e4 * e[..., :2] - 400.0 * e[..., 2:], None
+
+
+class Forgetful(Springs):
+    """Springs with a memory that is no array."""
+
+    def predict(self, observation: np.ndarray, state: Any = None, *_: Any, **__: Any) -> tuple[np.ndarray, Any]:
+        """Evaluate the law."""
+        return super().predict(observation)[0], ()
+
+
+@functools.cache
+def nominal() -> dict[str, Any]:
+    """Two policies with the arm of Table 1, measured once and not to be changed."""
+    return margins(MarginsConfig(NAMED))
+
+
+def shown(document: dict[str, Any], **console: Any) -> str:
+    """What a console prints."""
+    text = io.StringIO()
+    margins_table.print_margins(document, Console(file=text, **console))
+    return text.getvalue()
+
+
+def with_rows(*rows: tuple[str, dict[str, Any]]) -> dict[str, Any]:
+    """`nominal` with other rows."""
+    return nominal() | {"rows": [{"policy": name, **row} for name, row in rows]}
+
+
+def test_conditions() -> None:
+    """Eight, in this order; each changes one thing and leaves the rest nominal."""
+    assert [dataclasses.astuple(condition)[1:] for condition in CONDITIONS] == [
+        (1.0, 0.0, 1.0, None),
+        (0.67, 0.0, 1.0, None),
+        (1.5, 0.0, 1.0, None),
+        (1.0, 0.5, 1.0, None),
+        (1.0, 1.0, 1.0, None),
+        (1.0, 0.0, 0.8, None),
+        (1.0, 0.0, 1.2, None),
+        (1.0, 0.0, 1.0, (5.0, "tip")),
+    ]
+    assert len({condition.name for condition in CONDITIONS}) == len(CONDITIONS)
+    assert not {condition.name for condition in CONDITIONS} & set(LIMITS)  # both name reasons
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_rows_are_direct_calls(name: str) -> None:
+    """Each number once more from `spectral_radius` and `gain_margin`, the policy with nominal knowledge."""
+    row = next(row for row in nominal()["rows"] if row["policy"] == name)
+    policy, (first, second) = load_policy(name), ARM.stiffness
+    soft, hard = (dataclasses.replace(ARM, stiffness=(k * first, k * second)) for k in (0.8, 1.2))
+    plants = {"stiffness - 20 %": soft, "stiffness + 20 %": hard}
+    others: dict[str, dict[str, Any]] = {
+        "loop gain x 0.67": {"loop_gain": 0.67},
+        "loop gain x 1.5": {"loop_gain": 1.5},
+        "half a sample later": {"delay": 0.5},
+        "one sample later": {"delay": 1},
+        PAYLOAD: {"payload": Payload(5.0)},
+    }
+    names = ["nominal", *others, *plants]
+    assert row["spectral_radius"] == {
+        key: spectral_radius(policy, plants.get(key, ARM), control_period=1e-3, **others.get(key, {})) for key in names
+    }
+    lower, upper = gain_margin(policy, ARM, control_period=1e-3)
+    later = gain_margin(policy, ARM, control_period=1e-3, delay=1)[1]
+    assert row["loop_gain"] == {"lower": lower, "upper": upper, "upper_one_sample_later": later}
+    assert row["reasons"] == {}
+
+
+def test_each_plant_is_linearised_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four plants for eight conditions and three limits."""
+    calls = []
+    original = margins_table.linearise_path
+    monkeypatch.setattr(margins_table, "linearise_path", lambda *given: calls.append(given) or original(*given))
+    measure(Springs(), ARM, 1e-3)
+    assert len(calls) == 4
+
+
+def test_the_document() -> None:
+    """Strict JSON, whole: schema, command, provenance, conditions, arm and rows in the order asked for."""
+    document = nominal()
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert document["schema"] == "fuzzyarm-margins/1"
+    assert document["command"] == "fuzzyarm margins --policy computed-torque --policy fuzzy-4"
+    assert {"commit", "versions", "machine", "date"} <= set(document)
+    assert document["parameters"] == ARM.to_dict()
+    assert [condition["name"] for condition in document["conditions"]] == [c.name for c in CONDITIONS]
+    assert document["conditions"][-1]["payload"] == {"mass": 5.0, "at": "tip"}
+    assert [row["policy"] for row in document["rows"]] == list(NAMED)
+
+
+def test_the_command_makes_the_configuration_again() -> None:
+    """Read back by the command line's own parser, names with spaces included; all policies need not be named."""
+    assert MarginsConfig().command() == "fuzzyarm margins"
+    config = MarginsConfig(("my own.json", "fuzzy-1"), Path("other arm.toml"))
+    options = _parser().parse_args(shlex.split(config.command())[1:])
+    assert (tuple(options.policy), options.robot) == (config.policies, config.robot)
+
+
+def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
+    """Torque limits that the payload exceeds: nothing there, numbers elsewhere, a dash in the table and the reason."""
+    robot = tmp_path / "weak.toml"
+    robot.write_text("torque_limit = [95.0, 45.0]\n")
+    document = margins(MarginsConfig(("computed-torque",), robot))
+    (row,) = document["rows"]
+    assert row["spectral_radius"].pop(PAYLOAD) is None
+    assert all(0.9 < radius < 1.0 for radius in row["spectral_radius"].values())
+    assert list(row["reasons"]) == [PAYLOAD] and "no equilibrium within 0.1 rad" in row["reasons"][PAYLOAD]
+    row["spectral_radius"][PAYLOAD] = None
+    headings, ((_, *cells),) = margin_cells([row])
+    assert [heading for heading, cell in zip(headings[1:], cells, strict=True) if cell == "-"] == [PAYLOAD]
+    assert f"computed-torque, no '{PAYLOAD}': no equilibrium" in " ".join(shown(document, width=400).split())
+
+
+def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
+    """All null, and why."""
+    row = measure(Forgetful(), ARM, 1e-3)
+    assert set(row["spectral_radius"].values()) == set(row["loop_gain"].values()) == {None}
+    assert set(row["reasons"]) == {*(condition.name for condition in CONDITIONS), *LIMITS}
+    assert all("state tuple; needed: float64, array or None" in reason for reason in row["reasons"].values())
+    assert margin_cells([{"policy": "p", **row}])[1] == [["p", *["-"] * 11]]
+    assert len(margin_notes(with_rows(("p", row)))) == 3  # one reason, told once
+
+
+def test_an_unstable_loop_is_marked_by_a_word() -> None:
+    """Computed torque at 400 rad/s: radii above 1, and no margins around an unstable loop."""
+    row = measure(ComputedTorquePolicy(ARM, 1e-3, 400.0), ARM, 1e-3)
+    assert row["spectral_radius"]["nominal"] > 1.0
+    assert row["loop_gain"] == dict.fromkeys(LIMITS)
+    assert row["reasons"] == dict.fromkeys(LIMITS, "unstable with its own loop gain")
+    headings, (cells,) = margin_cells([{"policy": "fast", **row}])
+    assert cells[headings.index("nominal")] == f"{row['spectral_radius']['nominal']:.4f} unstable"
+    for console in ({"width": 400}, {"width": 80, "force_terminal": True, "color_system": None}):
+        assert "unstable" in shown(with_rows(("fast", row)), **console)
+
+
+@pytest.mark.parametrize(("radius", "cell"), [(0.99996, "1.0000"), (1.0, "1.0000 unstable"), (None, "-")])
+def test_radius_cells(radius: float | None, cell: str) -> None:
+    """The word goes by the number, not by its digits."""
+    row = json.loads(json.dumps(nominal()["rows"][0]))
+    row["spectral_radius"]["one sample later"] = radius
+    headings, (cells,) = margin_cells([row])
+    assert cells[headings.index("one sample later")] == cell
+
+
+def test_a_gain_without_limit_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Springs without integral bear any smaller gain; an upper limit beyond the search is none either."""
+    row = measure(Springs(), ARM, 1e-3)
+    assert row["loop_gain"]["lower"] is None and row["loop_gain"]["upper"] > 2.0
+    assert row["reasons"] == {"lower": "stable down to 0.01 times its loop gain"}
+    monkeypatch.setattr(margins_table, "gain_limits", lambda *_: (0.5, math.inf))
+    row = measure(Springs(), ARM, 1e-3)
+    assert row["loop_gain"] == {"lower": 0.5, "upper": None, "upper_one_sample_later": None}
+    assert row["reasons"]["upper"] == "stable up to 100 times its loop gain"
+
+
+def test_bad_configurations(tmp_path: Path) -> None:
+    """Before anything is measured; two files of one name would be one row."""
+    for policies in ((), ("fuzzy-4", "fuzzy-4")):
+        with pytest.raises(ValueError, match="one or more different names"):
+            MarginsConfig(policies)
+    with pytest.raises(ValueError, match="unknown policy 'nobody'"):
+        margins(MarginsConfig(("nobody",)))
+    load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
+    with pytest.raises(ValueError, match="two of them have the same name"):
+        margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
+    (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\n")
+    with pytest.raises(ValueError, match="reach"):
+        margins(MarginsConfig(("computed-torque",), tmp_path / "short.toml"))
+
+
+def test_every_policy_there_is() -> None:
+    """By default each has its row, is stable in the nominal loop unless it was learned, and is reported when done."""
+    steps: list[int] = []
+    document = margins(MarginsConfig(), lambda: steps.append(1))
+    assert [row["policy"] for row in document["rows"]] == list(NAMES)
+    assert len(steps) == len(NAMES)
+    for row in document["rows"]:
+        radius = row["spectral_radius"]["nominal"]
+        if row["policy"] in LEARNED:  # nobody asked them to be stable
+            assert radius is not None or "no equilibrium" in row["reasons"]["nominal"]
+        else:
+            assert radius is not None, row["reasons"]
+            assert 0.5 < radius < 1.0
+
+
+def test_piped_a_policy_is_one_line() -> None:
+    """Plain columns, headings in full."""
+    lines = shown(nominal(), width=400).splitlines()
+    assert lines[0].split()[:4] == ["policy", "nominal", "loop", "gain"]
+    assert "stiffness - 20 %" in lines[0] and "to, one sample later" in lines[0]
+    for line, row in zip(lines[1:3], nominal()["rows"], strict=True):
+        numbers = [f"{radius:.4f}" for radius in row["spectral_radius"].values()]
+        assert line.split() == [row["policy"], *numbers, *(f"{gain:.2f}" for gain in row["loop_gain"].values())]
+    assert "A local measurement and not a proof" in "\n".join(lines)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_a_narrow_terminal_breaks_no_number(width: int) -> None:
+    """Columns that do not fit go into a further table; at 120 columns all fit."""
+    lines = shown(nominal(), width=width, force_terminal=True, color_system=None).splitlines()
+    assert max(map(len, lines)) <= width
+    numbers = [word for line in lines if line.startswith(" fuzzy-4 ") for word in line.split()[1:]]
+    assert numbers == margin_cells(nominal()["rows"])[1][1][1:]
+    assert sum(line.startswith(" fuzzy-4 ") for line in lines) == {60: 3, 80: 2, 120: 1}[width]

@@ -1,0 +1,330 @@
+"""The observer policy: linear model and gains against other computations, estimates against the arm, tip errors."""
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian
+from fuzzyarm.envs.physics.integrator import hold
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import CASES, Disturbance, EncoderNoise
+from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import (
+    GRID,
+    LOAD,
+    MEASURED,
+    STATE,
+    ElasticObserverPolicy,
+    ObserverWeights,
+    gain_tables,
+    sampled_arm,
+)
+from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
+
+ARM = ArmParameters()
+NO_FRICTION = {"static_friction": (0.0, 0.0), "coulomb_friction": (0.0, 0.0)}
+SMOOTH = dataclasses.replace(ARM, **NO_FRICTION)
+LIGHT = ArmParameters(
+    mass=(3.0, 1.5),
+    inertia=(0.03, 0.01),
+    mass_center=(0.14, 0.12),
+    motor_inertia=(0.4, 0.1),
+    stiffness=(5e3, 1.5e3),
+    damping=(1.5, 0.5),
+    static_friction=(1.0, 0.4),
+    coulomb_friction=(0.7, 0.3),
+    torque_limit=(60.0, 25.0),
+)
+PERIOD = 1e-3
+WEIGHTS = ObserverWeights()
+NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
+POSTURE = np.array([0.4, 1.1])
+
+
+def stiffer(factor):
+    """Table 1 with both joints `factor` times as stiff."""
+    return dataclasses.replace(ARM, stiffness=(factor * ARM.stiffness[0], factor * ARM.stiffness[1]))
+
+
+def move(states, torque, force, parameters, substeps=5):
+    """The compiled plant over a control period: states (lanes, 8), torque and tip force (lanes, 2)."""
+    moved = np.ascontiguousarray(np.transpose(states))
+    held = np.ascontiguousarray(np.transpose(np.hstack([force, np.zeros_like(force)])))
+    arm = np.repeat(np.array(arm_constants(parameters))[:, np.newaxis], len(states), axis=1)
+    hold(moved, np.ascontiguousarray(np.transpose(torque)), held, arm, PERIOD / substeps, substeps)
+    return moved.T
+
+
+def interpolated(table, cos2):
+    """A gain at `cos2` from its table over `GRID`."""
+    entries = table.reshape(len(GRID), -1).T
+    return np.array([np.interp(cos2, GRID, entry) for entry in entries]).reshape(table.shape[1:])
+
+
+def follow(envs, policy, seed=0):
+    """Observations, torques, policy states and true plant states of an episode's steps but the last."""
+    observation, _ = envs.reset(seed=seed)
+    state, record = None, []
+    done = np.zeros(1, dtype=bool)
+    while not done.any():
+        action, following = policy.predict(observation, state)
+        before = observation
+        observation, _, terminated, truncated, info = envs.step(action)
+        assert not np.any(terminated)
+        done = np.atleast_1d(truncated)
+        plant = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")], axis=-1)
+        record.append((before, action, following, plant, info["tip_error"]))
+        state = following
+    return [np.array(signal) for signal in zip(*record[:-1], strict=True)]
+
+
+@pytest.fixture(scope="module")
+def errors():
+    """Tip errors [mm] of an episode of each task, by name."""
+    tasks = {name: (case.disturbance, ARM) for name, case in CASES.items()}
+    tasks |= {"soft": (Disturbance(), stiffer(0.95)), "stiff": (Disturbance(), stiffer(1.05))}
+    tasks["noisy"] = (Disturbance(encoder_noise=NOISE), ARM)
+    disturbances, arms = zip(*tasks.values(), strict=True)
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=len(tasks), disturbance=disturbances, parameters=arms)
+    return dict(zip(tasks, 1e3 * follow(envs, ElasticObserverPolicy())[4].T, strict=True))
+
+
+@pytest.mark.parametrize("task", ["nominal", "noisy"])
+def test_tip_error_with_perfect_knowledge(errors, task):
+    assert errors[task].max() < {"nominal": 0.01, "noisy": 0.1}[task]
+
+
+@pytest.mark.parametrize("task", ["soft", "stiff"])
+def test_tip_error_with_stiffness_wrong_by_5_percent(errors, task):
+    assert 0.05 < errors[task].max() < 0.25
+
+
+def test_tip_error_under_the_machining_force(errors):
+    error = errors["machining"]
+    assert np.sqrt(np.mean(error**2)) < 2.2 and error[100:1400].max() < 3.7
+
+
+def test_tip_error_with_an_unknown_payload(errors):
+    assert np.sqrt(np.mean(errors["payload"] ** 2)) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("plant", "arguments"),
+    [
+        (ARM, {}),
+        (ARM, {"loop_gain": 0.67}),
+        (ARM, {"loop_gain": 1.5}),
+        (ARM, {"delay": 0.5}),
+        (ARM, {"delay": 1.0}),
+        (ARM, {"loop_gain": 0.67, "delay": 1.0}),
+        (ARM, {"loop_gain": 1.5, "delay": 1.0}),
+        (stiffer(0.8), {}),
+        (stiffer(1.2), {}),
+        (ARM, {"payload": Payload(5.0)}),
+    ],
+)
+def test_of_a_small_deviation_an_episode_leaves_a_hundredth(plant, arguments):
+    """The constraint of the tuning, up to rounding."""
+    assert spectral_radius(ElasticObserverPolicy(), plant, control_period=PERIOD, **arguments) < 0.9971
+
+
+def test_gain_margin():
+    lower, upper = gain_margin(ElasticObserverPolicy(), ARM, control_period=PERIOD)
+    assert lower < 0.6 and upper > 3.5
+
+
+@pytest.mark.parametrize("cos2", [-1.0, -0.3, 0.6, 1.0])
+def test_the_sampled_arm_is_the_slope_of_the_compiled_plant(cos2):
+    """Without gravity and dry friction, at rest; the load enters as the tip force that causes it."""
+    plant = dataclasses.replace(SMOOTH, gravity=1e-9)
+    q = np.array([0.4, np.arccos(cos2)])
+    rest, steps = np.concatenate([q, q, np.zeros(8)]), np.repeat([1e-4, 1.0], [8, 4])  # rad, rad/s; N m, N
+    points = rest + np.vstack([np.diag(steps), -np.diag(steps)])
+    ahead, behind = np.split(move(points[:, :8], points[:, 8:10], points[:, 10:], plant, substeps=200), 2)
+    slope = np.transpose(ahead - behind) / (2 * steps)
+    A, B = sampled_arm(plant, PERIOD, cos2)
+    expected = np.hstack([A[STATE, STATE], B[STATE], A[STATE, LOAD] @ tip_jacobian(q, plant.length).T])
+    scale = np.abs(expected).max(axis=0)
+    np.testing.assert_allclose(slope / scale, expected / scale, atol=2e-6)
+    np.testing.assert_array_equal(np.hstack([A[LOAD], B[LOAD]]), np.eye(12)[8:10])  # d stays
+
+
+def test_gains_are_the_limits_of_the_riccati_recursions():
+    """Dynamic programming backwards for K, the Kalman filter forwards for L."""
+    parameters, limit, place = LIGHT, np.array(LIGHT.torque_limit), 2
+    feedback, observer = gain_tables(parameters, PERIOD, WEIGHTS)
+    A, B = sampled_arm(parameters, PERIOD, GRID[place])
+    a, b, C = A[STATE, STATE], B[STATE], np.eye(10)[MEASURED]
+    Q, R = np.zeros((8, 8)), np.diag(1 / limit**2)
+    Q[2:4, 2:4], Q[6:8, 6:8] = np.eye(2) / WEIGHTS.link_angle**2, np.eye(2) / WEIGHTS.link_velocity**2
+    P = Q.copy()
+    for _ in range(3000):
+        K = np.linalg.solve(R + b.T @ P @ b, b.T @ P @ a)
+        P = Q + a.T @ P @ (a - b @ K)
+    np.testing.assert_allclose(feedback[place], K, rtol=1e-7, atol=1e-9 * np.abs(K).max())
+    noise = B @ np.diag((WEIGHTS.motor_torque * limit) ** 2 / PERIOD) @ B.T
+    noise[8:, 8:] += np.diag((WEIGHTS.load_walk * limit) ** 2 * PERIOD)
+    measured = np.diag([WEIGHTS.encoder_angle**2] * 2 + [WEIGHTS.encoder_velocity**2] * 2)
+    P = noise.copy()
+    for _ in range(3000):
+        L = P @ C.T @ np.linalg.inv(C @ P @ C.T + measured)
+        P = A @ (P - L @ C @ P) @ A.T + noise
+    np.testing.assert_allclose(observer[place], L, rtol=1e-7, atol=1e-9 * np.abs(L).max())
+
+
+@pytest.mark.parametrize(("parameters", "period"), [(ARM, 1e-3), (ARM, 5e-3), (LIGHT, 5e-4)])
+def test_interpolated_gains_are_stable_between_the_grid_points(parameters, period):
+    feedback, observer = gain_tables(parameters, period, WEIGHTS)
+    C = np.eye(10)[MEASURED]
+    for cos2 in np.linspace(-1.0, 1.0, 49):
+        A, B = sampled_arm(parameters, period, cos2)
+        K, L = interpolated(feedback, cos2), interpolated(observer, cos2)
+        for matrix in (A[STATE, STATE] - B[STATE] @ K, A @ (np.eye(10) - L @ C)):
+            assert np.abs(np.linalg.eigvals(matrix)).max() < 1.0
+
+
+def test_estimates_and_arm_settle_where_a_constant_force_and_the_reference_want_them():
+    """d̂ = Jᵀ F, the links' estimate is the links, and the links are on the reference."""
+    policy, force = ElasticObserverPolicy(SMOOTH), np.array([[60.0, -40.0]])
+    gravity = np.array(gravity_torque(np.sin(POSTURE[0]), np.sin(POSTURE.sum()), arm_constants(ARM)))
+    plant = np.concatenate([POSTURE + gravity / ARM.stiffness, POSTURE, np.zeros(4)])[np.newaxis]
+    reference, state = np.concatenate([POSTURE, np.zeros(4)]), None
+    for step in range(3000):
+        torque, state = policy.predict(np.concatenate([plant[0, MEASURED], reference]), state)
+        if step == 0:  # the arm rests under the nominal load: nothing to correct
+            np.testing.assert_allclose(torque, gravity, rtol=1e-9)
+        plant = move(plant, torque[np.newaxis], force, SMOOTH)
+    arm, load = policy.estimate(state)
+    np.testing.assert_allclose(load, tip_jacobian(POSTURE, ARM.length).T @ force[0], rtol=1e-6)
+    np.testing.assert_allclose(arm, plant[0], atol=1e-9)
+    np.testing.assert_allclose(plant[0, 2:4], POSTURE, atol=1e-9)
+
+
+def test_the_hidden_link_side_is_found_on_the_moving_arm():
+    """From a wrong first estimate to the truth, friction and stick included."""
+    env, policy = gym.make("FuzzyArm-v0"), ElasticObserverPolicy()
+    _, info = env.reset()
+    start = np.concatenate([info["q_motor"], info["q_link"] + [1e-3, -1e-3], np.zeros(4)])
+    (observation, _), state, wrong = env.reset(options={"initial_state": start}), None, []
+    for _ in range(1200):
+        action, state = policy.predict(observation, state)
+        observation, _, _, _, info = env.step(action)
+        plant = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
+        wrong.append(np.abs(policy.estimate(state)[0] - plant))
+    assert wrong[0][2:4].min() > 2e-4
+    assert np.max(wrong[-1][:4]) < 1e-9 and np.max(wrong[-1][4:]) < 1e-7
+
+
+def test_with_perfect_knowledge_the_torque_is_the_feedforward():
+    observation, torque, _, _, _ = follow(gym.make_vec("FuzzyArm-v0", num_envs=1), ElasticObserverPolicy())
+    target, memory = ElasticTarget(ARM, PERIOD), np.zeros((1, MEMORY_SIZE))
+    wanted, unused = np.empty_like(torque), np.empty((1, 6))
+    for o, u in zip(observation, wanted, strict=True):
+        target.advance(o, memory, unused, u)
+    difference = np.abs(torque - wanted)[:, 0]
+    assert np.abs(torque).max() > 200.0
+    assert np.sqrt(np.mean(difference**2)) < 0.05 and difference.max() < 1.0  # N m; largest at start and reversals
+
+
+@pytest.mark.parametrize(("parameters", "period", "limit"), [(LIGHT, 1e-3, 0.02), (ARM, 5e-4, 0.02), (ARM, 2e-3, 0.1)])
+def test_another_arm_and_another_period(parameters, period, limit):
+    policy = ElasticObserverPolicy(parameters, period)
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=1, parameters=parameters, control_period=period)
+    assert 1e3 * follow(envs, policy)[4].max() < limit
+    assert spectral_radius(policy, parameters, control_period=period) < 1.0
+
+
+def test_the_prediction_is_under_the_clipped_torque():
+    """One step of the compiled plant from the estimate, under what `predict` returns."""
+    policy = ElasticObserverPolicy()
+    _, state = policy.predict(np.concatenate([POSTURE, np.zeros(2), POSTURE, np.zeros(4)]))
+    before, load = policy.estimate(state)
+    np.testing.assert_array_equal(load, 0.0)
+    far = np.concatenate(
+        [before[MEASURED], POSTURE + np.array([0.3, -0.4]), np.zeros(4)]
+    )  # as predicted: nothing to correct
+    torque, state = policy.predict(far, state)
+    np.testing.assert_array_equal(np.abs(torque), ARM.torque_limit)
+    expected = move(before[np.newaxis], torque[np.newaxis], np.zeros((1, 2)), ARM)
+    np.testing.assert_allclose(policy.estimate(state)[0], expected[0], atol=1e-13)
+
+
+def test_the_policy_without_dry_friction_is_the_same_but_for_the_friction():
+    policy = ElasticObserverPolicy()
+    smooth, same = policy.without_dry_friction(), ElasticObserverPolicy(SMOOTH)
+    observation, _, states, _, _ = follow(gym.make("FuzzyArm-v0", case="machining"), policy)
+    friction, predicted = [], []
+    for o, state in zip(observation[1::10], states[::10], strict=False):
+        ours, theirs, original = (p.predict(o, state) for p in (smooth, same, policy))
+        assert all(map(np.array_equal, ours, theirs))
+        friction.append(np.abs(original[0] - ours[0]))
+        predicted.append(np.abs(original[1] - ours[1]).max())
+    assert np.max(predicted) > 1e-5
+    np.testing.assert_allclose(np.median(friction, axis=0), ARM.coulomb_friction, rtol=1e-6)  # fed forward
+    assert policy.parameters == ARM
+
+
+@pytest.fixture(scope="module")
+def batch():
+    """Observations and policy states of different noisy arms, some way into their episodes."""
+    envs = gym.make_vec(
+        "FuzzyArm-v0", num_envs=64, disturbance=Disturbance(encoder_noise=NOISE), randomisation="robust"
+    )
+    (observation, _), policy, state = envs.reset(seed=0), ElasticObserverPolicy(), None
+    for _ in range(50):
+        action, state = policy.predict(observation, state)
+        observation, *_ = envs.step(action)
+    return observation, state
+
+
+def test_the_law_in_plain_numpy(batch):
+    """Correct and act, with gains interpolated lane by lane."""
+    policy, (observations, states) = ElasticObserverPolicy(), batch
+    target, expected = np.empty((len(states), 6)), np.empty((len(states), 2))
+    ElasticTarget(ARM, PERIOD).advance(observations, states[:, :MEMORY_SIZE].copy(), target, expected)
+    prediction = np.hstack(policy.estimate(states))
+    for o, t, x, u in zip(observations, target, prediction, expected, strict=True):
+        K, L = (interpolated(table, np.cos(o[1])) for table in (policy.feedback, policy.observer))
+        x = x + L @ (o[:4] - x[MEASURED])
+        wanted = np.concatenate([t[:2] - x[8:] / ARM.stiffness, o[4:6], t[2:4], o[6:8]])
+        u -= x[8:] + K @ (x[:8] - wanted)
+    limit = np.array(ARM.torque_limit)
+    assert np.mean(np.abs(expected) < limit) > 0.9
+    np.testing.assert_allclose(policy.predict(*batch)[0], np.clip(expected, -limit, limit), rtol=1e-9, atol=1e-8)
+
+
+def test_a_batch_equals_its_lanes_bit_for_bit(batch):
+    policy, (observations, states) = ElasticObserverPolicy(), batch
+    starts = np.arange(64) % 3 == 0
+    actions, after = policy.predict(observations, state=states, episode_start=starts)
+    assert len(np.unique(actions, axis=0)) == 64
+    for lane in range(64):
+        action, state = policy.predict(observations[lane], state=None if starts[lane] else states[lane])
+        assert action.tobytes() == actions[lane].tobytes() and state.tobytes() == after[lane].tobytes()
+
+
+def test_a_call_leaves_its_arguments_alone(batch):
+    policy, kept = ElasticObserverPolicy(), [array.copy() for array in batch]
+    first = policy.predict(*batch)
+    assert all(map(np.array_equal, batch, kept)) and all(map(np.array_equal, first, policy.predict(*batch)))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("link_angle", 0.0), ("load_walk", -1.0), ("motor_torque", np.inf), ("encoder_angle", True)]
+)
+def test_bad_weights_are_refused(name, value):
+    with pytest.raises(ValueError, match=rf"ObserverWeights\.{name} = .* allowed: \[1e-06, 1e\+06\]"):
+        ObserverWeights(**{name: value})
+
+
+@pytest.mark.parametrize("period", [0.0, -1e-3, np.nan, 0.2])
+def test_bad_control_periods_are_refused(period):
+    with pytest.raises(ValueError, match=r"control_period = .* allowed"):
+        ElasticObserverPolicy(control_period=period)
+
+
+def test_gains_that_do_not_exist_are_named():
+    with pytest.raises(ValueError, match=r"no gains at cos q2 = -1 for control_period = 0\.001 s"):
+        ElasticObserverPolicy(weights=ObserverWeights(link_angle=1e6))

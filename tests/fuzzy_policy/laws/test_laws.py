@@ -1,0 +1,151 @@
+"""The fixed policies: their laws against plain NumPy, and the predict protocol."""
+
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.ts_model import premises
+from fuzzyarm.policies.registry import NAMES
+
+ARM = ArmParameters()
+
+
+def observations(count, seed=0, error=1e-3):
+    """Return observations near their reference, so that no torque is clipped."""
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = rng.uniform(-3, 3, (count, 2)), rng.uniform(-4, 4, (count, 2)), rng.uniform(-5, 5, (count, 2))
+    return np.hstack([q + error * rng.normal(size=(count, 2)), dq + error * rng.normal(size=(count, 2)), q, dq, ddq])
+
+
+def some_state(policy, batch):
+    """A state as the policy has it after two calls."""
+    _, state = policy.predict(batch)
+    return policy.predict(batch + 1e-3, state)[1]
+
+
+def fuzzy_law(controller, o, integral):
+    """The law (12) with the consistent feedforward, vertex by vertex in plain NumPy."""
+    model = controller.model
+    h, v = model.weights(premises(o[:2], o[2:4], model.parameters))
+    error = np.concatenate([o[:4] - o[4:8], integral])
+    u = np.zeros(2)
+    for i, A in enumerate(model.A_vertices):
+        for k, E in enumerate(model.E_vertices):
+            u += h[i] * v[k] * (controller.gains[i, k] @ error - A[2:] @ o[4:8] + E[2:, 2:] @ o[8:])
+    return u
+
+
+def test_fuzzy_policy_is_the_law_of_the_file():
+    policy = load_policy("fuzzy-4")
+    for o in observations(100):
+        integral = np.array([1e-4, -2e-4])
+        action, state = policy.predict(o, state=integral)
+        np.testing.assert_allclose(action, fuzzy_law(policy.controller, o, integral), rtol=1e-10, atol=1e-9)
+        np.testing.assert_allclose(state, integral + 1e-3 * (o[:2] - o[4:6]), rtol=1e-12)
+
+
+def test_computed_torque_linearises_the_rigid_arm():
+    """On the rigid arm the error obeys ë + 3ω ė + 3ω² e + ω³ x_I = 0."""
+    w = 40.0
+    policy = ComputedTorquePolicy(bandwidth=w)
+    for o in observations(100):
+        integral = np.array([1e-4, -2e-4])
+        action, _ = policy.predict(o, state=integral)
+        e, de = o[:2] - o[4:6], o[2:4] - o[6:8]
+        wanted = o[8:] - 3 * w * de - 3 * w**2 * e - w**3 * integral
+        expected = rigid_inverse_dynamics(o[:2], o[2:4], wanted, arm_constants(ARM))
+        expected += np.array(ARM.motor_inertia) * wanted + np.array(ARM.viscous_friction) * o[2:4]
+        np.testing.assert_allclose(action, expected, rtol=1e-10, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+class TestProtocol:
+    def test_a_batch_equals_its_lanes_bit_for_bit(self, name):
+        policy, batch = load_policy(name), observations(64)
+        states = some_state(policy, batch)
+        actions, after = policy.predict(batch, state=states)
+        for lane in range(64):
+            action, state = policy.predict(batch[lane], state=states[lane])
+            np.testing.assert_array_equal(action, actions[lane])
+            np.testing.assert_array_equal(state, after[lane])
+
+    def test_episode_start_resets_only_its_lanes(self, name):
+        policy, batch = load_policy(name), observations(3)
+        states = some_state(policy, batch)
+        actions, _ = policy.predict(batch, state=states, episode_start=np.array([False, True, False]))
+        fresh, _ = policy.predict(batch)
+        kept, _ = policy.predict(batch, state=states)
+        np.testing.assert_array_equal(actions[[0, 2]], kept[[0, 2]])
+        np.testing.assert_array_equal(actions[1], fresh[1])
+        assert not np.array_equal(fresh[1], kept[1])
+
+    def test_arguments_are_left_alone(self, name):
+        policy, batch = load_policy(name), observations(3)
+        states = some_state(policy, batch)
+        before = batch.copy(), states.copy()
+        policy.predict(batch, state=states, episode_start=np.ones(3, bool))
+        np.testing.assert_array_equal(batch, before[0])
+        np.testing.assert_array_equal(states, before[1])
+
+    def test_torques_are_clipped_to_the_limits(self, name):
+        policy = load_policy(name)
+        action, _ = policy.predict(np.array([3.0, -3.0, 0, 0, -3.0, 3.0, 0, 0, 0, 0]))
+        if name in ("ppo-nominal", "ppo-robust"):  # their own scale is below the limits
+            assert np.all(np.abs(action) <= [400.0, 180.0]) and np.any(action != 0.0)
+        else:
+            assert np.all(np.abs(action) == ARM.torque_limit)
+
+    @pytest.mark.parametrize("shape", [(9,), (2, 11), (1, 2, 10), ()])
+    def test_a_wrong_observation_shape_is_named(self, name, shape):
+        with pytest.raises(ValueError, match=r"allowed: \(10,\) or \(lanes, 10\)"):
+            load_policy(name).predict(np.zeros(shape))
+
+    def test_wrong_state_and_episode_start_are_named(self, name):
+        policy = load_policy(name)
+        with pytest.raises(ValueError, match="state has shape"):
+            policy.predict(np.zeros((3, 10)), state=np.zeros((2, policy.memory_size)))
+        with pytest.raises(ValueError, match="episode_start has shape"):
+            policy.predict(np.zeros((3, 10)), state=np.zeros((3, policy.memory_size)), episode_start=np.ones(2, bool))
+
+    def test_evaluate_policy_of_stable_baselines3_runs_it(self, name):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            from stable_baselines3.common.evaluation import evaluate_policy
+            from stable_baselines3.common.monitor import Monitor
+        returns, lengths = evaluate_policy(
+            load_policy(name), Monitor(gym.make("FuzzyArm-v0")), n_eval_episodes=2, return_episode_rewards=True
+        )
+        assert lengths == [1500, 1500]
+        assert returns[0] == returns[1] > 1000.0
+
+    def test_bad_control_period_is_refused(self, name):
+        with pytest.raises(ValueError, match="control_period"):
+            load_policy(name, control_period=0.0)
+
+
+def test_bad_bandwidth_is_refused():
+    with pytest.raises(ValueError, match="bandwidth = -1"):
+        ComputedTorquePolicy(bandwidth=-1.0)
+
+
+def test_unknown_policy_names_the_choices():
+    with pytest.raises(ValueError, match="fuzzy-4, fuzzy-2, fuzzy-1, computed-torque"):
+        load_policy("fuzzy-5")
+
+
+def test_a_missing_file_is_named():
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.json"):
+        load_policy("nowhere.json")
+
+
+def test_a_copy_of_the_shipped_file_is_the_same_policy(tmp_path):
+    policy = load_policy("fuzzy-4")
+    policy.controller.save(tmp_path / "mine.json")
+    batch = observations(10)
+    np.testing.assert_array_equal(policy.predict(batch)[0], load_policy(tmp_path / "mine.json").predict(batch)[0])

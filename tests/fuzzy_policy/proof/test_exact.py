@@ -1,0 +1,64 @@
+"""Proof of definiteness: right on both sides of the boundary, however close."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from flint import fmpq
+
+from fuzzyarm.fuzzy_policy.proof.exact import exact, is_positive_definite, rational, smallest_eigenvalue
+
+
+def random_definite(size, smallest, seed=0):
+    rng = np.random.default_rng(seed)
+    basis, _ = np.linalg.qr(rng.normal(size=(size, size)))
+    values = np.concatenate([[smallest], rng.uniform(0.5, 2.0, size - 1)])
+    matrix = basis @ np.diag(values) @ basis.T
+    return 0.5 * (matrix + matrix.T)
+
+
+@pytest.mark.parametrize("value", [0.1, -1e-300, 5e-324, 1.7976931348623157e308, 3, -0.0])
+def test_rational_is_exact(value):
+    number = rational(value)
+    assert Fraction(int(number.p), int(number.q)) == Fraction(value)
+
+
+def test_sums_and_products_of_exact_arrays_are_exact():
+    a, b = exact([[0.1, 0.2]]), exact([[0.3], [0.7]])
+    expected = Fraction(0.1) * Fraction(0.3) + Fraction(0.2) * Fraction(0.7)
+    product = (a @ b)[0, 0]
+    assert Fraction(int(product.p), int(product.q)) == expected
+
+
+@pytest.mark.parametrize("smallest", [1.0, 1e-4, 1e-8, 1e-11])
+@pytest.mark.parametrize("size", [1, 5, 30])
+def test_definite_matrices_are_proven_indefinite_ones_are_not(size, smallest):
+    assert is_positive_definite(exact(random_definite(size, smallest)))
+    assert not is_positive_definite(exact(random_definite(size, -smallest)))
+
+
+def test_badly_scaled_matrices_are_proven_too():
+    scale = 10.0 ** np.linspace(-8, 8, 20)
+    assert is_positive_definite(exact(random_definite(20, 1e-3) * np.outer(scale, scale)))
+
+
+def test_a_matrix_that_is_singular_by_one_part_in_1e30_is_told_apart():
+    """No float could: [[1, 1], [1, 1 + 1e-30]] is definite, with minus it is not; neither is wrongly proven."""
+    for sign, definite in ((1, True), (-1, False), (0, False)):
+        corner = fmpq(1) + sign * fmpq(1, 10**30)
+        matrix = np.array([[fmpq(1), fmpq(1)], [fmpq(1), corner]], dtype=object)
+        assert is_positive_definite(matrix) <= definite
+
+
+@pytest.mark.parametrize(
+    "matrix", [[[0.0]], [[-1.0]], [[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.25, 1.0]], [[1e300, 0.0], [0.0, 0.0]]]
+)
+def test_what_is_not_definite_or_not_symmetric_is_never_proven(matrix):
+    assert not is_positive_definite(exact(matrix))
+
+
+def test_margin_is_free_of_units():
+    matrix = random_definite(6, 0.1)
+    scale = np.array([1.0, 1e3, 1e-3, 1e6, 1e-6, 1.0])
+    assert smallest_eigenvalue(matrix) == pytest.approx(smallest_eigenvalue(matrix * np.outer(scale, scale)))
+    assert smallest_eigenvalue(-matrix) == -np.inf

@@ -1,0 +1,233 @@
+"""Policies from code of one's own: they run like the others, only where the user says so, and fail in one line."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
+from fuzzyarm.eval.stability.linearisation import spectral_radius
+from fuzzyarm.eval.stability.margins import MarginsConfig, margins
+from fuzzyarm.policies.registry import is_code
+from fuzzyarm.policies.user_code import find_policy
+
+ROOT = Path(__file__).parent.parent.parent
+ARM = ArmParameters()
+TORQUE = """
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+
+def factory(control_period, robot):
+    return ComputedTorquePolicy(robot, control_period)
+"""
+PREDICT = """
+import numpy as np
+
+class Law:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        {}
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Write a module into the current folder, which is on no path, and return its name; forget it afterwards."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    before = set(sys.modules)
+
+    def write(source, name="my_law"):
+        (tmp_path / f"{name}.py").write_text(source, encoding="utf-8")
+        return name
+
+    yield write
+    for name in set(sys.modules) - before:
+        if name.startswith("my_"):
+            del sys.modules[name]
+
+
+def one_line_error(capsys):
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+def test_it_runs_exactly_like_the_same_law_by_name(module):
+    name = f"{module(TORQUE)}:factory"
+    config = EvaluationConfig(policies=("computed-torque", name), cases=("machining",), encoder_noise=(1e-5, 1e-3))
+    named, own = evaluate(config).rows
+    assert own["policy"] == name
+    for key in named.keys() - {"policy", "predict_us"}:
+        assert own[key] == named[key]
+
+
+@pytest.mark.parametrize(
+    ("factory", "definition", "taken"),
+    [
+        ("make", "def make(control_period, robot): return Law(control_period=control_period, robot=robot)", "both"),
+        ("make", "def make(*, robot): return Law(robot=robot)", "robot"),
+        ("make", "def make(gain=2.0): return Law()", ""),
+        ("make", "def make(**options): return Law(**options)", "both"),
+        ("make", "def make(robot=None, /): return Law() if robot is None else Law(robot=robot)", ""),
+        ("Made", "class Made(Law):\n    def __init__(self, control_period): self.given = locals()", "control_period"),
+        ("Law.plain", "Law.plain = staticmethod(lambda: Law())", ""),
+    ],
+)
+def test_a_factory_is_given_what_it_names(module, factory, definition, taken):
+    law = "class Law:\n    predict = print\n    def __init__(self, **given): self.given = given\n"
+    robot = ArmParameters(mass=(12.0, 8.0))
+    policy = find_policy(f"{module(law + definition)}:{factory}", control_period=2e-3, robot=robot)
+    offered = {"control_period": 2e-3, "robot": robot}
+    given = {name: value for name, value in policy._policy.given.items() if name in offered}
+    assert given == {name: value for name, value in offered.items() if taken in ("both", name)}
+    assert policy.control_period == 2e-3
+
+
+@pytest.mark.parametrize(
+    ("source", "name", "expected"),
+    [
+        ("", "my_other:factory", "No module named 'my_other'; looked for in"),
+        ("", "my_law.deep:factory", "No module named 'my_law.deep'; 'my_law' is not a package"),
+        (
+            "\n1 / 0",
+            "my_law:factory",
+            "ing my_law failed: ZeroDivisionError: division by zero (my_law.py, line 2)",
+        ),
+        (
+            "import my_missing",
+            "my_law:factory",
+            "importing my_law failed: ModuleNotFoundError: No module named 'my",
+        ),
+        ("import sys; sys.exit(3)", "my_law:factory", "importing my_law failed: SystemExit: 3"),
+        ("def f(:", "my_law:factory", "importing my_law failed: SyntaxError"),
+        ("", "my_law:factory", "has no factory"),
+        ("factory = 3", "my_law:factory", "my_law:factory is int; needed: a function or class"),
+        (
+            "def factory(size): return size",
+            "my_law:factory",
+            "the factory failed: TypeError: factory() missing 1",
+        ),
+        ("def factory(): return {}", "my_law:factory", "my_law:factory returned dict without a method predict"),
+        (PREDICT.format("raise KeyError('x')"), "my_law:Law", "KeyError: 'x' (my_law.py, line 6)"),
+        (PREDICT.format("return np.zeros(2)"), "my_law:Law", "predict returned an action of shape () for observations"),
+        (
+            PREDICT.format("return np.zeros(3)"),
+            "my_law:Law",
+            "returned no (action, state): ValueError: too many",
+        ),
+        (PREDICT.format("return np.zeros((1, 2)), None"), "my_law:Law", "shape (1, 2) for observations of shape (10,)"),
+        (PREDICT.format("return np.full(2, np.nan), None"), "my_law:Law", "action = [nan, nan] N m is not finite"),
+        (PREDICT.format("return np.array(['a', 'b']), None"), "my_law:Law", "must be two real numbers"),
+    ],
+)
+def test_what_goes_wrong_is_one_line_and_exit_code_2(module, tmp_path, capsys, source, name, expected):
+    module(source)
+    out = tmp_path / "out"
+    assert main(["evaluate", "--policy", name, "--case", "nominal", "--out", str(out)]) == 2
+    error = one_line_error(capsys)
+    assert expected in error
+    assert name in error
+    assert list(out.iterdir()) == []
+
+
+def test_load_policy_runs_no_code(module, tmp_path):
+    """It is given names out of files: of learned policies, reports and sweeps."""
+    name = f"{module('open(`ran`, `w`).close()'.replace('`', chr(39)) + TORQUE)}:factory"
+    with pytest.raises(ValueError, match="names code, which load_policy does not run"):
+        load_policy(name)
+    assert not (tmp_path / "ran").exists()
+    find_policy(name)
+    assert (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("name", ["a:b", "a.b:c", "a.b:c.d"])
+def test_names_that_are_code(name):
+    assert is_code(name)
+
+
+@pytest.mark.parametrize("name", ["a", "a.b", "a:", ":b", "a:b:c", "a-b:c", "a:b.json-tip", "../a:b", "C:\\a", ".a:b"])
+def test_names_that_are_none(name):
+    assert not is_code(name)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no colon in file names")
+def test_a_folder_of_that_name_is_meant_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a:b").mkdir()
+    assert not is_code("a:b")
+
+
+def test_margins_take_a_law_that_acts_on_batches(module):
+    policy = find_policy(f"{module(TORQUE)}:factory")
+    named = spectral_radius(load_policy("computed-torque"), ARM, control_period=1e-3)
+    assert spectral_radius(policy, ARM, control_period=1e-3) == named
+
+
+def test_lists_are_torques_too(module):
+    source = (
+        TORQUE.replace("return", "law =")
+        + """
+    class Listed:
+        def predict(self, *given, **named):
+            torque, state = law.predict(*given, **named)
+            return torque.tolist(), state
+
+    return Listed()
+"""
+    )
+    policy, batch = find_policy(f"{module(source)}:factory"), np.random.default_rng(0).normal(size=(3, 10))
+    np.testing.assert_array_equal(policy.predict(batch)[0], load_policy("computed-torque").predict(batch)[0])
+    assert policy.predict(batch)[0].dtype == np.float64
+
+
+def test_margins_name_a_law_that_does_not(module):
+    """Every cell is without a number, and the reason is there."""
+    name = f"{module(PREDICT.format('return np.zeros(2), None'))}:Law"
+    row = margins(MarginsConfig((name,)))["rows"][0]
+    assert set(row["spectral_radius"].values()) == {None}
+    assert f"{name}: predict returned an action of shape (2,)" in row["reasons"]["nominal"]
+
+
+def test_margins_heed_the_time_an_action_is_held(module):
+    source = TORQUE.replace("return", "law =") + "    law.action_period = 4e-3\n    return law\n"
+    assert find_policy(f"{module(source)}:factory").action_period == 4e-3
+    row = margins(MarginsConfig((f"{module(source)}:factory",)))["rows"][0]
+    assert row["control_period"] == 4e-3
+
+
+class TestTemplate:
+    @pytest.fixture
+    def name(self, monkeypatch):
+        monkeypatch.setattr(sys, "path", sys.path.copy())
+        monkeypatch.chdir(ROOT)
+        return "examples.own_controller:factory"
+
+    def test_at_rest_on_the_reference_it_holds_the_weight(self, name):
+        """g(q) by differences of the potential energy of two point masses; x points down."""
+        (m1, m2), (r1, r2), length, h = ARM.mass, ARM.mass_center, ARM.length[0], 1e-6
+
+        def potential(q):
+            return -ARM.gravity * (m1 * r1 * np.cos(q[0]) + m2 * (length * np.cos(q[0]) + r2 * np.cos(q[0] + q[1])))
+
+        policy = find_policy(name)
+        for q in np.random.default_rng(0).uniform(-3.0, 3.0, (20, 2)):
+            torque, _ = policy.predict(np.concatenate([q, np.zeros(2), q, np.zeros(4)]))
+            slopes = [(potential(q + h * e) - potential(q - h * e)) / (2.0 * h) for e in np.eye(2)]
+            np.testing.assert_allclose(torque, slopes, atol=1e-6)
+
+    def test_a_batch_equals_its_lanes(self, name):
+        policy, batch = find_policy(name), np.random.default_rng(0).normal(size=(5, 10))
+        for lane, torque in zip(batch, policy.predict(batch)[0], strict=True):
+            np.testing.assert_array_equal(policy.predict(lane)[0], torque)
+
+    def test_it_joins_the_comparison(self, name, tmp_path, capsys, monkeypatch):
+        monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
+        assert main(["evaluate", "--policy", name, "--case", "nominal", "--out", str(tmp_path)]) == 0
+        out = capsys.readouterr().out
+        assert f"\n{name}: no certificate\n" in out  # rich has a picture for :factory:
+        error = float(next(line for line in out.splitlines() if line.startswith(f"{name} ")).split()[1])
+        assert 1.0 < error < 10.0

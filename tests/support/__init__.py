@@ -1,0 +1,1 @@
+"""What several test modules use: a browser, altered evaluations, small policy bundles."""

@@ -1,0 +1,59 @@
+"""Evaluations with other rollouts than were run, and a policy name that nobody should trust."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+from fuzzyarm.eval.evaluation.run import Evaluation, write_results
+
+NASTY = "<img src=x onerror=alert(1)>&\"'`${1}"  # a file may be called so
+
+
+def write(evaluation: Evaluation, folder: Path) -> Path:
+    """Write what the report reads, without the figures that it does not."""
+    folder.mkdir(exist_ok=True)
+    write_results(evaluation, folder)
+    write_rollouts(evaluation.rollouts, folder)
+    return folder
+
+
+def with_runs(evaluation: Evaluation, runs: list[Rollout]) -> Evaluation:
+    """The same evaluation with these rollouts, of the cases and policies in them."""
+    policies = tuple(dict.fromkeys(run.policy for run in runs))
+    config = dataclasses.replace(
+        evaluation.config, policies=policies, cases=tuple(dict.fromkeys(run.case for run in runs))
+    )
+    named = ("case", "policy", "seed", "completed", "reason")
+    return dataclasses.replace(
+        evaluation,
+        config=config,
+        rollouts=runs,
+        rows=[{name: getattr(run, name) for name in named} | metrics(run) for run in runs],
+        certificates={name: evaluation.certificates.get(name) for name in policies},
+        bounds={name: evaluation.bounds.get(name) for name in policies},
+        made_with=evaluation.made_with
+        | {"policy_files": {name: evaluation.made_with["policy_files"].get(name, {}) for name in policies}},
+    )
+
+
+def wild(run: Rollout, policy: str, samples: int) -> Rollout:
+    """The same run as a policy that swings by a decimetre and ends early, `samples` after the start."""
+    swing = 0.1 * np.sin(20.0 * run.time)[:, np.newaxis] * [1.0, -1.0]
+    tip = run.tip + swing
+    changed = dataclasses.replace(
+        run,
+        policy=policy,
+        completed=False,
+        reason="the link velocity left the domain (25) </script ><img src=x onerror=alert(2) >",
+        tip=tip,
+        tip_error=np.hypot(*(tip - run.tip_reference).T),
+        q_link=run.q_link + swing,
+    )
+    arrays = {name: value for name, value in vars(changed).items() if isinstance(value, np.ndarray)}
+    return dataclasses.replace(changed, **{name: value[:samples] for name, value in arrays.items()})
