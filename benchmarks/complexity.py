@@ -38,7 +38,7 @@ from fuzzyarm.envs.scenario.disturbances import CASES
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES

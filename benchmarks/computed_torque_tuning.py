@@ -29,7 +29,7 @@ from fuzzyarm.eval.episodes.metrics import metrics
 from fuzzyarm.eval.episodes.rollout import Predictor, rollout
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
 ARM = ArmParameters()

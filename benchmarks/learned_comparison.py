@@ -61,7 +61,7 @@ from fuzzyarm.eval.episodes.metrics import metrics
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED, estimate
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.learned_policy.bundle import WEIGHTS
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 

@@ -44,7 +44,7 @@ from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 
 PERIOD = 1e-3  # s, one control step
 OURS = 5  # sub-steps of our default, 0.2 ms

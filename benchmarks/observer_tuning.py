@@ -35,7 +35,7 @@ from fuzzyarm.envs.scenario.disturbances import CASES, ConstantForce, Disturbanc
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, ObserverWeights
 
 ARM = ArmParameters()

@@ -39,7 +39,7 @@ from rich.table import Table
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.proof.block_matrix import he, symmetric
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel

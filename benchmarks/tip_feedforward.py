@@ -22,7 +22,7 @@ from fuzzyarm.envs.scenario.disturbances import CASES
 from fuzzyarm.eval.episodes.metrics import metrics
 from fuzzyarm.eval.episodes.rollout import Predictor, rollout
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
 LAWS = ("fuzzy-4", "computed-torque")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 SCHEMA = "fuzzyarm-controller/1"

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 
 Pair = tuple[float, float]
 

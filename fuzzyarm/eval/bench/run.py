@@ -22,7 +22,7 @@ import numpy as np
 from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch, own_batches, own_single
 from fuzzyarm.eval.bench.peers import batch_peers, gymnasium_peers
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 
 SCHEMA = "fuzzyarm-bench/1"
 PEER_LIBRARIES = ("envpool", "mujoco", "torch")

@@ -11,7 +11,7 @@ import matplotlib.style
 from matplotlib.figure import Figure
 
 from fuzzyarm.eval.evaluation.figures import DASHES
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 
 MARKERS = "os^Dv"
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 
 NAME = "rollouts.npz"
 _FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))

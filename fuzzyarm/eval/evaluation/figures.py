@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 
 from fuzzyarm.envs.scenario.disturbances import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 
 # In the plane, deviations are drawn this many times larger: the first with which the best policy's stay within ROOM,
 # a share of the curve's size. What is farther away is cut off.

@@ -21,7 +21,7 @@ from fuzzyarm.eval.episodes.metrics import metrics
 from fuzzyarm.eval.episodes.rollout import Predictor, Rollout, rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy, tip_statement

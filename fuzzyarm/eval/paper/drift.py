@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm.eval.paper.claim import Claim
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 
 EXPECTED = Path(__file__).with_name("expected.json")
 SCHEMA = "fuzzyarm-paper-expected/1"

@@ -19,7 +19,7 @@ from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2
 from fuzzyarm.eval.paper.controllers import TITLES
 from fuzzyarm.eval.paper.evidence import Evidence
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 
 SCHEMA = "fuzzyarm-paper/1"
 COLUMNS: Mapping[str, str] = {

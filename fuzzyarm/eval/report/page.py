@@ -24,7 +24,7 @@ from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.eval.report.payload import payload
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
 from fuzzyarm.eval.report.summary import error_charts, finished, table
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.policies.registry import policy_label
 
 SCRIPTS = ("data.js", "canvas.js", "arms.js", "plots.js", "page.js")

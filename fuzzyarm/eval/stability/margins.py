@@ -146,7 +146,7 @@ def _loaded(name: str, parameters: ArmParameters) -> Policy | UserPolicy:
     return policy if period == CONTROL_PERIOD else find_policy(name, control_period=period, robot=parameters)
 
 
-def measure(policy: Policy, parameters: ArmParameters, control_period: float) -> dict[str, Any]:
+def measure(policy: Predictor, parameters: ArmParameters, control_period: float) -> dict[str, Any]:
     """Return the margins of a policy that knows the arm `parameters` and acts every `control_period` [s].
 
     Returns:

@@ -186,7 +186,7 @@ def _run(store: Store, policies: dict[str, Any], engine: Any, as_json: bool) -> 
     from fuzzyarm.eval.sweep.run import run_missing
     from fuzzyarm.eval.sweep.summary import summarise
     from fuzzyarm.eval.sweep.table import print_sweep, summary_csv
-    from fuzzyarm.files import write_atomically
+    from fuzzyarm.common.files import write_atomically
 
     config, stderr = store.config, Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -225,7 +225,7 @@ def _replay(store: Store, policies: dict[str, Any], policy: str, case: str, plan
 
     from fuzzyarm.eval.evaluation.figures import write_figures
     from fuzzyarm.eval.sweep.episodes import replay
-    from fuzzyarm.files import write_atomically
+    from fuzzyarm.common.files import write_atomically
 
     rollout = replay(store.config, policies, _number("--replay", plant, int), policy, case)
     folder = store.folder / f"replay-{policy}-{case}-{plant}"

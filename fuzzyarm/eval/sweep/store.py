@@ -25,7 +25,7 @@ import numpy as np
 import fuzzyarm
 from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig
 from fuzzyarm.eval.sweep.episodes import MEASURES
-from fuzzyarm.files import write_atomically
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.policies.registry import policy_label
 
 SCHEMA = "fuzzyarm-sweep/1"

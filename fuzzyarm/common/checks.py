@@ -1,0 +1,168 @@
+"""Checks of arguments: each returns the checked value, or raises an error that names the value and what is allowed.
+
+    out of range     ValueError   "duration = -1.0 s is out of range; allowed: (0, inf) s"
+    not a number     TypeError    "duration = '1' must be a real number [s]; allowed: (0, inf) s"
+
+Booleans, complex numbers, strings and dates are no numbers here, alone or in arrays.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Collection, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+Choice = TypeVar("Choice")
+
+SHOWN = 80  # characters of a value in a message
+
+
+def real(
+    name: str,
+    value: Any,
+    unit: str = "",
+    *,
+    above: float = -math.inf,
+    low: float = -math.inf,
+    high: float = math.inf,
+    below: float = math.inf,
+) -> float:
+    """Return a finite real number as float.
+
+    Args:
+        name: of the argument, as the user knows it.
+        value: what was given.
+        unit: of the value; empty for a pure number.
+        above: open lower bound.
+        low: closed lower bound.
+        high: closed upper bound.
+        below: open upper bound.
+
+    Raises:
+        TypeError: the value is no real number.
+        ValueError: it is not finite or out of range.
+    """
+    allowed = _allowed(unit, above, low, high, below)
+    if not is_real(value):
+        raise TypeError(f"{name} = {shown(value)} must be a real number{_bracketed(unit)}; {allowed}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not (math.isfinite(number) and above < number < below and low <= number <= high):
+        raise ValueError(f"{name} = {shown(value)}{_spaced(unit)} is out of range; {allowed}")
+    return number
+
+
+def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> int:
+    """Return a whole number from `low` to `high` (None: without end) as int.
+
+    Raises:
+        TypeError: the value is no whole number.
+        ValueError: it is out of range.
+    """
+    allowed = f"allowed: {low}, {low + 1}, {low + 2}, ..." if high is None else f"allowed: {low} to {high}"
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
+        raise TypeError(f"{name} = {shown(value)} must be a whole number; {allowed}")
+    number = int(value)
+    if number < low or (high is not None and number > high):
+        raise ValueError(f"{name} = {shown(value)} is out of range; {allowed}")
+    return number
+
+
+def reals(name: str, values: Any, count: int, unit: str = "", **bounds: float) -> tuple[float, ...]:
+    """Return `count` finite real numbers as a tuple of floats; `bounds` as for `real`.
+
+    Raises:
+        TypeError: the values are no sequence, or one of them is no real number.
+        ValueError: there are more or fewer of them, or one is out of range.
+    """
+    if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
+        raise TypeError(f"{name} = {shown(values)} must be {count} real numbers{_bracketed(unit)}")
+    if np.ndim(values) != 1 or len(values) != count:
+        raise ValueError(f"{name} = {shown(values)} must be {count} real numbers{_bracketed(unit)}")
+    return tuple(real(f"{name}[{k}]", value, unit, **bounds) for k, value in enumerate(values))
+
+
+def interval(name: str, values: Any, unit: str = "", *, low: float, high: float) -> tuple[float, float]:
+    """Return a range (first, last) with low <= first <= last <= high as floats.
+
+    Raises:
+        TypeError: the values are no sequence of real numbers.
+        ValueError: they are not two, out of range, or in the wrong order.
+    """
+    first, last = reals(name, values, 2, unit, low=low, high=high)
+    if first > last:
+        raise ValueError(f"{name} = {shown(values)}{_spaced(unit)} must be a range (low, high) with low <= high")
+    return first, last
+
+
+def truth(name: str, value: Any) -> bool:
+    """Return a truth value; TypeError for anything but true or false."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} = {shown(value)} must be True or False")
+    return bool(value)
+
+
+def choice(name: str, value: Any, choices: Collection[Choice]) -> Choice:
+    """Return the value if it is one of the choices; ValueError with all of them otherwise."""
+    for one in choices:
+        if type(one) is type(value) and one == value:
+            return one
+    raise ValueError(f"{name} = {shown(value)} is unknown; choose from: {', '.join(map(str, choices))}")
+
+
+def instance(name: str, value: Any, kind: type[Choice]) -> Choice:
+    """Return the value if it is of a class; TypeError that names the class otherwise."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} = {shown(value)} must be a {kind.__module__}.{kind.__qualname__}")
+    return value
+
+
+def finite_array(name: str, values: Any, shape: tuple[int, ...], unit: str = "") -> np.ndarray:
+    """Return a new array of float64 with a shape.
+
+    Raises:
+        TypeError: the entries are no real numbers (complex numbers, texts, dates, objects).
+        ValueError: the shape differs, or an entry is not finite.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}")
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}; allowed: {shape}")
+    result = array.astype(np.float64)
+    if not np.isfinite(result).all():
+        raise ValueError(f"{name} holds numbers that are not finite")
+    return result
+
+
+def is_real(value: Any) -> bool:
+    """Return whether a value is a real number: no boolean, no complex number, no text."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
+
+
+def shown(value: Any) -> str:
+    """Return a value as it stands in a message: its `repr`, cut where it is long."""
+    try:
+        text = repr(value)
+    except ValueError:  # a whole number of more digits than Python prints
+        text = f"a whole number of {value.bit_length()} bits" if isinstance(value, int) else object.__repr__(value)
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+
+
+def _allowed(unit: str, above: float, low: float, high: float, below: float) -> str:
+    lower = f"({above:g}" if above >= low else f"[{low:g}"
+    upper = f"{below:g})" if below <= high else f"{high:g}]"
+    return f"allowed: {lower}, {upper}{_spaced(unit)}"
+
+
+def _spaced(unit: str) -> str:
+    return f" {unit}" if unit else ""
+
+
+def _bracketed(unit: str) -> str:
+    return f" [{unit}]" if unit else ""

@@ -1,0 +1,75 @@
+"""The terminal: its width, its tables and its progress bars, decided once.
+
+In a terminal a table has lines, headings of one word a line, and keeps its digits; piped, it has plain columns and is
+never folded. Progress is shown on a terminal's standard error alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+PIPED_WIDTH = 1000  # columns; wide enough for every table
+
+
+def output() -> Console:
+    """Return the console of standard output, wide where that is no terminal."""
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=PIPED_WIDTH)
+
+
+def table(headings: Sequence[str], left: Sequence[int] = (0,), *, console: Console) -> Table:
+    """Return an empty table with these headings; columns in `left` are aligned left, the others right."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    terminal = console.is_terminal
+    made = Table(box=box.SIMPLE_HEAD if terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
+    for column, heading in enumerate(headings):
+        text = heading.replace(" ", "\n") if terminal else heading
+        made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=True)
+    return made
+
+
+def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
+    """Print paragraphs, each after an empty line, exactly as they are: no markup, no emoji, no colours."""
+    for paragraph in paragraphs:
+        console.print(f"\n{paragraph}", highlight=False, markup=False, emoji=False)
+
+
+@contextlib.contextmanager
+def progress(description: str, total: int | None) -> Iterator[Callable[..., None]]:
+    """Show a bar with the time left while the block runs; what it yields advances it by one.
+
+    An argument of that function replaces the description: what comes next, in a few words.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    stderr = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
+        task = bar.add_task(description, total=total)
+
+        def advance(next_description: str | None = None) -> None:
+            bar.update(task, advance=1, description=next_description or description)
+
+        yield advance
+
+
+@contextlib.contextmanager
+def status(description: str) -> Iterator[None]:
+    """Show what is being done while the block runs."""
+    from rich.console import Console
+
+    stderr = Console(stderr=True)
+    with stderr.status(description) if stderr.is_terminal else contextlib.nullcontext():
+        yield
