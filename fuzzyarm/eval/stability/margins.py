@@ -22,6 +22,7 @@ from rich.text import Text
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.episodes.rollout import Predictor
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import (
     GAIN_SPAN,
