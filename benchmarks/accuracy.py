@@ -12,10 +12,10 @@ import json
 from pathlib import Path
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 
 SUBSTEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
 

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm import load_policy
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, pole_rate, search, slowest_error
 from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 
 RULES = (1, 2, 4, 8, 16, 32)
 DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long

@@ -23,13 +23,13 @@ from rich.console import Console
 from rich.table import Table
 
 from fuzzyarm import load_policy
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.episodes.metrics import metrics
 from fuzzyarm.eval.episodes.rollout import Predictor, rollout
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
 ARM = ArmParameters()

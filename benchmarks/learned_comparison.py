@@ -54,14 +54,14 @@ from rich.table import Table
 from rich.text import Text
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.metrics import metrics
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED, estimate
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.learned_policy.bundle import WEIGHTS
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 

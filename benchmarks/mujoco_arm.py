@@ -38,13 +38,13 @@ from rich.console import Console
 from rich.table import Table
 
 from fuzzyarm import load_policy
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian, tip_position
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 
 PERIOD = 1e-3  # s, one control step
 OURS = 5  # sub-steps of our default, 0.2 ms

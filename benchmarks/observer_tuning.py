@@ -29,13 +29,14 @@ from rich.table import Table
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import CASES, ConstantForce, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, ObserverWeights
 
 ARM = ArmParameters()

@@ -20,7 +20,7 @@ from typing import Any
 
 from learned_comparison import training_cells
 
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.ranking import leaderboard, markdown
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes

@@ -19,9 +19,9 @@ from rich.console import Console
 from rich.progress import track
 
 from fuzzyarm import load_policy
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 
 LANES = 4096
 STORED = Path(__file__).parent / "results" / "soak.json"

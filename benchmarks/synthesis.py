@@ -37,9 +37,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.proof.block_matrix import he, symmetric
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm import load_policy
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import metrics
 from fuzzyarm.eval.episodes.rollout import Predictor, rollout
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
 LAWS = ("fuzzy-4", "computed-torque")

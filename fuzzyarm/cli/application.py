@@ -504,8 +504,8 @@ def _margins(options: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from fuzzyarm.eval.stability.margins import MarginsConfig, margins, print_margins
     from fuzzyarm.common.files import write_atomically
+    from fuzzyarm.eval.stability.margins import MarginsConfig, margins, print_margins
     from fuzzyarm.policies.registry import NAMES
 
     if options.out is not None:

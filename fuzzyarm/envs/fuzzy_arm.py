@@ -15,7 +15,8 @@ from fuzzyarm.envs.batch.kernels import INFO, VECTORS, split
 from fuzzyarm.envs.batch.lanes import MAX_ACCELERATION, Lanes
 from fuzzyarm.envs.batch.tables import Task
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import Disturbance, find_case
+from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import REASONS

@@ -15,7 +15,8 @@ from fuzzyarm.envs.batch.kernels import VECTORS
 from fuzzyarm.envs.batch.schedule import Episode
 from fuzzyarm.envs.physics.dynamics import tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import CASES, Disturbance
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import Disturbance
 
 MAGNIFICATION = 25  # of the tip error in the trace: a millimetre would be less than a pixel
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 SCHEMA = "fuzzyarm-controller/1"

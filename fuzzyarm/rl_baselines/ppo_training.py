@@ -25,8 +25,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
-from fuzzyarm.envs.scenario.disturbances import CASES
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.network import Network
 from fuzzyarm.learned_policy.policy import LearnedPolicy

@@ -19,7 +19,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS
 from fuzzyarm.rl_baselines.ppo_config import PPOConfig, add_run_flags, chosen_run

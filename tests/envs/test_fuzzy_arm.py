@@ -19,7 +19,8 @@ import fuzzyarm  # noqa: F401  registers FuzzyArm-v0
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv, whole_substeps
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import CASES, ConstantForce, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.reference import JointReference
 

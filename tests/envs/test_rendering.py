@@ -29,7 +29,8 @@ from fuzzyarm.envs.rendering import (
     magnified,
     thinned,
 )
-from fuzzyarm.envs.scenario.disturbances import CASES, ConstantForce, Disturbance, TorqueBias
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TorqueBias
 from fuzzyarm.envs.scenario.reference import JointReference, joint_angles
 
 LENGTH = ArmParameters().length

@@ -19,14 +19,8 @@ from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.physics import integrator
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, State, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import (
-    CASES,
-    ConstantForce,
-    Disturbance,
-    EncoderNoise,
-    MachiningForce,
-    TorqueBias,
-)
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference

@@ -1,4 +1,4 @@
-"""What acts on the arm beside the controller, as data; and the three cases of the paper (section 6.2)."""
+"""What acts on the arm beside the controller, as data: forces, payloads, torque biases and encoder noise."""
 
 from __future__ import annotations
 
@@ -124,15 +124,6 @@ class Disturbance:
             raise ValueError(f"Disturbance.tip_force = {self.tip_force!r} must have a method at(time, tip_velocity)")
 
 
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """A named test case: its key, a title for tables and figures, and what disturbs the arm."""
-
-    name: str
-    title: str
-    disturbance: Disturbance
-
-
 def _finite(name: str, *values: float, above: float = -math.inf, at_least: float = -math.inf) -> None:
     for value in values:
         is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
@@ -158,20 +149,3 @@ def _interval(name: str, start: float, stop: float) -> None:
     _finite(f"{name}.start", start, at_least=0.0)
     if not stop > start:
         raise ValueError(f"{name}: start = {start!r} s and stop = {stop!r} s; allowed: 0 <= start < stop")
-
-
-CASES: dict[str, Case] = {
-    case.name: case
-    for case in (
-        Case("nominal", "Case 1: nominal", Disturbance()),
-        Case("machining", "Case 2: machining force", Disturbance(tip_force=MachiningForce())),
-        Case("payload", "Case 3: 5 kg payload", Disturbance(payload=Payload(5.0))),
-    )
-}
-
-
-def find_case(name: str) -> Case:
-    """Return the case called `name`; ValueError names the choices."""
-    if name not in CASES:
-        raise ValueError(f"unknown case {name!r}; choose from: {', '.join(CASES)}")
-    return CASES[name]

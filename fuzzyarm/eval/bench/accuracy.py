@@ -7,7 +7,7 @@ import numpy as np
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import tip_position
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.scenario.disturbances import find_case
+from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.episodes.rollout import Predictor
 
 

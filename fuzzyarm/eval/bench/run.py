@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch, own_batches, own_single
 from fuzzyarm.eval.bench.peers import batch_peers, gymnasium_peers
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 
 SCHEMA = "fuzzyarm-bench/1"
 PEER_LIBRARIES = ("envpool", "mujoco", "torch")

@@ -10,8 +10,8 @@ from typing import Any
 import matplotlib.style
 from matplotlib.figure import Figure
 
-from fuzzyarm.eval.evaluation.figures import DASHES
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.evaluation.figures import DASHES
 
 MARKERS = "os^Dv"
 

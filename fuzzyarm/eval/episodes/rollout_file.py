@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.episodes.rollout import Rollout
 
 NAME = "rollouts.npz"
 _FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))

@@ -20,9 +20,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from fuzzyarm.envs.scenario.disturbances import CASES
-from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval.episodes.rollout import Rollout
 
 # In the plane, deviations are drawn this many times larger: the first with which the best policy's stay within ROOM,
 # a share of the curve's size. What is farther away is cut off.

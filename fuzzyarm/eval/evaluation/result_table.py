@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.cases import CASES
 
 COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("tip error max [mm]", ("tip_error_max_mm",), "{:#.3g}"),

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.eval.paper.claim import Claim
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.paper.claim import Claim
 
 EXPECTED = Path(__file__).with_name("expected.json")
 SCHEMA = "fuzzyarm-paper-expected/1"

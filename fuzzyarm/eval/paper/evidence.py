@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from importlib import resources
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.rollout import Rollout, rollout
 from fuzzyarm.eval.paper.controllers import PAPERS_OWN, SWAPPED, TITLES, compared_policies

@@ -21,11 +21,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.paper.controllers import FORMS, RULES
 from fuzzyarm.eval.paper.evidence import Evidence
 from fuzzyarm.eval.paper.measures import circularity_of, peak
-from fuzzyarm.common.files import write_atomically
 
 Look = Mapping[str, Any]
 BLUE: Look = {"color": "#0072B2", "linestyle": (0, (1, 1.2)), "linewidth": 2.0, "zorder": 2.6}

@@ -11,7 +11,8 @@ import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
-from fuzzyarm.envs.scenario.disturbances import CASES, MachiningForce
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.paper.controllers import FORMS, RULES, TITLES
 from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, Evidence

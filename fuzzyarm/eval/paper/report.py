@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.paper import drift
 from fuzzyarm.eval.paper.claim import Claim
 from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2
 from fuzzyarm.eval.paper.controllers import TITLES
 from fuzzyarm.eval.paper.evidence import Evidence
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.common.files import write_atomically
 
 SCHEMA = "fuzzyarm-paper/1"
 COLUMNS: Mapping[str, str] = {

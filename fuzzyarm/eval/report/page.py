@@ -17,6 +17,7 @@ from string import Template
 from typing import Any
 
 from fuzzyarm import __version__
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.certificates import SCOPE, Observations, bound_charts, bound_note, statements
@@ -24,7 +25,6 @@ from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.eval.report.payload import payload
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
 from fuzzyarm.eval.report.summary import error_charts, finished, table
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.policies.registry import policy_label
 
 SCRIPTS = ("data.js", "canvas.js", "arms.js", "plots.js", "page.js")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.stored import StoredEvaluation
 

@@ -9,7 +9,7 @@ from html import escape
 from statistics import median
 from typing import Any
 
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.result_table import COLUMNS, table_rows
 from fuzzyarm.eval.report.chart import Axis, Errors, chart, figure
 

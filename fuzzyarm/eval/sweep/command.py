@@ -182,11 +182,11 @@ def _run(store: Store, policies: dict[str, Any], engine: Any, as_json: bool) -> 
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from fuzzyarm.common.files import write_atomically
     from fuzzyarm.eval.sweep.figures import write_sweep_figures
     from fuzzyarm.eval.sweep.run import run_missing
     from fuzzyarm.eval.sweep.summary import summarise
     from fuzzyarm.eval.sweep.table import print_sweep, summary_csv
-    from fuzzyarm.common.files import write_atomically
 
     config, stderr = store.config, Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -223,9 +223,9 @@ def _run(store: Store, policies: dict[str, Any], engine: Any, as_json: bool) -> 
 def _replay(store: Store, policies: dict[str, Any], policy: str, case: str, plant: str) -> int:
     import numpy as np
 
+    from fuzzyarm.common.files import write_atomically
     from fuzzyarm.eval.evaluation.figures import write_figures
     from fuzzyarm.eval.sweep.episodes import replay
-    from fuzzyarm.common.files import write_atomically
 
     rollout = replay(store.config, policies, _number("--replay", plant, int), policy, case)
     folder = store.folder / f"replay-{policy}-{case}-{plant}"

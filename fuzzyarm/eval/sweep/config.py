@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import CASES, EncoderNoise, find_case
+from fuzzyarm.envs.scenario.cases import CASES, find_case
+from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import RANDOMISATIONS, DomainRandomisation, Range
 
 POLICIES = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")

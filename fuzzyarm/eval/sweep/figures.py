@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.figures import DASHES
 from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig, column_label, quantity_of
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.policies.registry import policy_label
 
 PLANTS_PER_BIN, MOST_BINS = 12, 20

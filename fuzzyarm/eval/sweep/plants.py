@@ -16,7 +16,8 @@ import numpy as np
 from fuzzyarm.envs.batch.randomness import uniform
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import CASES, Disturbance, TipForce
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.sweep.config import COLUMNS, NOISE, QUANTITIES, SweepConfig, quantity_of

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 
 import fuzzyarm
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig
 from fuzzyarm.eval.sweep.episodes import MEASURES
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.policies.registry import policy_label
 
 SCHEMA = "fuzzyarm-sweep/1"

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from fuzzyarm.envs.scenario.disturbances import CASES
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.sweep.summary import QUANTILES
 
 SHOWN = (*(("max_mm", "largest tip error", f"{p:g}") for p in QUANTILES), ("rms_mm", "rms tip error", "0.5"))

@@ -15,7 +15,8 @@ from fuzzyarm.envs.batch.lanes import Lanes, distinct
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import CASES, Disturbance, EncoderNoise, TorqueBias
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, TorqueBias
 from fuzzyarm.envs.scenario.paths import Circle, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference

@@ -12,15 +12,8 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, solve_mass_matrix, tip_jacobian
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import (
-    CASES,
-    ConstantForce,
-    Disturbance,
-    EncoderNoise,
-    MachiningForce,
-    TorqueBias,
-    find_case,
-)
+from fuzzyarm.envs.scenario.cases import CASES, find_case
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
 from fuzzyarm.envs.scenario.paths import Circle, Line
 from fuzzyarm.envs.scenario.reference import JointReference
 

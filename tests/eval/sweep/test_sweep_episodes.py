@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.scenario.disturbances import CASES, EncoderNoise
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.sweep.config import COLUMNS, DISTRIBUTIONS, NOISE, Axis, SweepConfig
 from fuzzyarm.eval.sweep.episodes import MEASURES, measure, replay, steps

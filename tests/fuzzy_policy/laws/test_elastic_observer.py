@@ -9,7 +9,8 @@ import pytest
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import CASES, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import (
     GRID,

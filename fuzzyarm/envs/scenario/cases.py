@@ -1,0 +1,52 @@
+"""Named cases: the three of the paper (section 6.2), and any others that are added."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce
+
+__all__ = ["CASES", "PAPER_CASES", "Case", "add_case", "find_case"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A named test case.
+
+    Attributes:
+        name: its key, as in ``gym.make(..., case=name)``.
+        title: for tables and figures.
+        disturbance: what acts on the arm.
+    """
+
+    name: str
+    title: str
+    disturbance: Disturbance
+
+
+_PAPER = (
+    Case("nominal", "Case 1: nominal", Disturbance()),
+    Case("machining", "Case 2: machining force", Disturbance(tip_force=MachiningForce())),
+    Case("payload", "Case 3: 5 kg payload", Disturbance(payload=Payload(5.0))),
+)
+
+PAPER_CASES: tuple[str, ...] = tuple(case.name for case in _PAPER)
+"""The cases of the paper: what is evaluated, trained for and compared unless another case is asked for by name."""
+
+CASES: dict[str, Case] = {case.name: case for case in _PAPER}
+"""All known cases by name; `add_case` adds one."""
+
+
+def add_case(case: Case) -> None:
+    """Make a case known by its name; ValueError if there is one of that name."""
+    if case.name in CASES:
+        raise ValueError(f"there is a case {case.name!r} already: {CASES[case.name].title}; choose another name")
+    CASES[case.name] = case
+
+
+def find_case(name: str) -> Case:
+    """Return the case called `name`; ValueError names the choices."""
+    if name not in CASES:
+        raise ValueError(f"unknown case {name!r}; choose from: {', '.join(CASES)}")
+    return CASES[name]
