@@ -29,7 +29,7 @@ from functools import partial
 
 import numpy as np
 
-from fuzzyarm.envs.fuzzy_arm import whole_substeps
+from fuzzyarm.envs.arguments import whole_substeps
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
