@@ -15,6 +15,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,23 +71,23 @@ class Arm(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """The fields of `ArmParameters` in their order, every number a scalar, or an array with one value per lane."""
+    """The fields of `ArmParameters` in their order; every number a scalar, or an array with one value per lane."""
 
-    length: Any
-    mass: Any
-    inertia: Any
-    mass_center: Any
-    viscous_friction: Any
+    length: PerJoint
+    mass: PerJoint
+    inertia: PerJoint
+    mass_center: PerJoint
+    viscous_friction: PerJoint
     gravity: Any
-    motor_inertia: Any
-    stiffness: Any
-    damping: Any
-    static_friction: Any
-    coulomb_friction: Any
+    motor_inertia: PerJoint
+    stiffness: PerJoint
+    damping: PerJoint
+    static_friction: PerJoint
+    coulomb_friction: PerJoint
     stribeck_velocity: Any
-    torque_limit: Any
-    joint_limit: Any
-    velocity_limit: Any
+    torque_limit: PerJoint
+    joint_limit: PerJoint
+    velocity_limit: PerJoint
 
 
 class State(NamedTuple):
