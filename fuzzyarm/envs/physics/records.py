@@ -7,10 +7,10 @@ other in the order of the fields, so every offset follows from the declaration o
         torque: PerJoint
         mass: Any
 
-    size(Load)                # 3
-    places(Load).mass         # 2
-    columns(Load).torque      # slice(0, 2)
-    read = reader(Load, in_columns)      # read(table, row) -> Load(PerJoint(table[row, 0], table[row, 1]), table[row, 2])
+    size(Load)                         # 3
+    places(Load).mass                  # 2
+    columns(Load).torque               # slice(0, 2)
+    read = reader(Load, in_columns)    # read(table, k) returns Load(PerJoint(table[k, 0], table[k, 1]), table[k, 2])
 
 Readers and writers are generated as source, as `dataclasses` does it: written-out constant indices are what lets the
 compiler keep a record in registers and turn a loop over lanes into SIMD code.

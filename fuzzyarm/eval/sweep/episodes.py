@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.batch.kernels import INFO
+from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.rollout import Predictor, Rollout
