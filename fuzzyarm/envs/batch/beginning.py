@@ -6,7 +6,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.envs.batch.block import assess_block, clip, gather, gather_target, observe, report, write_at_rest
-from fuzzyarm.envs.batch.layout import CLOCK, Lane, Results, Start, Work, split
+from fuzzyarm.envs.batch.layout import CLOCK, Lane, Results, Start, Work, parts
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, RANDOMISATION, draw, uniform
 from fuzzyarm.envs.batch.schedule import ReferenceRow
 from fuzzyarm.envs.physics.compiled import kernel
@@ -61,7 +61,7 @@ def begin(
         period: control period [s].
         out: (WIDTH n,), the results of these lanes, see `split`; written.
     """
-    work, numbers, results = np.empty(_WORK_SIZE), np.empty((1, _DRAW_SIZE)), split(out)
+    work, numbers, results = np.empty(_WORK_SIZE), np.empty((1, _DRAW_SIZE)), parts(out)
     for position in range(len(which)):
         lane = which[position]
         key = draw(np.uint64(clock[CLOCK.key, lane]), NEXT_KEY)

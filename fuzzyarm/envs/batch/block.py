@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.batch.layout import CLOCK, LANE, WORK, Lane, Noise, Results, Scalars, Vectors, Work
+from fuzzyarm.envs.batch.layout import CLOCK, LANE, PLANAR, SCALARS, WORK, Lane, Noise, Results, Scalars, Vectors, Work
 from fuzzyarm.envs.batch.randomness import NOISE, NOISE_NUMBERS, normal_pair
 from fuzzyarm.envs.batch.schedule import COLUMNS, Row
-from fuzzyarm.envs.observation import JOINTS, START
+from fuzzyarm.envs.observation import JOINTS, SIZE, START
 from fuzzyarm.envs.physics.dynamics import Arm, State
 from fuzzyarm.envs.physics.elementwise import select
 from fuzzyarm.envs.physics.integrator import ForceLine, hold_block
@@ -70,7 +70,7 @@ _ARM = columns(Lane).arm.start, WORK.hold.arm[0], size(Arm)
 _LIMITS = columns(Lane).limits.start, columns(Work).limits.start, size(Limits)
 _BEFORE = columns(Work).before.start
 
-_V, _S = places(Vectors), places(Scalars)
+_S = places(Scalars)
 _REFERENCE, _REFERENCE_COLUMNS = START.q_reference, COLUMNS.reference.stop
 
 
@@ -185,7 +185,7 @@ def assess_block(work: np.ndarray, lanes: int) -> None:
         work[WORK.assessment.reward * BLOCK + i] = found.reward * work[WORK.finite * BLOCK + i]
 
 
-# Where the first number of each of the vectors stands in `work`, and the scalars that come from there.
+# Where the first number of each of the vectors stands in `work`, and of the scalars from `tip_error` to `reward`.
 _VECTOR_ROWS = Vectors(
     tip=WORK.assessment.tip.x,
     tip_reference=WORK.target.position.x,
@@ -197,26 +197,26 @@ _VECTOR_ROWS = Vectors(
     friction_torque=WORK.assessment.friction_torque[0],
     external_force=WORK.hold.force.mean.x,
 )
-_COPIED = ("tip_error", "circularity_error", "circularity_error_motor", "reward_tracking", "reward_effort", "reward")
-_SCALAR_ROWS = tuple((getattr(_S, name), getattr(WORK.assessment, name)) for name in _COPIED)
+_COPIED_FIRST = _S.tip_error
+_SCALAR_ROWS = tuple(getattr(WORK.assessment, name) for name in SCALARS[_S.tip_error : _S.torque_clipped])
 
 
 @register_jitable(forceinline=True)
 def report(
     work: np.ndarray, lanes: int, clock: np.ndarray, first: int, period: float, results: Results, place: int
 ) -> None:
-    """Write what the `lanes` lanes from `first` on have come to into the results from `place` on."""
-    vectors, scalars = results.vectors, results.scalars
+    """Write what the `lanes` lanes from `first` on have come to into the flat results from `place` on."""
+    vectors, scalars, total = results.vectors, results.scalars, len(results.scalars) // len(SCALARS)
     for k in range(len(_VECTOR_ROWS)):
+        row, to = _VECTOR_ROWS[k], PLANAR * (k * total + place)
         for i in range(lanes):
-            vectors[k, place + i, 0] = work[_VECTOR_ROWS[k] * BLOCK + i]
-            vectors[k, place + i, 1] = work[(_VECTOR_ROWS[k] + 1) * BLOCK + i]
+            vectors[to + PLANAR * i] = work[row * BLOCK + i]
+            vectors[to + PLANAR * i + 1] = work[(row + 1) * BLOCK + i]
     for i in range(lanes):
-        scalars[_S.time, place + i] = (clock[CLOCK.row, first + i] - clock[CLOCK.first, first + i]) * period
+        scalars[_S.time * total + place + i] = (clock[CLOCK.row, first + i] - clock[CLOCK.first, first + i]) * period
     for k in range(len(_SCALAR_ROWS)):
-        row, source = _SCALAR_ROWS[k]
         for i in range(lanes):
-            scalars[row, place + i] = work[source * BLOCK + i]
+            scalars[(_COPIED_FIRST + k) * total + place + i] = work[_SCALAR_ROWS[k] * BLOCK + i]
     for i in range(lanes):
         reason = reason_of(
             work[WORK.finite * BLOCK + i],
@@ -224,15 +224,15 @@ def report(
             work[WORK.assessment.velocities_inside * BLOCK + i],
         )
         over = clock[CLOCK.row, first + i] == clock[CLOCK.last, first + i]
-        scalars[_S.torque_clipped, place + i] = work[WORK.clipped * BLOCK + i]
-        scalars[_S.truncated, place + i] = 1.0 if reason == 0.0 and over else 0.0
-        scalars[_S.reason, place + i] = reason
+        scalars[_S.torque_clipped * total + place + i] = work[WORK.clipped * BLOCK + i]
+        scalars[_S.truncated * total + place + i] = 1.0 if reason == 0.0 and over else 0.0
+        scalars[_S.reason * total + place + i] = reason
 
 
 @register_jitable(forceinline=True)
 def observe(values: np.ndarray, clock: np.ndarray, table: np.ndarray, lane: int, results: Results, place: int) -> None:
     """Write the motor readings, with noise if there is any, within the observation space; and the reference."""
-    observation, row = results.observation, clock[CLOCK.row, lane]
+    observation, row, to = results.observation, clock[CLOCK.row, lane], SIZE * place
     state, limits, noise = _lane_state(values, lane), _lane_limits(values, lane), _lane_noise(values, lane)
     angles, velocities = motor_angles(state), motor_velocities(state)
     if noise.angle > 0.0 or noise.velocity > 0.0:
@@ -241,11 +241,11 @@ def observe(values: np.ndarray, clock: np.ndarray, table: np.ndarray, lane: int,
         velocities = _noisy(velocities, noise.velocity, normal_pair(key, word + np.uint64(JOINTS)))
     for joint in range(JOINTS):
         room = ANGLE_ROOM * limits.angle[joint]
-        observation[place, START.q_motor + joint] = min(max(angles[joint], -room), room)
+        observation[to + START.q_motor + joint] = min(max(angles[joint], -room), room)
         room = VELOCITY_ROOM * limits.velocity[joint]
-        observation[place, START.dq_motor + joint] = min(max(velocities[joint], -room), room)
+        observation[to + START.dq_motor + joint] = min(max(velocities[joint], -room), room)
     for k in range(_REFERENCE_COLUMNS):
-        observation[place, _REFERENCE + k] = table[row, k]
+        observation[to + _REFERENCE + k] = table[row, k]
 
 
 @register_jitable(forceinline=True)

@@ -11,15 +11,15 @@ import numpy as np
 from numba import float64, int64
 
 from fuzzyarm.envs.batch.block import advance_block, write_command
-from fuzzyarm.envs.batch.layout import SCALARS, Results, Scalars, Work, split
+from fuzzyarm.envs.batch.layout import PLANAR, VECTORS, WIDTH, Scalars, Work, parts
+from fuzzyarm.envs.observation import SIZE
 from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.records import BLOCK, PerJoint, in_columns, in_rows, reader, size
+from fuzzyarm.envs.physics.records import BLOCK, PerJoint, in_columns, in_list, reader, size
 
 __all__ = ["advance", "advance_one", "prepare"]
 
 _WORK_SIZE = size(Work) * BLOCK
-_SCALARS = len(SCALARS)
-_read_scalars = reader(Scalars, in_rows)
+_read_scalars = reader(Scalars, in_list)
 _read_action = reader(PerJoint, in_columns)
 _NOT_FINITE = -1
 
@@ -60,7 +60,7 @@ def advance(
     for lane in range(action.shape[0]):
         if not (np.isfinite(action[lane, 0]) and np.isfinite(action[lane, 1])):
             return lane
-    work, results = np.empty(_WORK_SIZE), split(out)
+    work, results = np.empty(_WORK_SIZE), parts(out)
     for first in range(start, stop, BLOCK):
         lanes = min(BLOCK, stop - first)
         for i in range(lanes):
@@ -100,14 +100,18 @@ def advance_one(
     Returns:
         The `Scalars`, the flags as such. If a torque is not finite nothing happens, and the last of them is -1.
     """
-    work, scalars = np.empty(_WORK_SIZE), np.empty((_SCALARS, 1))
+    work, out = np.empty(_WORK_SIZE), np.empty(WIDTH)
+    results = parts(out)
+    out[-1] = _NOT_FINITE
     if np.isfinite(torque1) and np.isfinite(torque2):
-        results = Results(observation.reshape((1, -1)), vectors.reshape((len(vectors), 1, -1)), scalars)
         write_command(work, 0, PerJoint(torque1, torque2))
         advance_block(work, 1, values, clock, table, period, substeps, 0, results)
-    else:
-        scalars[:] = _NOT_FINITE
-    found = _read_scalars(scalars, 0)
+        for k in range(SIZE):
+            observation[k] = results.observation[k]
+        for k in range(len(VECTORS)):
+            for axis in range(PLANAR):
+                vectors[k, axis] = results.vectors[PLANAR * k + axis]
+    found = _read_scalars(results.scalars, 0)
     return (
         found.time,
         found.tip_error,
@@ -124,7 +128,10 @@ def advance_one(
 
 def prepare(lanes: int) -> None:
     """Compile the kernel that steps so many lanes, or load it from disk: the first step need not wait for it."""
-    if lanes == 1:
-        advance_one.compile(_ADVANCE_ONE)
-    else:
+    global advance_one
+    if lanes > 1:
         advance.compile(_ADVANCE)
+    elif hasattr(advance_one, "compile"):
+        # From here on the name is that of the machine code itself. It is called without a look at the types of the
+        # arguments, which would cost the single arm a twentieth of its step.
+        advance_one = advance_one.compile(_ADVANCE_ONE)

@@ -93,7 +93,6 @@ class Lanes:
             extra, start_of, self._radius_of = self._tabulated(scenarios)
             # Below the lanes' own: lanes that begin anew by themselves are back at those.
             self._tables, self._start_of = self._own.followed_by(extra), start_of + len(self._own.schedules)
-            self.table = self._tables.table
         for lane, seed in enumerate(seeds or ()):
             if seed is not None:
                 self.clock[CLOCK.key, lane] = key_of(seed).view(np.int64)
@@ -105,6 +104,11 @@ class Lanes:
         """Begin an episode in the lanes `which` (n,), each in its own scenario; return their results (WIDTH n,)."""
         self._start_of[which], self._radius_of[which] = self._own_start_of[which], self._own_radius_of[which]
         return self._begin(which)
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, int]:
+        """The first arguments of `kernels.advance` and `kernels.advance_one`."""
+        return self.values, self.clock, self._tables.table, self.period, self.substeps
 
     def close(self) -> None:
         """End the threads; a later step starts new ones."""
@@ -127,7 +131,7 @@ class Lanes:
             self.values,
             self.clock,
             self.drawn,
-            self.table,
+            self._tables.table,
             self.period,
             results,
         )
@@ -147,8 +151,7 @@ class Lanes:
         results = np.empty(WIDTH * self.count)
 
         def share(start: int, stop: int) -> int:
-            arrays = self.values, self.clock, self.table
-            lane: int = advance(*arrays, self.period, self.substeps, action, start, stop, results)
+            lane: int = advance(*self.arrays, action, start, stop, results)
             return lane
 
         bad = max(self._workers.run(share))
@@ -225,5 +228,11 @@ class Lanes:
 
     def _return_to_own(self) -> None:
         """Put every lane into its own scenario."""
-        self._tables, self.table = self._own, self._own.table
+        self._tables = self._own
         self._start_of, self._radius_of = self._own_start_of.copy(), self._own_radius_of.copy()
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Take the state of a copy, which may be the first in its process."""
+        self.__dict__.update(state)
+        with announced_compilation():
+            prepare(self.count)

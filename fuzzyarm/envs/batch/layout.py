@@ -39,6 +39,7 @@ __all__ = [
     "Start",
     "Vectors",
     "Work",
+    "parts",
     "split",
 ]
 
@@ -168,12 +169,19 @@ WIDTH = _BEFORE_SCALARS + len(SCALARS)
 """Numbers in the results of one lane."""
 
 
-@register_jitable
+@register_jitable(forceinline=True)
+def parts(out: np.ndarray) -> Results:
+    """Return the parts of the results of n lanes, as flat views of one array (`WIDTH` n,)."""
+    n = len(out) // WIDTH
+    return Results(out[: SIZE * n], out[SIZE * n : _BEFORE_SCALARS * n], out[_BEFORE_SCALARS * n :])
+
+
 def split(out: np.ndarray) -> Results:
-    """Return the parts of the results of n lanes, as views of one array (`WIDTH` n,)."""
+    """Return the parts of the results of n lanes in their shapes, as views of one array (`WIDTH` n,)."""
+    found: Results = parts(out)
     n = len(out) // WIDTH
     return Results(
-        out[: SIZE * n].reshape((n, SIZE)),
-        out[SIZE * n : _BEFORE_SCALARS * n].reshape((len(VECTORS), n, PLANAR)),
-        out[_BEFORE_SCALARS * n :].reshape((len(SCALARS), n)),
+        found.observation.reshape((n, SIZE)),
+        found.vectors.reshape((len(VECTORS), n, PLANAR)),
+        found.scalars.reshape((len(SCALARS), n)),
     )
