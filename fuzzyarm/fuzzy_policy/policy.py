@@ -21,6 +21,7 @@ class Policy(abc.ABC):
     Attributes:
         memory_size: numbers that a lane remembers, all zero when an episode begins. Two, if not said otherwise: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
+        action_period: time for which an action is held [s]; the control period, if not said otherwise.
     """
 
     memory_size = 2
@@ -30,7 +31,12 @@ class Policy(abc.ABC):
         if not (math.isfinite(control_period) and control_period > 0.0):
             raise ValueError(f"control_period = {control_period!r} s is out of range; allowed: (0, inf) s")
         self.parameters, self.control_period = parameters, control_period
+        self.action_period = control_period
         self._torque_limit = np.array(parameters.torque_limit)
+
+    def without_dry_friction(self) -> Policy:
+        """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""
+        return self
 
     @abc.abstractmethod
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:

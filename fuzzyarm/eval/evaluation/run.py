@@ -27,9 +27,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy, tip_statement
 from fuzzyarm.fuzzy_policy.proof.certificate import statement
-from fuzzyarm.policies.files import policy_files
-from fuzzyarm.policies.registry import COMPARED, policy_label
-from fuzzyarm.policies.user_code import find_policy
+from fuzzyarm.policies import COMPARED, resolve_all
 
 SCHEMA = "fuzzyarm-evaluation/1"
 
@@ -39,7 +37,7 @@ class EvaluationConfig:
     """What is run.
 
     Attributes:
-        policies: names as `find_policy` takes them.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
         cases: names of cases.
         seeds: number of episodes of each policy in each case, seeded 0, 1, ...
         encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
@@ -126,12 +124,10 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         ValueError: a policy is unknown, fails or does not fit the robot, or the reference does not fit it.
         OSError: a controller file cannot be read.
     """
+    specs = resolve_all(config.policies, run_code=True)
     policies: dict[str, Predictor] = {
-        policy_label(name): find_policy(name, control_period=config.control_period, robot=config.parameters)
-        for name in config.policies
+        label: spec.load(config.control_period, config.parameters) for label, spec in specs.items()
     }
-    if len(policies) < len(config.policies):
-        raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
     reference = JointReference(parameters=config.parameters)
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts = []
@@ -161,7 +157,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         **provenance(),
-        "policy_files": {policy_label(name): policy_files(name) for name in config.policies},
+        "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with)
 

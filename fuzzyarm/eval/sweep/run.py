@@ -16,8 +16,7 @@ from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.episodes import measure
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.store import Store, difference, made_with
-from fuzzyarm.policies import load_policy
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve_all
 
 
 class Chunk(NamedTuple):
@@ -35,12 +34,7 @@ def load_policies(config: SweepConfig) -> dict[str, Predictor]:
         ValueError: one is unknown or damaged, or two have the same label.
         OSError: a file cannot be read.
     """
-    policies: dict[str, Predictor] = {
-        policy_label(name): load_policy(name, control_period=CONTROL_PERIOD) for name in config.policies
-    }
-    if len(policies) < len(config.policies):
-        raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
-    return policies
+    return {label: spec.load(CONTROL_PERIOD) for label, spec in resolve_all(config.policies).items()}
 
 
 def run_chunk(config: SweepConfig, policies: Mapping[str, Predictor], number: int) -> Chunk:

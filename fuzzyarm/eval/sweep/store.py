@@ -26,7 +26,7 @@ import fuzzyarm
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig
 from fuzzyarm.eval.sweep.episodes import MEASURES
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve_all
 
 SCHEMA = "fuzzyarm-sweep/1"
 RUN, CHUNKS = "run.json", "chunks"
@@ -150,10 +150,10 @@ class Store:
 
 def _identity(config: SweepConfig) -> dict[str, Any]:
     """Return everything that the numbers depend on."""
-    paths = {
-        policy_label(name): Path(name.removesuffix("-tip") if ".json" in name else name) for name in config.policies
+    specs = resolve_all(config.policies)
+    policies = {
+        label: "named" if spec.named or spec.path is None else _digest_of([spec.path]) for label, spec in specs.items()
     }
-    policies = {label: _digest_of([path]) if path.exists() else "named" for label, path in paths.items()}
     return {"numbers": config.numbers(), "policies": policies, "made_with": made_with()}
 
 

@@ -24,7 +24,7 @@ from scipy.stats import binomtest, bootstrap
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.sweep.config import COLUMNS, NOISE, SweepConfig
 from fuzzyarm.eval.sweep.store import SCHEMA
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 
 QUANTILES = (0.5, 0.9, 0.99)
 LEVEL = 0.95
@@ -46,7 +46,7 @@ def summarise(config: SweepConfig, results: dict[str, np.ndarray]) -> dict[str, 
         or, in an interval, that there is none: of a single plant.
     """
     rows = []
-    for p, policy in enumerate(map(policy_label, config.policies)):
+    for p, policy in enumerate(resolve(name).label for name in config.policies):
         for c, case in enumerate(config.cases):
             episodes = {name: values[p, c] for name, values in results.items() if name != "plants"}
             rows.append({"policy": policy, "case": case, **_row(config, episodes, results["plants"])})
