@@ -38,7 +38,7 @@ def test_every_real_number_becomes_a_float(value):
 def test_what_is_no_number_is_a_type_error(value):
     with pytest.raises(TypeError, match=r"duration = .* must be a real number \[s\]; allowed: \(0, inf\) s"):
         checks.real("duration", value, "s", above=0.0)
-    with pytest.raises(TypeError, match="lanes = .* must be a whole number; allowed: 1, 2, 3"):
+    with pytest.raises(TypeError, match=r"lanes = .* must be a whole number; allowed: 1, 2, 3"):
         checks.whole("lanes", value, low=1)
     assert not checks.is_real(value)
 
@@ -122,7 +122,7 @@ def test_an_interval_is_ordered_and_within_its_bounds(first, last):
 def test_truth_is_a_boolean_and_no_number():
     assert checks.truth("flag", True) is True and checks.truth("flag", np.False_) is False
     for value in (0, 1, "yes", None):
-        with pytest.raises(TypeError, match="flag = .* must be True or False"):
+        with pytest.raises(TypeError, match=r"flag = .* must be True or False"):
             checks.truth("flag", value)
 
 

@@ -48,10 +48,12 @@ def test_what_json_writes_is_read_back(content):
 
 @given(st.binary(max_size=60) | st.text(max_size=60))
 def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
+    problem = ""
     try:
         parse_json(text)
     except ValueError as error:
-        assert str(error).startswith("not a JSON document: ") and "\n" not in str(error)
+        problem = str(error)
+    assert problem == "" or problem.startswith("not a JSON document: ") and "\n" not in problem
 
 
 @pytest.mark.parametrize(
@@ -150,5 +152,5 @@ def test_what_does_not_fit_a_record_is_named_by_its_place(content, problem):
 @pytest.mark.parametrize("content", [None, [], "fuzzyarm/1", {}, {"schema": None}, {"schema": "fuzzyarm/2"}])
 def test_another_schema_is_refused_with_both(content):
     assert check_schema({"schema": "fuzzyarm/1", "a": 1}, "fuzzyarm/1") == {"schema": "fuzzyarm/1", "a": 1}
-    with pytest.raises(ValueError, match="the schema is .*, this version reads 'fuzzyarm/1'"):
+    with pytest.raises(ValueError, match=r"the schema is .*, this version reads 'fuzzyarm/1'"):
         check_schema(content, "fuzzyarm/1")
