@@ -34,6 +34,7 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.reference import JointReference
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
 
@@ -113,6 +114,10 @@ class UserPolicy:
         """Return this policy for an arm without dry friction; itself if the object has no such method."""
         method = getattr(self._policy, "without_dry_friction", None)
         return self if method is None else UserPolicy(self.name, method(), self.control_period)
+
+    def certificate(self, reference: JointReference) -> None:
+        """Return None: nothing is proven of the user's own code."""
+        return
 
     def predict(
         self,
