@@ -506,7 +506,7 @@ def _margins(options: argparse.Namespace) -> int:
 
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.eval.stability.margins import MarginsConfig, margins, print_margins
-    from fuzzyarm.policies.registry import NAMES
+    from fuzzyarm.policies import NAMES
 
     if options.out is not None:
         if options.out.suffix != ".json" or options.out.is_dir():

@@ -3,14 +3,34 @@
 from __future__ import annotations
 
 import abc
-import math
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from fuzzyarm.common.checks import real
+from fuzzyarm.envs import observation as observations
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
-OBSERVATION_SIZE = 10
+if TYPE_CHECKING:
+    from fuzzyarm.envs.scenario.reference import JointReference
+    from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate
+
+__all__ = ["Policy", "Predictor"]
+
+
+class Predictor(Protocol):
+    """Anything with the `predict` of stable-baselines3."""
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Return the action and the next state."""
+        ...
 
 
 class Policy(abc.ABC):
@@ -21,16 +41,20 @@ class Policy(abc.ABC):
     Attributes:
         memory_size: numbers that a lane remembers, all zero when an episode begins. Two, if not said otherwise: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
+        action_period: time for which an action is held [s]; the control period, if not said otherwise.
     """
 
     memory_size = 2
 
     def __init__(self, parameters: ArmParameters, control_period: float) -> None:
         """Keep the robot and the control period T [s]."""
-        if not (math.isfinite(control_period) and control_period > 0.0):
-            raise ValueError(f"control_period = {control_period!r} s is out of range; allowed: (0, inf) s")
-        self.parameters, self.control_period = parameters, control_period
+        self.parameters, self.control_period = parameters, real("control_period", control_period, "s", above=0.0)
+        self.action_period = self.control_period
         self._torque_limit = np.array(parameters.torque_limit)
+
+    def without_dry_friction(self) -> Policy:
+        """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""
+        return self
 
     @abc.abstractmethod
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
@@ -38,6 +62,10 @@ class Policy(abc.ABC):
 
         For `observation` (lanes, 10); nothing is checked, see `predict`.
         """
+
+    def certificate(self, reference: JointReference) -> PolicyCertificate | None:
+        """Return what is proven of this policy along a reference; None where nothing is."""
+        return None
 
     def predict(
         self,
@@ -61,7 +89,7 @@ class Policy(abc.ABC):
             ValueError: an argument has a wrong shape.
         """
         given = np.asarray(observation, dtype=np.float64)
-        if given.ndim not in (1, 2) or given.shape[-1] != OBSERVATION_SIZE:
+        if given.ndim not in (1, 2) or given.shape[-1] != observations.SIZE:
             raise ValueError(f"observation has shape {given.shape}; allowed: (10,) or (lanes, 10)")
         batch = np.ascontiguousarray(given[np.newaxis] if given.ndim == 1 else given)
         lanes = len(batch)
