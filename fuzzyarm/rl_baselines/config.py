@@ -50,7 +50,7 @@ class TrainingConfig:
     smoothing_time: float = 0.0
     """Time constant of the low-pass filter on actions [s]; 0: no filter."""
     tip_error_scale: float = 0.3
-    """Scale of the training's reward [mm], which falls with ln(1 + tip error / scale); 0: the environment's own reward."""
+    """Scale s of the training's reward [mm], which falls with ln(1 + tip error / s); 0: the environment's reward."""
     past_errors: int = 2
     """Number of past errors among the features (0 to 100)."""
     past_actions: int = 2
