@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
+import dataclasses
 import json
 import os
 import sys
@@ -266,18 +266,24 @@ def _add_margins(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def _add_train(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    from fuzzyarm.rl_baselines.ppo_config import add_run_flags
+    from fuzzyarm.rl_baselines.algorithms import ALGORITHMS
 
     parser = commands.add_parser("train", help="train a policy", description="Train a policy on the batched arms.")
     algorithms = parser.add_subparsers(dest="algorithm", required=True, metavar="ALGORITHM")
-    ppo = algorithms.add_parser(
-        "ppo",
-        help="PPO of stable-baselines3; needs torch: pip install 'fuzzyarm[rl]'",
-        description="Train a policy with PPO of stable-baselines3; it needs pip install 'fuzzyarm[rl]'. The folder "
-        "gets curve.csv, checkpoint.pt and the policies policy/ (the last) and best/ (the smallest tip error).",
-    )
-    add_run_flags(ppo)
-    ppo.set_defaults(run=_train_ppo)
+    for spec in ALGORITHMS.values():
+        one = algorithms.add_parser(spec.name, help=spec.title, description=f"Train a policy with {spec.title}.")
+        one.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run, made if needed")
+        one.add_argument("--resume", action="store_true", help="go on from the last checkpoint in --out")
+        one.add_argument("--preset", choices=list(spec.presets), help="what the other flags start from")
+        for field in dataclasses.fields(spec.config):
+            flag = f"--{field.name.replace('_', '-')}"
+            if isinstance(field.default, bool):
+                one.add_argument(flag, action=argparse.BooleanOptionalAction, default=None)
+            elif isinstance(field.default, tuple):
+                one.add_argument(flag, nargs="*", type=type(field.default[0]))
+            else:
+                one.add_argument(flag, type=type(field.default))
+        one.set_defaults(run=_train)
 
 
 def _add_paper(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -533,19 +539,26 @@ def _margins(options: argparse.Namespace) -> int:
     return 0
 
 
-def _train_ppo(options: argparse.Namespace) -> int:
-    from fuzzyarm.rl_baselines.ppo_config import chosen_run
+def _train(options: argparse.Namespace) -> int:
+    from fuzzyarm.rl_baselines.algorithms import find_algorithm
+    from fuzzyarm.rl_baselines.progress import train_with_progress
 
-    config, folder = chosen_run(options)
-    try:
-        # By name: torch is optional, and only rl_baselines imports it.
-        training = importlib.import_module("fuzzyarm.rl_baselines.train_ppo")
-    except ModuleNotFoundError as error:
-        raise UsageError(f"{error.name} is not installed; pip install 'fuzzyarm[rl]'") from None
-    if config is not None:
-        _make_folder(folder)
-    training.run(config, folder)
-    print(f"written to {folder / 'policy'}")
+    spec = find_algorithm(options.algorithm)
+    given = {field.name: getattr(options, field.name) for field in dataclasses.fields(spec.config)}
+    given = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in given.items() if value is not None
+    }
+    if options.resume:
+        flags = [f"--{name.replace('_', '-')}" for name in (*(["preset"] if options.preset else []), *given)]
+        if flags:
+            raise ValueError(f"--resume goes on as the run was configured; leave out {', '.join(flags)}")
+        train_with_progress(None, options.out)
+    else:
+        preset = options.preset or next(iter(spec.presets))
+        config = dataclasses.replace(spec.presets[preset], **given)
+        _make_folder(options.out)
+        train_with_progress(config, options.out)
+    print(f"written to {options.out / 'policy'}")
     return 0
 
 
