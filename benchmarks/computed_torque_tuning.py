@@ -27,10 +27,11 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Predictor, rollout
+from fuzzyarm.eval.episodes.rollout import rollout
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 ARM = ArmParameters()
 PERIOD = 1e-3  # s

@@ -55,7 +55,7 @@ def assess(rules: int, gamma: float, pole: float | None) -> dict[str, Any] | Non
         made = design(Specification(NAMED_RULES[rules], gamma=gamma, fastest_pole=pole))
     except DesignFailed:
         return None
-    row = {"rules": rules, "gamma": gamma, "fastest_pole": pole, "margin": made.certificate.margin}
+    row = {"rules": rules, "gamma": gamma, "fastest_pole": pole, "margin": made.certificate.proof_margin}
     return {**row, **judged(made.controller)}
 
 

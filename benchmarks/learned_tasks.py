@@ -13,8 +13,9 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Predictor, Rollout, rollout
+from fuzzyarm.eval.episodes.rollout import Rollout, rollout
 from fuzzyarm.eval.evaluation.ranking import LOST
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 CONTROL_PERIOD = 1e-3  # s
 MEASURES = {"tip_error_max_mm": "max [mm]", "tip_error_rms_mm": "rms [mm]"}

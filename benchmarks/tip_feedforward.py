@@ -21,9 +21,10 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Predictor, rollout
+from fuzzyarm.eval.episodes.rollout import rollout
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 LAWS = ("fuzzy-4", "computed-torque")
 VARIANTS: dict[str, dict[str, bool] | None] = {

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
+from fuzzyarm.envs.arguments import (
+    action_space,
+    chosen_disturbance,
+    chosen_reference,
+    chosen_scenario,
+    initial_state,
+    observation_space,
+    whole_substeps,
+)
 from fuzzyarm.envs.batch.kernels import INFO, VECTORS, split
-from fuzzyarm.envs.batch.lanes import MAX_ACCELERATION, Lanes
-from fuzzyarm.envs.batch.tables import Task
+from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
-
-MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
-RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
+from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.envs.termination import Termination
 
 
 class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -110,7 +112,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._reference = chosen_reference(reference, drawn, self.parameters)
         self._lanes = Lanes(
             [self.parameters],
-            [(self._disturbance, self._reference)],
+            [Scenario(self._disturbance, self._reference)],
             1,
             control_period=control_period,
             substeps=self.substeps,
@@ -131,7 +133,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             return self._reference
         if not self._begun:
             raise ResetNeeded("each episode draws its own reference: call env.reset() first")
-        return self._lanes.episode(0)[0]
+        return self._lanes.schedule(0)[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -140,7 +142,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self._ended = True  # until the end of this method: a reset that raises leaves no half-made episode to step
         self._trace.clear()
-        task, initial = chosen_task(options or {}, (self._disturbance, self._reference)), None
+        scenario, initial = chosen_scenario(options or {}, Scenario(self._disturbance, self._reference)), None
         if options and options.get("initial_state") is not None:
             initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
         # `np_random` is the user's; the episodes draw from a stream of their own with the same seed. A generator that
@@ -148,7 +150,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         seeds = None if self._begun and seed is None else [self.np_random_seed]
         if seeds is not None and seeds[0] < 0:
             seeds = [int(self.np_random.integers(2**63))]
-        results = self._lanes.reset(seeds, [task] if options else None, initial)
+        results = self._lanes.reset(seeds, [scenario] if options else None, initial)
         self._begun = True
         self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
         observations, vectors, scalars = split(results)
@@ -196,7 +198,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             "reward_effort": effort,
         }
         if reason:
-            info["reason"] = REASONS[reason]
+            info["reason"] = Termination(reason).text
         if self._extras:
             self._complete(info)
         return observation, reward, reason > 0, truncated, info
@@ -251,99 +253,6 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             from fuzzyarm.envs.rendering import Renderer
 
             self._renderer = Renderer(self.render_mode == "human", self.metadata["render_fps"])
-        _, episode = self._lanes.episode(0)
-        picture: np.ndarray | None = self._renderer.draw(episode, np.array(self._trace), self._time, self.parameters)
+        _, schedule = self._lanes.schedule(0)
+        picture: np.ndarray | None = self._renderer.draw(schedule, np.array(self._trace), self._time, self.parameters)
         return picture
-
-
-def whole_substeps(control_period: float, substep: float | None) -> int:
-    """Return how many sub-steps make a control period; ValueError with both if it is not a whole number.
-
-    Without a sub-step: as many as keep it at `MAX_DEFAULT_SUBSTEP` or below.
-    """
-    if substep is None and 0.0 < control_period <= 0.1:
-        return math.ceil(control_period / MAX_DEFAULT_SUBSTEP - 1e-9)
-    substep = control_period if substep is None else substep
-    if not (math.isfinite(control_period) and math.isfinite(substep) and 0.0 < substep <= control_period <= 0.1):
-        raise ValueError(
-            f"control_period = {control_period!r} s, substep = {substep!r} s; "
-            "allowed: 0 < substep <= control_period <= 0.1 s"
-        )
-    count = round(control_period / substep)
-    if not math.isclose(count * substep, control_period, rel_tol=1e-9):
-        raise ValueError(
-            f"control_period = {control_period:g} s is no multiple of substep = {substep:g} s; "
-            f"use substep = {control_period / max(count, 1):g} s"
-        )
-    return count
-
-
-def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbance:
-    """Return the disturbance itself, or that of the named case."""
-    if disturbance is None:
-        return find_case(case).disturbance
-    if not isinstance(disturbance, Disturbance):
-        raise ValueError(f"disturbance = {disturbance!r} must be a fuzzyarm.envs.scenario.disturbances.Disturbance")
-    if case != "nominal":
-        raise ValueError(f"give either case = {case!r} or a disturbance, not both")
-    return disturbance
-
-
-def chosen_reference(
-    reference: JointReference | None, randomisation: DomainRandomisation, parameters: ArmParameters
-) -> JointReference | None:
-    """Return the reference itself, the paper's circle for this arm, or None where each episode draws its own."""
-    if reference is None:
-        return None if randomisation.references else JointReference(parameters=parameters)
-    if not isinstance(reference, JointReference):
-        raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.scenario.reference.JointReference")
-    if randomisation.references:
-        raise ValueError("give either a reference or a randomisation that draws references, not both")
-    return reference
-
-
-def check_options(options: dict[str, Any]) -> None:
-    """Raise ValueError for a reset option that does not exist."""
-    unknown = sorted(set(options) - set(RESET_OPTIONS))
-    if unknown:
-        raise ValueError(f"unknown reset option {', '.join(unknown)}; known: {', '.join(RESET_OPTIONS)}")
-
-
-def chosen_task(options: dict[str, Any], own: Task) -> Task:
-    """Return the task that reset options ask for."""
-    check_options(options)
-    disturbance, reference = own
-    if "case" in options or "disturbance" in options:
-        disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"))
-    if "reference" in options:
-        reference = options["reference"]
-        if not isinstance(reference, JointReference):
-            raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.scenario.reference.JointReference")
-    return disturbance, reference
-
-
-def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
-    """Return a given start (8,), checked against the box (25)."""
-    p, state = parameters, np.array(given, dtype=np.float64)
-    high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(8)
-    if state.shape != (8,) or not np.all(np.abs(state) <= high):
-        raise ValueError(
-            f"initial_state = {np.asarray(given).tolist()} must be 8 finite numbers: motor angles, link angles "
-            f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= {p.velocity_limit} rad/s)"
-        )
-    return state
-
-
-def action_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
-    """Return the motor torques that the strongest of these arms can give."""
-    limit = np.max([arm.torque_limit for arm in parameters], axis=0).astype(np.float32)
-    return spaces.Box(-limit, limit)
-
-
-def observation_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
-    """Return what may be observed of these arms."""
-    q = np.max([arm.joint_limit for arm in parameters], axis=0)
-    dq = np.max([arm.velocity_limit for arm in parameters], axis=0)
-    # Motor readings get room beyond the box (25): the observation that ends an episode lies outside it.
-    high = np.concatenate([2.0 * q, 10.0 * dq, q, dq, np.full(2, MAX_ACCELERATION)])
-    return spaces.Box(-high, high, dtype=np.float64)

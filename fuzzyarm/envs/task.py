@@ -16,12 +16,6 @@ from fuzzyarm.envs.physics.friction import friction_torque
 TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
 BEYOND_MEASURE = 1e13  # rad, rad/s; from about here on `sine_cosine` is nonsense and products overflow
 EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
-REASONS = (
-    "",
-    "a joint angle left the domain (25)",
-    "a joint velocity left the domain (25)",
-    "the state is not finite",
-)
 
 
 class Target(NamedTuple):
@@ -50,8 +44,8 @@ class Limits(NamedTuple):
     torque2: Any
 
 
-class Measured(NamedTuple):
-    """What `measured` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
+class Assessment(NamedTuple):
+    """What `assess` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
 
     tip_x: Any
     tip_y: Any
@@ -68,9 +62,9 @@ class Measured(NamedTuple):
 
 
 @register_jitable(forceinline=True)
-def measured(
+def assess(
     state: State, torque1: Any, torque2: Any, bias1: Any, bias2: Any, arm: Arm, limits: Limits, target: Target
-) -> Measured:
+) -> Assessment:
     """Measure an arm under the controller's (clipped) torques and the biases that act beside them [N m].
 
     reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm),
@@ -87,7 +81,7 @@ def measured(
     inside2 = (abs(state.motor2) <= limits.angle2) & (abs(state.link2) <= limits.angle2)
     slow1 = (abs(state.motor_velocity1) <= limits.velocity1) & (abs(state.link_velocity1) <= limits.velocity1)
     slow2 = (abs(state.motor_velocity2) <= limits.velocity2) & (abs(state.link_velocity2) <= limits.velocity2)
-    return Measured(
+    return Assessment(
         tip_x,
         tip_y,
         friction_torque(state.motor_velocity1, net1, arm.coulomb1, arm.static1, arm.stribeck_velocity),

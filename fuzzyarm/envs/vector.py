@@ -10,26 +10,27 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from fuzzyarm.envs.batch.kernels import INFO, SCALARS, split
-from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.tables import Task
-from fuzzyarm.envs.fuzzy_arm import (
+from fuzzyarm.envs.arguments import (
     action_space,
     check_options,
     chosen_disturbance,
     chosen_reference,
-    chosen_task,
+    chosen_scenario,
     initial_state,
     observation_space,
     whole_substeps,
 )
+from fuzzyarm.envs.batch.kernels import INFO, SCALARS, split
+from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.envs.termination import Termination
 
 REWARD, CLIPPED, OVER, REASON = map(SCALARS.index, ("reward", "torque_clipped", "truncated", "reason"))
+REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
 class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -88,7 +89,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._references = self._own_references(reference, plants)
         self._lanes = Lanes(
             plants,
-            _each(lambda *task: task, self._disturbances, self._references),
+            _each(Scenario, self._disturbances, self._references),
             self.num_envs,
             control_period=control_period,
             substeps=self.substeps,
@@ -113,8 +114,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         check_options(options)
         given = options.get("initial_state")
         initial = None if given is None else self._initial_states(given)
-        tasks = self._tasks({name: value for name, value in options.items() if name != "initial_state"})
-        observation, vectors, scalars = split(self._lanes.reset(self._seeds(seed), tasks, initial))
+        scenarios = self._scenarios({name: value for name, value in options.items() if name != "initial_state"})
+        observation, vectors, scalars = split(self._lanes.reset(self._seeds(seed), scenarios, initial))
         self._begun = True
         return observation, self._info(vectors, scalars)
 
@@ -140,7 +141,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Raises:
             gymnasium.error.ResetNeeded: no episode has begun.
-            ValueError: a lane is in a task that reset options asked for.
+            ValueError: a lane is in a scenario that reset options asked for.
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.get_state()")
@@ -197,7 +198,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         terminated = scalars[REASON] != 0.0
         if terminated.any():
             reasons = np.full(self.num_envs, None, dtype=object)
-            reasons[terminated] = np.array(REASONS, dtype=object)[scalars[REASON, terminated].astype(int)]
+            reasons[terminated] = REASON_TEXTS[scalars[REASON, terminated].astype(int)]
             final_info.update(_masked({"reason": reasons}, terminated))
         return _masked({"final_obs": final_obs, "final_info": final_info}, ended)
 
@@ -222,13 +223,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         return _each(chosen, self._per_lane("reference", given), plants)
 
-    def _tasks(self, options: dict[str, Any]) -> list[Task] | None:
-        """Return the tasks that reset options ask for, None if they ask for none."""
+    def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
+        """Return the scenarios that reset options ask for, None if they ask for none."""
         if not options:
             return None
 
-        def chosen(disturbance: Disturbance, reference: JointReference | None, *values: Any) -> Task:
-            return chosen_task(dict(zip(options, values, strict=True)), (disturbance, reference))
+        def chosen(disturbance: Disturbance, reference: JointReference | None, *values: Any) -> Scenario:
+            return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference))
 
         given = [self._per_lane(name, value) for name, value in options.items()]
         return _each(chosen, self._disturbances, self._references, *given)

@@ -3,14 +3,34 @@
 from __future__ import annotations
 
 import abc
-import math
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from fuzzyarm.common.checks import real
+from fuzzyarm.envs import observation as observations
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
-OBSERVATION_SIZE = 10
+if TYPE_CHECKING:
+    from fuzzyarm.envs.scenario.reference import JointReference
+    from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate
+
+__all__ = ["Policy", "Predictor"]
+
+
+class Predictor(Protocol):
+    """Anything with the `predict` of stable-baselines3."""
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Return the action and the next state."""
+        ...
 
 
 class Policy(abc.ABC):
@@ -27,9 +47,7 @@ class Policy(abc.ABC):
 
     def __init__(self, parameters: ArmParameters, control_period: float) -> None:
         """Keep the robot and the control period T [s]."""
-        if not (math.isfinite(control_period) and control_period > 0.0):
-            raise ValueError(f"control_period = {control_period!r} s is out of range; allowed: (0, inf) s")
-        self.parameters, self.control_period = parameters, control_period
+        self.parameters, self.control_period = parameters, real("control_period", control_period, "s", above=0.0)
         self._torque_limit = np.array(parameters.torque_limit)
 
     @abc.abstractmethod
@@ -38,6 +56,10 @@ class Policy(abc.ABC):
 
         For `observation` (lanes, 10); nothing is checked, see `predict`.
         """
+
+    def certificate(self, reference: JointReference) -> PolicyCertificate | None:
+        """Return what is proven of this policy along a reference; None where nothing is."""
+        return None
 
     def predict(
         self,
@@ -61,7 +83,7 @@ class Policy(abc.ABC):
             ValueError: an argument has a wrong shape.
         """
         given = np.asarray(observation, dtype=np.float64)
-        if given.ndim not in (1, 2) or given.shape[-1] != OBSERVATION_SIZE:
+        if given.ndim not in (1, 2) or given.shape[-1] != observations.SIZE:
             raise ValueError(f"observation has shape {given.shape}; allowed: (10,) or (lanes, 10)")
         batch = np.ascontiguousarray(given[np.newaxis] if given.ndim == 1 else given)
         lanes = len(batch)

@@ -20,18 +20,18 @@ import torch
 from gymnasium.error import ResetNeeded
 from torch import Tensor
 
-from fuzzyarm.envs.batch import kernels as lane_kernels
-from fuzzyarm.envs.batch import schedule as episode
-from fuzzyarm.envs.batch.lanes import check_reference
-from fuzzyarm.envs.batch.randomness import key_of
-from fuzzyarm.envs.batch.schedule import Episode
-from fuzzyarm.envs.fuzzy_arm import (
+from fuzzyarm.envs.arguments import (
     action_space,
     chosen_disturbance,
     chosen_reference,
     observation_space,
     whole_substeps,
 )
+from fuzzyarm.envs.batch import kernels as lane_kernels
+from fuzzyarm.envs.batch import schedule
+from fuzzyarm.envs.batch.lanes import check_reference
+from fuzzyarm.envs.batch.randomness import key_of
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics import integrator
 from fuzzyarm.envs.physics.dynamics import Arm, Plant, State, gravity_torque, loaded, lump, plant_of
 from fuzzyarm.envs.physics.elementwise import sine_cosine
@@ -39,7 +39,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Draw, find_randomisation, varied
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import Limits, Measured, Target, clipped, finite, measured
+from fuzzyarm.envs.task import Assessment, Limits, Target, assess, clipped, finite
+from fuzzyarm.envs.termination import reason_of
 from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, normal_pair, uniform, word
 
 # Words of an episode's random stream as plain integers, which torch.compile takes for constants.
@@ -75,10 +76,10 @@ class TorchFuzzyArm:
     | tip_error | (n,) distance of the tip from its reference | m |
     | reward_tracking, reward_effort | (n,) parts of the reward | |
     | torque_clipped | (n,) bool, whether the action was beyond the torque limits | |
-    | reason | (n,) place in `fuzzyarm.envs.task.REASONS` of why the lane was terminated, 0 if it was not | |
+    | reason | (n,) `fuzzyarm.envs.termination.Termination`, 0 if the lane was not terminated | |
 
     An action that is not finite does not raise, which would mean to wait for the device: the lane's state stays, its
-    reward is 0 and it is terminated with reason 3, as if its state had become infinite.
+    reward is 0 and it is terminated with `Termination.NOT_FINITE`, as if its state had become infinite.
 
     Gradients do not flow through a step. Tensors that a step returned keep their values. `state` and
     `randomisation_info` are for privileged critics and for looking in.
@@ -214,7 +215,7 @@ class TorchFuzzyArm:
         members = self.randomisation.references if own is None else (own,)
         for member in members:
             check_reference(member, self.parameters)
-        built = [Episode.build(member, disturbance, self.control_period) for member in members]
+        built = [Schedule.build(member, disturbance, self.control_period) for member in members]
         steps = np.array([one.steps for one in built])
         like = torch.empty(0, dtype=self.dtype, device=self.device)
         return _Task(
@@ -300,8 +301,8 @@ def _advance(task: _Task, lanes: _Lanes, action: Tensor) -> _Outcome:
     arm, limits = _arm(task, nominal, drawn), _limits(nominal)
     beginning, steps = task.spans.at(drawn.reference.long())
     row = task.rows.at(beginning + lanes.step)
-    reference, target = row[: episode.TARGET], Target(*row[episode.TARGET : episode.FORCE])
-    force, bias = [drawn.force * part for part in row[episode.FORCE : episode.BIAS]], row[episode.BIAS :]
+    reference, target = row[: schedule.TARGET], Target(*row[schedule.TARGET : schedule.FORCE])
+    force, bias = [drawn.force * part for part in row[schedule.FORCE : schedule.BIAS]], row[schedule.BIAS :]
 
     sound = torch.isfinite(action[0]) & torch.isfinite(action[1])
     asked = [torch.where(sound, part, 0.0) for part in action.unbind(0)]
@@ -311,7 +312,7 @@ def _advance(task: _Task, lanes: _Lanes, action: Tensor) -> _Outcome:
     numbers = _numbers(after, task.rows.dtype)
     sound = sound & (finite(State(*numbers[:8])) > 0.0)
     now = _Lanes(_where(sound, numbers, lanes.numbers), lanes.key, lanes.step + 1)
-    found = measured(_state(now.numbers), torque1, torque2, bias[0], bias[1], arm, limits, target)
+    found = assess(_state(now.numbers), torque1, torque2, bias[0], bias[1], arm, limits, target)
 
     reason = _reason(found, sound)
     terminated = reason > 0
@@ -416,10 +417,9 @@ def _limits(plant: Plant) -> Limits:
     return Limits(*plant.joint_limit, *plant.velocity_limit, *plant.torque_limit)
 
 
-def _reason(found: Measured, sound: Tensor) -> Tensor:
-    """Return places in `REASONS`: 3 beats 1 beats 2."""
-    inside = torch.where(found.velocities_inside > 0.0, 0, 2)
-    return torch.where(sound, torch.where(found.angles_inside > 0.0, inside, 1), 3)
+def _reason(found: Assessment, sound: Tensor) -> Tensor:
+    """Return numbers of `Termination` as int64."""
+    return reason_of(1.0 * sound, found.angles_inside, found.velocities_inside).to(torch.int64)
 
 
 def _where(condition: Tensor, first: Sequence[Tensor], second: Sequence[Tensor]) -> tuple[Tensor, ...]:
@@ -433,7 +433,7 @@ def _stacked(rows: Sequence[Tensor]) -> Tensor:
 
 def _by_step(table: np.ndarray) -> np.ndarray:
     """Return a row per control step: reference and target at its end, force and bias during it."""
-    return np.concatenate([table[1:, : episode.FORCE], table[:-1, episode.FORCE :]], axis=-1)
+    return np.concatenate([table[1:, : schedule.FORCE], table[:-1, schedule.FORCE :]], axis=-1)
 
 
 def _compiled(function: Callable[..., _Outcome]) -> Callable[..., _Outcome]:

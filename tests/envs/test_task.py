@@ -18,7 +18,7 @@ from fuzzyarm.envs.physics.dynamics import (
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.task import Limits, Target, clipped, finite, measured
+from fuzzyarm.envs.task import Limits, Target, assess, clipped, finite
 
 TABLE_1 = ArmParameters()
 STATIC = np.array(TABLE_1.static_friction)
@@ -31,7 +31,7 @@ PERIOD, SUBSTEPS = 1e-3, 10
 def measure(state, torque=NOTHING, bias=NOTHING, target=None, limits=LIMITS):
     """One arm of Table 1, measured."""
     target = circle_target(RESTING) if target is None else target
-    return measured(State(*state), *torque, *bias, arm_constants(TABLE_1), Limits(*limits), Target(*target))
+    return assess(State(*state), *torque, *bias, arm_constants(TABLE_1), Limits(*limits), Target(*target))
 
 
 def circle_target(state, distance=0.0):
@@ -281,7 +281,7 @@ def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
     values, clock, table, action = lanes_of(state, torque, bias, force, arm, limits, target)
     _, vectors, scalars = step(values, clock, table, action)
     hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
-    expected = measured(State(*state), *applied, *bias, Arm(*arm), Limits(*limits), Target(*target))
+    expected = assess(State(*state), *applied, *bias, Arm(*arm), Limits(*limits), Target(*target))
     assert np.array_equal(values[:8], state) and np.array_equal(vectors["torque"], applied.T)
     assert np.array_equal(vectors["tip"], np.stack([expected.tip_x, expected.tip_y], axis=-1))
     assert np.array_equal(vectors["friction_torque"], friction(expected).T)

@@ -30,7 +30,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.termination import Termination
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
 TABLE_1 = ArmParameters()
@@ -397,7 +397,7 @@ def test_ends_of_both_kinds_begin_the_next_episode_within_the_step():
             assert info["final_obs"][lane][:4].tolist() == [*final["q_motor"], *final["dq_motor"]]
             assert identical(observation[lane], first[lane]) and info["in_domain"][lane]
     thrown = ends.pop(2)
-    assert ends == {0: (50, False, True, None, True)} and thrown[1:] == (True, False, REASONS[1], False)
+    assert ends == {0: (50, False, True, None, True)} and thrown[1:] == (True, False, Termination.ANGLE.text, False)
 
 
 def test_only_lanes_that_left_the_box_have_a_reason():
@@ -406,7 +406,7 @@ def test_only_lanes_that_left_the_box_have_a_reason():
     envs.reset(options={"initial_state": [LEAVING, STILL, STILL]})
     _, reward, terminated, truncated, info = envs.step(np.zeros((3, 2)))
     assert terminated.tolist() == [True, False, False] and truncated.tolist() == [False, True, False]
-    assert info["final_info"]["reason"].tolist() == [REASONS[1], None, None]
+    assert info["final_info"]["reason"].tolist() == [Termination.ANGLE.text, None, None]
     assert info["final_info"]["_reason"].tolist() == [True, False, False]
     assert info["_final_info"].tolist() == [True, True, False] and "reason" not in info and (reward > 0.0).all()
 
@@ -1026,5 +1026,5 @@ def test_extreme_arms_move_or_end_with_a_reason(name):
         moved |= ~(terminated | truncated)
         if terminated.any():
             ends += terminated.sum()
-            assert set(info["final_info"]["reason"][terminated]) <= set(REASONS[1:])
+            assert set(info["final_info"]["reason"][terminated]) <= {reason.text for reason in Termination if reason}
     assert moved.mean() > 0.2 and (ends > lanes or name == "heavy")

@@ -24,7 +24,8 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS, Measured
+from fuzzyarm.envs.task import Assessment
+from fuzzyarm.envs.termination import Termination
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm, _reason
 from fuzzyarm.rl_baselines.torch_numbers import Angle, normal_pair, uniform, word
 
@@ -78,9 +79,9 @@ def last_info(info, key):
 
 
 def reasons(info, lanes):
-    """Places in REASONS, of the NumPy environment."""
+    """Numbers of `Termination`, of the NumPy environment."""
     found = info.get("final_info", {}).get("reason", np.full(lanes, None))
-    return np.array([0 if text is None else REASONS.index(text) for text in found])
+    return np.array([next(reason for reason in Termination if reason.text == (text or "")) for text in found])
 
 
 def final_observations(observation, info):
@@ -224,7 +225,7 @@ def test_of_several_reasons_the_first_counts_and_not_finite_before_all():
     angles, velocities, sound = (
         torch.tensor(list(flags)) for flags in zip(*itertools.product([0.0, 1.0], repeat=3), strict=True)
     )
-    found = Measured(*[torch.zeros(8)] * 10, angles, velocities)
+    found = Assessment(*[torch.zeros(8)] * 10, angles, velocities)
     expected = [
         3 if not s else 1 if not a else 2 if not v else 0 for a, v, s in zip(angles, velocities, sound, strict=True)
     ]
@@ -261,7 +262,7 @@ def test_an_infinite_action_ends_only_its_lane(device):
     expected, their_reward, *_ = twin.step(action)
     assert terminated.tolist() == [False, True, True, False]
     assert info["reason"].tolist() == [0, 3, 3, 0]
-    assert REASONS[3] == "the state is not finite"
+    assert Termination(3).text == "the state is not finite"
     assert reward[1:3].tolist() == [0.0, 0.0]
     assert not truncated.any()
     for lane in (0, 3):

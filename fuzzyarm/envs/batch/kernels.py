@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.batch import schedule as episode
+from fuzzyarm.envs.batch import schedule
 from fuzzyarm.envs.batch.randomness import draw, normal_pair, uniform
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import Plant, gravity_torque, loaded, lump
 from fuzzyarm.envs.physics.elementwise import select, sine_cosine
 from fuzzyarm.envs.physics.integrator import ARM, BLOCK, FORCE, TORQUE, arm_at, hold_block, state_at
 from fuzzyarm.envs.scenario.randomisation import Draw, varied
-from fuzzyarm.envs.task import Limits, Target, clipped, finite, measured
+from fuzzyarm.envs.task import Limits, Target, assess, clipped, finite
+from fuzzyarm.envs.termination import reason_of
 
 # Rows of `values` (ROWS, lanes), what a lane carries through its episode: the state, the arm's constants, then these.
 LIMITS, FORCE_FACTOR, NOISE, ROWS = 28, 34, 35, 37
@@ -82,7 +83,7 @@ def advance(
     Args:
         values: (37, lanes), changed in place.
         clock: (4, lanes), changed in place; every lane's cursor must be before its last row.
-        table: (rows, 19), the tables of all episodes (`Episode`) below each other.
+        table: (rows, 19), the tables of all episodes (`Schedule`) below each other.
         period: control period [s].
         substeps: sub-steps in it.
         action: (lanes, 2) motor torques [N m]; clipped to the limits.
@@ -154,9 +155,9 @@ def _advance_block(
         row = clock[CURSOR, first + i]
         _gather_target(work, i, table, row + 1)
         for k in range(4):
-            work[(FORCE + k) * BLOCK + i] = table[row, episode.FORCE + k] * values[FORCE_FACTOR, first + i]
+            work[(FORCE + k) * BLOCK + i] = table[row, schedule.FORCE + k] * values[FORCE_FACTOR, first + i]
         for k in range(2):
-            work[(W_BIAS + k) * BLOCK + i] = table[row, episode.BIAS + k]
+            work[(W_BIAS + k) * BLOCK + i] = table[row, schedule.BIAS + k]
             work[(W_COMMAND + k) * BLOCK + i] = action[first + i, k]
         clock[CURSOR, first + i] = row + 1
     _command(work, lanes)
@@ -268,7 +269,7 @@ def _gather(work: np.ndarray, lanes: int, values: np.ndarray, first: int) -> Non
 @register_jitable(forceinline=True)
 def _gather_target(work: np.ndarray, i: int, table: np.ndarray, row: int) -> None:
     for k in range(7):
-        work[(W_TARGET + k) * BLOCK + i] = table[row, episode.TARGET + k]
+        work[(W_TARGET + k) * BLOCK + i] = table[row, schedule.TARGET + k]
 
 
 @register_jitable(forceinline=True)
@@ -314,7 +315,7 @@ def _measure(work: np.ndarray, lanes: int) -> None:
             work[(W_TARGET + 5) * BLOCK + i],
             work[(W_TARGET + 6) * BLOCK + i],
         )
-        found = measured(
+        found = assess(
             state_at(work, i),
             work[W_COMMAND * BLOCK + i],
             work[(W_COMMAND + 1) * BLOCK + i],
@@ -361,13 +362,9 @@ def _report(
         for i in range(lanes):
             out[to + (1 + k) * total + i] = work[_SCALAR_ROWS[k] * BLOCK + i]
     for i in range(lanes):
-        reason = 0.0
-        if work[(W_MEASURED + 11) * BLOCK + i] == 0.0:
-            reason = 2.0
-        if work[(W_MEASURED + 10) * BLOCK + i] == 0.0:
-            reason = 1.0
-        if work[W_FINITE * BLOCK + i] == 0.0:
-            reason = 3.0
+        reason = reason_of(
+            work[W_FINITE * BLOCK + i], work[(W_MEASURED + 10) * BLOCK + i], work[(W_MEASURED + 11) * BLOCK + i]
+        )
         over = clock[CURSOR, first + i] == clock[LAST, first + i]
         out[to + 7 * total + i] = work[W_CLIPPED * BLOCK + i]
         out[to + 8 * total + i] = 1.0 if reason == 0.0 and over else 0.0

@@ -13,14 +13,15 @@ import numpy as np
 
 from fuzzyarm.envs.batch.kernels import KEY, LIMITS, ROWS, VECTORS, WIDTH, advance, advance_one, begin
 from fuzzyarm.envs.batch.randomness import key_of
-from fuzzyarm.envs.batch.schedule import COLUMNS, Episode
-from fuzzyarm.envs.batch.tables import Tables, Task
+from fuzzyarm.envs.batch.schedule import COLUMNS, Schedule
+from fuzzyarm.envs.batch.tables import Tables
 from fuzzyarm.envs.physics.compiled import announced_compilation, direct
 from fuzzyarm.envs.physics.dynamics import plant_of
 from fuzzyarm.envs.physics.integrator import BLOCK
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Draw
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.scenario import Scenario
 
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
 LANES_PER_THREAD = 1024  # from about here on a thread is worth the handing over
@@ -29,11 +30,11 @@ Item = TypeVar("Item")
 
 
 class Lanes:
-    """A batch of arms, each with its own plant, task and random stream.
+    """A batch of arms, each with its own plant, scenario and random stream.
 
     Args:
         plants: one arm for all lanes, or one per lane.
-        tasks: one for all lanes, or one per lane. Lanes with the same task share its table.
+        scenarios: one for all lanes, or one per lane. Lanes with the same scenario share its table.
         count: number of lanes.
         control_period: [s].
         substeps: in a control period.
@@ -47,7 +48,7 @@ class Lanes:
     def __init__(
         self,
         plants: Sequence[ArmParameters],
-        tasks: Sequence[Task],
+        scenarios: Sequence[Scenario],
         count: int,
         *,
         control_period: float,
@@ -71,7 +72,7 @@ class Lanes:
         self._clock[KEY] = np.random.SeedSequence().generate_state(count, np.uint64).view(np.int64)
         self.drawn = np.empty((len(Draw._fields), count if randomisation.varies else 0))
         self._drawn_info: dict[str, np.ndarray] = {}
-        self._own, self._own_start_of = self._tabulated(tasks)
+        self._own, self._own_start_of = self._tabulated(scenarios)
         self._tables, self._start_of = self._own, self._own_start_of
         self._bind()
         self.threads = threads or max(1, min(_cores(), count // LANES_PER_THREAD))
@@ -81,25 +82,25 @@ class Lanes:
     def reset(
         self,
         seeds: Sequence[int | None] | None = None,
-        tasks: Sequence[Task] | None = None,
+        scenarios: Sequence[Scenario] | None = None,
         initial: np.ndarray | None = None,
     ) -> np.ndarray:
         """Begin an episode in every lane and return the results (38 count,), see `lane_kernels.split`.
 
         Args:
             seeds: of each lane's random stream; None: it goes on.
-            tasks: what to do this time in place of the lanes' own tasks; one for all lanes, or one per lane.
+            scenarios: what to do this time in place of the lanes' own scenarios; one for all lanes, or one per lane.
             initial: states (count, 8) to start from; None: at rest on the reference.
 
         Raises:
             ValueError: a reference does not fit the plant of its lane.
         """
-        if tasks is None:
+        if scenarios is None:
             self._tables, self._start_of = self._own, self._own_start_of
         else:
-            extra, start_of = self._tabulated(tasks)
+            extra, start_of = self._tabulated(scenarios)
             # Below the lanes' own: lanes that begin anew by themselves are back at those.
-            self._tables, self._start_of = self._own.followed_by(extra), start_of + len(self._own.episodes)
+            self._tables, self._start_of = self._own.followed_by(extra), start_of + len(self._own.schedules)
         self._bind()
         for lane, seed in enumerate(seeds or ()):
             if seed is not None:
@@ -107,7 +108,7 @@ class Lanes:
         return self._begin(np.arange(self.count), initial)
 
     def restart(self, which: np.ndarray) -> np.ndarray:
-        """Begin an episode in the lanes `which` (n,), each in its own task; return their results (38 n,)."""
+        """Begin an episode in the lanes `which` (n,), each in its own scenario; return their results (38 n,)."""
         self._start_of[which] = self._own_start_of[which]
         return self._begin(which)
 
@@ -173,24 +174,24 @@ class Lanes:
         """Return what the episodes drew, by quantity: (count, 2) for one value per joint, else (count,); read-only."""
         return self._drawn_info
 
-    def episode(self, lane: int) -> tuple[JointReference, Episode]:
+    def schedule(self, lane: int) -> tuple[JointReference, Schedule]:
         """Return the reference and the tables of the episode that a lane is in."""
         place = int(self._start_of[lane])
         if self._tables.starts[place, 6] > 0.0:
             place += int(self.drawn[-1, lane])
-        return self._tables.references[place], self._tables.episodes[place]
+        return self._tables.references[place], self._tables.schedules[place]
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return copies of all that changes from step to step, as arrays by name, for `set_state`.
 
         Raises:
-            ValueError: a lane is in a task that was given to `reset`, which only that call knows.
+            ValueError: a lane is in a scenario that was given to `reset`, which only that call knows.
         """
-        visiting = np.flatnonzero(self._start_of >= len(self._own.episodes))
+        visiting = np.flatnonzero(self._start_of >= len(self._own.schedules))
         if len(visiting):
             raise ValueError(
-                f"lane {visiting[0]} is in a task that reset options asked for, which is no part of the state; reset "
-                "without options first"
+                f"lane {visiting[0]} is in a scenario that reset options asked for, which is not part of the state; "
+                "reset without options first"
             )
         return {
             "values": self._values.copy(),
@@ -203,10 +204,12 @@ class Lanes:
         """Go on where `get_state` was called, of these lanes or of others made of the same.
 
         Raises:
-            ValueError: the state is of other plants, tasks, randomisations or periods, or of another number of lanes.
+            ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes.
         """
         if not np.array_equal(state["made_of"], self._digest()):
-            raise ValueError("the state is of lanes with other plants, tasks, randomisation, periods or another number")
+            raise ValueError(
+                "the state is of lanes with other plants, scenarios, randomisation, periods or another number"
+            )
         self._tables, self._start_of = self._own, self._own_start_of
         self._values, self._clock = state["values"].copy(), state["clock"].copy()
         self.drawn = state["drawn"].copy()
@@ -221,15 +224,15 @@ class Lanes:
         content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in (*parts, period)))
         return np.frombuffer(content.digest(), dtype=np.uint8)
 
-    def _tabulated(self, tasks: Sequence[Task]) -> tuple[Tables, np.ndarray]:
-        """Return the tables of the tasks, and the episode that each lane begins with."""
-        kinds, task_of = distinct(tasks, self.count)
+    def _tabulated(self, scenarios: Sequence[Scenario]) -> tuple[Tables, np.ndarray]:
+        """Return the tables of the scenarios, and the episode that each lane begins with."""
+        kinds, scenario_of = distinct(scenarios, self.count)
         for number, (_, reference) in enumerate(kinds):
-            for plant in np.unique(self._plant_of[task_of == number]):
+            for plant in np.unique(self._plant_of[scenario_of == number]):
                 for member in self.randomisation.references if reference is None else (reference,):
                     check_reference(member, self.parameters[plant])
         tables = Tables.build(kinds, self.randomisation.references, self.period)
-        return tables, tables.firsts[task_of]
+        return tables, tables.firsts[scenario_of]
 
     def _compile(self) -> None:
         """Have the step compiled now: no step has to wait for it, and it is for floats, whatever torques come first."""

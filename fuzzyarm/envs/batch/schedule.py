@@ -16,7 +16,7 @@ REFERENCE, TARGET, FORCE, BIAS, COLUMNS = 0, 6, 13, 17, 19  # where the columns 
 
 
 @dataclasses.dataclass(frozen=True)
-class Episode:
+class Schedule:
     """A table over the control steps k = 0..steps; the torque of step k acts from t_k to t_(k+1).
 
     Attributes:
@@ -39,7 +39,7 @@ class Episode:
 
     @property
     def targets(self) -> np.ndarray:
-        """(steps + 1, 7), what `task.measured` compares the tip with at t_k, a `Target`."""
+        """(steps + 1, 7), what `task.assess` compares the tip with at t_k, a `Target`."""
         return self.table[:, TARGET:FORCE]
 
     @property
@@ -56,7 +56,7 @@ class Episode:
         return self.table[:-1, BIAS:]
 
     @classmethod
-    def build(cls, reference: JointReference, disturbance: Disturbance, control_period: float) -> Episode:
+    def build(cls, reference: JointReference, disturbance: Disturbance, control_period: float) -> Schedule:
         """Sample a reference and a disturbance every `control_period` [s]."""
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)

@@ -7,51 +7,48 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fuzzyarm.envs.batch.schedule import Episode
-from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.scenario.reference import JointReference
-
-# A disturbance and a reference; None: a reference drawn from the randomisation's family.
-Task = tuple[Disturbance, JointReference | None]
+from fuzzyarm.envs.scenario.scenario import Scenario
 
 
 @dataclasses.dataclass(frozen=True)
 class Tables:
-    """Tasks and their episodes: one for a task with a reference of its own, one per member of the family for others.
+    """Scenarios and their schedules: one for a scenario with a reference, one per member of the family for others.
 
     Attributes:
         references: of each episode.
-        episodes: one after the other.
+        schedules: one after the other.
         starts: (episodes, 7), what `lane_kernels.begin` has to know of each.
         table: (rows, 19), the episodes' tables below each other.
-        firsts: (tasks,) the first episode of each task.
+        firsts: (scenarios,) the first episode of each scenario.
     """
 
     references: tuple[JointReference, ...]
-    episodes: tuple[Episode, ...]
+    schedules: tuple[Schedule, ...]
     starts: np.ndarray
     table: np.ndarray
     firsts: np.ndarray
 
     @classmethod
-    def build(cls, tasks: Sequence[Task], family: tuple[JointReference, ...], control_period: float) -> Tables:
-        """Tabulate the tasks' episodes every `control_period` [s]."""
+    def build(cls, scenarios: Sequence[Scenario], family: tuple[JointReference, ...], control_period: float) -> Tables:
+        """Tabulate the scenarios' episodes every `control_period` [s]."""
         references: list[JointReference] = []
-        episodes: list[Episode] = []
+        schedules: list[Schedule] = []
         starts, firsts, row = [], [], 0
-        for disturbance, reference in tasks:
-            firsts.append(len(episodes))
+        for disturbance, reference in scenarios:
+            firsts.append(len(schedules))
             payload, noise = disturbance.payload, disturbance.encoder_noise
             spread = (0.0, 0.0) if noise is None else (noise.position, noise.velocity)
             for member in family if reference is None else (reference,):
-                episode = Episode.build(member, disturbance, control_period)
-                last, at_tip = row + episode.steps, float(payload.at == "tip")
+                schedule = Schedule.build(member, disturbance, control_period)
+                last, at_tip = row + schedule.steps, float(payload.at == "tip")
                 starts.append((row, last, payload.mass, at_tip, *spread, float(reference is None)))
                 references.append(member)
-                episodes.append(episode)
+                schedules.append(schedule)
                 row = last + 1
-        table = np.concatenate([episode.table for episode in episodes])
-        return cls(tuple(references), tuple(episodes), np.array(starts), table, np.array(firsts))
+        table = np.concatenate([schedule.table for schedule in schedules])
+        return cls(tuple(references), tuple(schedules), np.array(starts), table, np.array(firsts))
 
     def followed_by(self, other: Tables) -> Tables:
         """Return these tables with others below; the episodes of these keep their places."""
@@ -59,8 +56,8 @@ class Tables:
         moved[:, :2] += len(self.table)
         return Tables(
             self.references + other.references,
-            self.episodes + other.episodes,
+            self.schedules + other.schedules,
             np.concatenate([self.starts, moved]),
             np.concatenate([self.table, other.table]),
-            np.concatenate([self.firsts, other.firsts + len(self.episodes)]),
+            np.concatenate([self.firsts, other.firsts + len(self.schedules)]),
         )

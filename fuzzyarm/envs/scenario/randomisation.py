@@ -221,7 +221,8 @@ def find_randomisation(randomisation: str | DomainRandomisation, parameters: Arm
         return randomisation
     if randomisation not in RANDOMISATIONS:
         raise ValueError(
-            f"unknown randomisation {randomisation!r}; choose from: {', '.join(RANDOMISATIONS)}, or give a DomainRandomisation"
+            f"unknown randomisation {randomisation!r}; choose from: {', '.join(RANDOMISATIONS)}, "
+            "or give a DomainRandomisation"
         )
     return RANDOMISATIONS[randomisation](parameters)
 
@@ -231,5 +232,6 @@ def _check_range(name: str, value: Any, low: float, high: float, unit: str) -> N
     numbers_only = is_pair and all(isinstance(x, numbers.Real) and not isinstance(x, bool) for x in value)
     if not (numbers_only and low <= value[0] <= value[1] <= high):
         raise ValueError(
-            f"DomainRandomisation.{name} = {value!r} must be a range (low, high) with {low:g} <= low <= high <= {high:g}{unit}"
+            f"DomainRandomisation.{name} = {value!r} must be a range (low, high) with "
+            f"{low:g} <= low <= high <= {high:g}{unit}"
         )

@@ -8,7 +8,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import tip_position
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.scenario.cases import find_case
-from fuzzyarm.eval.episodes.rollout import Predictor
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 
 def stepped_tips(policy: Predictor, case: str, substep: float) -> np.ndarray:

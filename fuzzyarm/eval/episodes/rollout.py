@@ -4,25 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from typing import Any, Protocol
 
 import numpy as np
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-
-
-class Predictor(Protocol):
-    """Anything with the `predict` of stable-baselines3."""
-
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Return the action and the next state."""
-        ...
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,7 +15,7 @@ from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, searc
 from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, certified_bounds, certified_controller
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.policies import load_policy
 from fuzzyarm.policies.registry import policy_label
 
@@ -104,11 +104,11 @@ def observe_policies(config: EvaluationConfig, bounds: dict[str, Any]) -> dict[s
         except (OSError, ValueError):
             result[name] = "not observed: the controller file is gone or no longer proven"
             continue
-        controller, digest = certified_controller(policy), claimed["controller_digest"]
-        if controller is None or certified_bounds(policy, reference) != claimed:
+        certificate, digest = policy.certificate(reference), claimed["controller_digest"]
+        if certificate is None or certificate.bounds != claimed:
             result[name] = "not observed: the controller file has changed since the evaluation"
             continue
         if digest not in seen:
-            seen[digest] = observe(RigidLoop(controller), reference)
+            seen[digest] = observe(RigidLoop(certificate.controller), reference)
         result[name] = seen[digest]
     return result

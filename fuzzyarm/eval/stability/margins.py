@@ -22,7 +22,6 @@ from rich.text import Text
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.rollout import Predictor
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import (
     GAIN_SPAN,
@@ -32,7 +31,7 @@ from fuzzyarm.eval.stability.linearisation import (
     largest_radius,
     linearise_path,
 )
-from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 from fuzzyarm.policies.registry import NAMES, policy_label
 from fuzzyarm.policies.user_code import UserPolicy, find_policy
 

@@ -12,9 +12,10 @@ import numpy as np
 from fuzzyarm.envs.batch.kernels import INFO
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.episodes.rollout import Predictor, Rollout
+from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 MEASURES = ("max_mm", "rms_mm", "seconds", "completed")
 """Of an episode: largest and root mean square tip error [mm], how long it was [s], whether it went on to the end."""

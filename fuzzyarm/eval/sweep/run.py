@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.eval.episodes.rollout import Predictor
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.episodes import measure
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.store import Store, difference, made_with
+from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy
 from fuzzyarm.policies.registry import policy_label
 

@@ -25,7 +25,7 @@ import numpy as np
 from numba.extending import register_jitable
 from scipy.linalg import expm, solve_discrete_are
 
-from fuzzyarm.envs.fuzzy_arm import whole_substeps
+from fuzzyarm.envs.arguments import whole_substeps
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import Arm, State, arm_constants, gravity_torque, mass_matrix
 from fuzzyarm.envs.physics.elementwise import sine_cosine

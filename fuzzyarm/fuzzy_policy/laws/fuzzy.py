@@ -12,8 +12,10 @@ import numpy as np
 
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate, controller_certificate
 
 
 class FuzzyPolicy(Policy):
@@ -35,6 +37,10 @@ class FuzzyPolicy(Policy):
             np.array([arm.c2, arm.c4, arm.c5]),
             control_period,
         )
+
+    def certificate(self, reference: JointReference) -> PolicyCertificate:
+        """Return what is proven of the controller, which is the same for every reference."""
+        return controller_certificate(self.controller)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate (12), see `Policy`."""

@@ -12,6 +12,8 @@ the certificate keeps its words, with other contents of d, see `tip_statement`.
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
@@ -19,6 +21,7 @@ from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticRe
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate
 
 
 class TipPolicy(Policy):
@@ -41,6 +44,15 @@ class TipPolicy(Policy):
         """Return this policy for an arm without dry friction: nothing to feed forward."""
         return TipPolicy(self.law, friction=False, average=self.average)
 
+    def certificate(self, reference: JointReference) -> PolicyCertificate | None:
+        """Return what is proven of the law, for the error from θ_d; None where its proof is of the reference alone."""
+        law = self.law.certificate(reference)
+        if law is None or not law.any_reference:
+            return None
+        bounds = law.bounds if _motors_stay_in_box(reference) else None
+        text = f"{law.text} {tip_statement(reference)}"
+        return dataclasses.replace(law, text=text, bounds=bounds, any_reference=False)
+
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
         own = self.law.memory_size
@@ -53,6 +65,15 @@ class TipPolicy(Policy):
         self.law.act(resting, np.zeros((len(memory), own)), own_feedforward)
         self.law.act(seen, memory[:, :own], torque)
         torque += feedforward - own_feedforward
+
+
+def _motors_stay_in_box(reference: JointReference) -> bool:
+    """Return whether θ_d of a reference stays in the box; otherwise the certificate is void."""
+    try:
+        ElasticReference(reference)
+    except ValueError:
+        return False
+    return True
 
 
 def tip_statement(reference: JointReference) -> str:

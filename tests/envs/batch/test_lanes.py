@@ -20,7 +20,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, Torqu
 from fuzzyarm.envs.scenario.paths import Circle, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.termination import Termination
 
 TABLE_1 = ArmParameters()
 LIMIT = np.array(TABLE_1.torque_limit)
@@ -55,7 +55,7 @@ def plants():
     return arms
 
 
-def tasks():
+def scenarios():
     """Four disturbances by five references, or a drawn one."""
     references = (JointReference(), *(JointReference(Circle(radius=0.1 + 0.02 * k)) for k in range(4)), None)
     return [(DISTURBANCES[k % 4], references[k % 6]) for k in range(MOST)]
@@ -72,13 +72,13 @@ def starts():
     return states
 
 
-ARMS, TASKS, STARTS = plants(), tasks(), starts()
+ARMS, SCENARIOS, STARTS = plants(), scenarios(), starts()
 TORQUES = np.random.default_rng(2).normal(size=(STEPS, MOST, 2)) * 0.4 * LIMIT
 
 
 def lanes_of(which, threads=1, randomisation=ALL_VARY):
     """These of the hundred lanes, their episodes not begun."""
-    own = [TASKS[k] for k in which]
+    own = [SCENARIOS[k] for k in which]
     arms = [ARMS[k] for k in which]
     return Lanes(
         arms, own, len(which), control_period=PERIOD, substeps=SUBSTEPS, randomisation=randomisation, threads=threads
@@ -140,7 +140,7 @@ def test_the_lanes_compared_are_of_every_kind(alone):
 
 def single(lane):
     """Rows of the lane's episode in the single environment, to its end."""
-    disturbance, reference = TASKS[lane]
+    disturbance, reference = SCENARIOS[lane]
     env = FuzzyArmEnv(disturbance=disturbance, parameters=ARMS[lane], control_period=PERIOD, randomisation=ALL_VARY)
     options = {} if np.isnan(STARTS[lane, 0]) else {"initial_state": STARTS[lane]}
     if reference is not None:
@@ -148,7 +148,7 @@ def single(lane):
     observation, info = env.reset(seed=lane + 7, options=options)
     rows, (reward, terminated, truncated) = [], (info["reward_tracking"], not info["in_domain"], False)
     for torque in [*TORQUES[:, lane], None]:
-        reason = REASONS.index(info["reason"]) if terminated else 0
+        reason = next(reason for reason in Termination if reason.text == info.get("reason", ""))
         vectors = [info[name] for name in VECTORS]
         scalars = [info[name] for name in SCALARS[:6]] + [reward, info["torque_clipped"], truncated, reason]
         rows.append(np.concatenate([observation, *vectors, scalars]))
@@ -253,17 +253,17 @@ def test_lanes_nobody_seeded_differ():
 
 
 @pytest.mark.parametrize("steps", [1, 5])
-def test_tasks_of_a_reset_hold_for_its_episodes_only(steps):
+def test_scenarios_of_a_reset_hold_for_its_episodes_only(steps):
     lanes, plain = (lanes_of(np.arange(8)) for _ in range(2))
     own = plain.reset(range(8))
     other = [(Disturbance(payload=Payload(1.0)), JointReference(Circle(radius=0.05)))]
     lanes.reset(range(50, 58), other)
-    assert all(lanes.episode(k)[0] is other[0][1] for k in range(8))
+    assert all(lanes.schedule(k)[0] is other[0][1] for k in range(8))
     for torque in TORQUES[:steps, :8]:
         lanes.step(torque.copy())
-    lanes.restart(np.array([2]))  # a lane that begins anew by itself is back at its own task, the others are not
-    assert lanes.episode(2)[0] is plain.episode(2)[0]
-    assert all(lanes.episode(k)[0] is other[0][1] for k in range(8) if k != 2)
+    lanes.restart(np.array([2]))  # a lane that begins anew by itself is back at its own scenario, the others are not
+    assert lanes.schedule(2)[0] is plain.schedule(2)[0]
+    assert all(lanes.schedule(k)[0] is other[0][1] for k in range(8) if k != 2)
     assert np.array_equal(lanes.reset(range(8)), own)
 
 
@@ -279,7 +279,7 @@ def test_a_reset_with_a_reference_that_does_not_fit_changes_nothing():
 # --- tables ------------------------------------------------------------------------------------------------------
 
 
-def test_lanes_with_the_same_task_share_its_table():
+def test_lanes_with_the_same_scenario_share_its_table():
     one, other = (NOISY, JointReference()), (Disturbance(), FAMILY[0])
     for own, rows in (([one], 1501), ([one] * 9, 1501), ([one, other, one] * 3, 1501 + 101)):
         lanes = Lanes(
@@ -291,7 +291,7 @@ def test_lanes_with_the_same_task_share_its_table():
             randomisation=DomainRandomisation(mass=(0.9, 1.1)),
         )
         assert lanes._tables.table.shape == (rows, 19)
-        assert [lanes.episode(k)[0] for k in range(9)] == [own[k % len(own)][1] for k in range(9)]
+        assert [lanes.schedule(k)[0] for k in range(9)] == [own[k % len(own)][1] for k in range(9)]
 
 
 def test_a_family_is_tabulated_once_per_disturbance():
@@ -300,7 +300,7 @@ def test_a_family_is_tabulated_once_per_disturbance():
     assert lanes._tables.table.shape == (2 * 4 * 101, 19)
     lanes.reset(range(20))
     for lane in range(20):
-        reference, episode = lanes.episode(lane)
+        reference, episode = lanes.schedule(lane)
         assert reference is FAMILY[int(lanes.drawn[-1, lane])] and episode.disturbance is DISTURBANCES[lane % 2]
 
 
@@ -312,7 +312,7 @@ def test_distinct_items_are_told_apart_by_identity():
     assert kinds == [same] and place_of.tolist() == [0, 0, 0]
 
 
-def test_every_plant_of_a_shared_task_must_fit_it():
+def test_every_plant_of_a_shared_scenario_must_fit_it():
     narrow = dataclasses.replace(TABLE_1, joint_limit=(0.5, 3.0))
     for arms in ([TABLE_1, narrow], [narrow, TABLE_1]):
         with pytest.raises(ValueError, match=r"reference angle reaches .*allows \(0\.5, 3\.0\) rad"):

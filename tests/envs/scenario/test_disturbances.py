@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.batch.schedule import Episode
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, solve_mass_matrix, tip_jacobian
 from fuzzyarm.envs.physics.integrator import hold
@@ -63,7 +63,7 @@ def plant(start, torques, forces=NO_FORCES, payload=None):
 
 def sampled(disturbance, reference=None):
     """The tables of an episode."""
-    return Episode.build(reference or JointReference(), disturbance, 1e-3)
+    return Schedule.build(reference or JointReference(), disturbance, 1e-3)
 
 
 def encoder_noise(disturbance, steps, seed):
@@ -341,7 +341,7 @@ def test_targets_of_a_circle_carry_center_and_radius():
 
 @pytest.mark.parametrize(("period", "steps"), [(1e-3, 1500), (5e-4, 3000), (2e-3, 750), (7e-4, 2143), (0.1, 15)])
 def test_an_episode_covers_the_reference(period, steps):
-    episode = Episode.build(JointReference(), Disturbance(), period)
+    episode = Schedule.build(JointReference(), Disturbance(), period)
     last = JointReference().sample(1.5)
     assert episode.steps == steps and len(episode.references) == len(episode.targets) == steps + 1
     assert len(episode.forces) == len(episode.biases) == steps

@@ -59,8 +59,8 @@ SCALES = {
 
 def lanes_with(randomisation, count, *, seed=0, disturbance=NOISY, parameters=TABLE_1, initial=None):
     """Lanes at the start of an episode, and the vectors of its first instant by name."""
-    task = (disturbance, None if randomisation.references else REFERENCE)
-    lanes = Lanes([parameters], [task], count, control_period=1e-3, substeps=5, randomisation=randomisation)
+    scenario = (disturbance, None if randomisation.references else REFERENCE)
+    lanes = Lanes([parameters], [scenario], count, control_period=1e-3, substeps=5, randomisation=randomisation)
     results = lanes.reset(range(seed, seed + count), initial=initial)
     return lanes, dict(zip(VECTORS, split(results)[1], strict=True))
 
@@ -139,7 +139,8 @@ def family():
 )
 def test_a_wrong_range_is_named_with_what_is_allowed(name, wrong):
     low, high, unit = ALLOWED[name]
-    message = f"DomainRandomisation.{name} = {wrong!r} must be a range (low, high) with {low:g} <= low <= high <= {high:g}{unit}"
+    allowed = f"{low:g} <= low <= high <= {high:g}{unit}"
+    message = f"DomainRandomisation.{name} = {wrong!r} must be a range (low, high) with {allowed}"
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         DomainRandomisation(**{name: wrong})
 
@@ -374,7 +375,7 @@ def test_an_episode_starts_at_rest_beside_the_reference_with_the_motors_holding_
     randomisation = dataclasses.replace(EVERYTHING, angle=(-0.3, 0.3))
     lanes, start = lanes_with(randomisation, 40)
     drawn = lanes.randomisation_info()
-    on_reference = np.array([lanes.episode(lane)[0].sample(0.0).q for lane in range(40)])
+    on_reference = np.array([lanes.schedule(lane)[0].sample(0.0).q for lane in range(40)])
     assert np.array_equal(start["q_link"], on_reference + drawn["angle"])
     rest = np.zeros((40, 2))
     gravity = rigid_inverse_dynamics(start["q_link"], rest, rest, arm_constants(TABLE_1))
