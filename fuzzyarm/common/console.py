@@ -49,7 +49,8 @@ def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
 def progress(description: str, total: int | None) -> Iterator[Callable[..., None]]:
     """Show a bar with the time left while the block runs; what it yields advances it by one.
 
-    An argument of that function replaces the description: what comes next, in a few words.
+    The arguments of that function are all optional: ``next_description`` replaces the description, ``completed`` says
+    how much is done in place of one more, and ``line`` is printed above the bar, without a terminal too.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -59,8 +60,13 @@ def progress(description: str, total: int | None) -> Iterator[Callable[..., None
     with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
         task = bar.add_task(description, total=total)
 
-        def advance(next_description: str | None = None) -> None:
-            bar.update(task, advance=1, description=next_description or description)
+        def advance(
+            next_description: str | None = None, *, completed: int | None = None, line: str | None = None
+        ) -> None:
+            step = {"advance": 1} if completed is None else {"completed": completed}
+            bar.update(task, description=next_description or description, **step)
+            if line is not None:
+                stderr.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
         yield advance
 
