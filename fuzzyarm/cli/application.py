@@ -70,12 +70,11 @@ def entry_point() -> None:
     sys.exit(main())
 
 
-def application(words: Sequence[str] = ()) -> cyclopts.App:
+def application(words: Sequence[str] | None = None) -> cyclopts.App:
     """Return the parser of the command line.
 
     Args:
-        words: of the command line. The command that they name is described by its docstring instead of by its line
-            in the list of all commands.
+        words: of the command line. Only what these words need is imported; None: everything.
     """
     flags = cyclopts.Group("Options", sort_key=0)
     made = cyclopts.App(
@@ -98,13 +97,16 @@ def application(words: Sequence[str] = ()) -> cyclopts.App:
     for order, (heading, commands) in enumerate(GROUPS.items(), start=1):
         group = cyclopts.Group(heading, sort_key=order)
         for place, (name, line) in enumerate(commands.items()):
-            target = "application" if name == "train" else "Options"
-            made.command(f"fuzzyarm.cli.{name}:{target}", name=name, help=line, group=group, sort_key=place)
+            module = cyclopts.App(name=name) if name == "train" else f"fuzzyarm.cli.{name}:Options"
+            made.command(module, name=name, help=line, group=group, sort_key=place)
     made.register_install_completion_command(help="Install completion for bash, zsh or fish.", group=flags)
     for flag in ("--help", "--version"):
         made[flag].group = flags
-    if words and words[0] in _modules():
-        made[words[0]].help = None
+    for name in _modules() if words is None else words[:1]:
+        if name == "train":
+            importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
+        elif name in _modules():
+            made[name].help = None  # its own help is the docstring of its options, not its line in the list
     return made
 
 
@@ -114,7 +116,8 @@ def _modules() -> list[str]:
 
 def _run(words: Sequence[str]) -> int:
     """Parse the words and run the command that they name."""
-    command, bound, _ = application(words).parse_args(words)
+    everything = "--install-completion" in words[:1]
+    command, bound, _ = application(None if everything else words).parse_args(words)
     if isinstance(command, type):
         module = importlib.import_module(command.__module__)
         code: int = module.run(command(*bound.args, **bound.kwargs))

@@ -74,7 +74,7 @@ def _specification(options: Options) -> Specification:
     from fuzzyarm.synthesis.design import Specification
 
     if options.rules is not None and options.keep is not None:
-        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both say which premises stay: leave out one")
+        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both choose the premises; leave out one")
     rules = 4 if options.rules is None else options.rules
     if rules not in NAMED_RULES:
         raise UsageError(f"--rules {rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")
