@@ -73,7 +73,10 @@ def progress(description: str, total: int | None) -> Iterator[Callable[..., None
 
     stderr = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
+    # The speed is that of the last ten minutes: one step may take longer than the half minute that rich looks back.
+    with Progress(
+        *columns, console=stderr, disable=not stderr.is_terminal, transient=True, speed_estimate_period=600.0
+    ) as bar:
         task = bar.add_task(description, total=total)
 
         def advance(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import io
 import json
 import sys
 from collections.abc import Callable
@@ -13,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.config import SweepConfig
-    from fuzzyarm.eval.sweep.store import Store
+    from fuzzyarm.eval.sweep.engine import Engine
+    from fuzzyarm.eval.sweep.run import Sweep
 
-EPISODES, SUMMARY, TABLE = "episodes.npz", "sweep.json", "sweep.csv"
-LOOKED_AT = ("bound", "worst", "map")
-"""Options that --resume may change: they decide no episode's numbers."""
+__all__ = ["add_sweep_command", "configured", "given", "run_sweep"]
 
 
 def add_sweep_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -36,10 +33,13 @@ def add_sweep_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         "--policy",
         action="append",
         metavar="NAME",
-        help="a policy's name, controller file or learned policy's folder; "
-        "may be repeated (default: fuzzy-4, fuzzy-4-tip, computed-torque-tip and elastic-observer)",
+        help="a policy's name, controller file, learned policy's folder, or code of your own as "
+        "package.module:factory, which must act on batches; may be repeated (default: fuzzy-4, fuzzy-4-tip, "
+        "computed-torque-tip and elastic-observer). With --resume, code that the folder names runs only if it is "
+        "named again",
     )
     add("--case", action="append", metavar="NAME", help="nominal, machining or payload; may be repeated (default: all)")
+    add("--robot", type=Path, metavar="FILE", help="TOML file of the arm to draw plants around (default: Table 1)")
     add(
         "--plants",
         type=int,
@@ -99,30 +99,24 @@ def add_sweep_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
 def run_sweep(options: argparse.Namespace) -> int:
     """Run the sub-command and return its exit code; bad usage raises ValueError or OSError."""
     from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
-    from fuzzyarm.eval.sweep.run import load_policies
-    from fuzzyarm.eval.sweep.store import Store
+    from fuzzyarm.eval.sweep.run import Sweep
 
     engine = Engine(options.backend, options.jobs, options.address)
-    if options.resume or options.replay:
-        store = Store.open(options.out, **_looked_at(options))
-        _check_same(options, store)
-        policies = load_policies(store.config)
-    else:
-        config = configured(options)
-        policies = load_policies(config)
-        store = Store.create(options.out, config)
+    resumed = options.resume or options.replay
+    sweep = Sweep.resume(options.out, given(options)) if resumed else Sweep.begin(options.out, configured(options))
     if options.replay:
-        return _replay(store, policies, *options.replay)
-    store.missing()  # a broken chunk is found before anything runs
+        policy, case, plant = options.replay
+        return _replay(sweep, policy, case, _number("--replay", plant, int))
     try:
-        return _run(store, policies, engine, options.json)
+        _run(sweep, engine)
+        return _summarise(sweep, options.json)
     except KeyboardInterrupt:
         code, reason = 130, "interrupted"
     except WorkersLost as error:
         code, reason = 1, str(error)
     except (OSError, ValueError):
-        if not options.resume:
-            store.take_back()
+        if not resumed:
+            sweep.store.take_back()
         raise
     print(f"fuzzyarm sweep: {reason}; what is done is kept: --resume --out {options.out} goes on", file=sys.stderr)
     return code
@@ -132,22 +126,23 @@ def configured(options: argparse.Namespace) -> SweepConfig:
     """Return the configuration that the options ask for."""
     from fuzzyarm.eval.sweep.config import SweepConfig
 
-    given = _given(options)
-    if "grid" in given:
-        given = {"distribution": "nominal", "plants": 1} | given
-    return SweepConfig(**given)
+    return SweepConfig.of(given(options))
 
 
-def _given(options: argparse.Namespace) -> dict[str, Any]:
+def given(options: argparse.Namespace) -> dict[str, Any]:
     """Return the fields of the configuration that are given."""
-    from fuzzyarm.eval.sweep.config import Axis
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.eval.sweep.config import Axis, QuantityRange
 
     values = {
         "policies": options.policy and tuple(options.policy),
         "cases": options.case and tuple(options.case),
+        "robot": options.robot and ArmParameters.from_toml(options.robot),
         "map": options.map and tuple(options.map),
         "ranges": options.range
-        and tuple((name, _number("--range", low), _number("--range", high)) for name, low, high in options.range),
+        and tuple(
+            QuantityRange(name, _number("--range", low), _number("--range", high)) for name, low, high in options.range
+        ),
         "grid": options.grid
         and tuple(
             Axis(name, _number("--grid", low), _number("--grid", high), _number("--grid", count, int))
@@ -158,18 +153,6 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _looked_at(options: argparse.Namespace) -> dict[str, Any]:
-    return {name: value for name, value in _given(options).items() if name in LOOKED_AT}
-
-
-def _check_same(options: argparse.Namespace, store: Store) -> None:
-    """Raise ValueError if an option contradicts the sweep of the folder."""
-    for name, value in _given(options).items():
-        kept = getattr(store.config, name)
-        if value != kept:
-            raise ValueError(f"{store.folder} holds a sweep with {name} = {kept}, not {value}: choose another --out")
-
-
 def _number(option: str, text: str, kind: Callable[[str], Any] = float) -> Any:
     try:
         return kind(text)
@@ -177,65 +160,39 @@ def _number(option: str, text: str, kind: Callable[[str], Any] = float) -> Any:
         raise ValueError(f"{option}: {text!r} must be a {'whole ' if kind is int else ''}number") from None
 
 
-def _run(store: Store, policies: dict[str, Any], engine: Any, as_json: bool) -> int:
-    import numpy as np
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+def _run(sweep: Sweep, engine: Engine) -> None:
+    """Run the missing chunks, with a progress bar."""
+    from fuzzyarm.common.console import progress
 
-    from fuzzyarm.common.files import write_atomically
-    from fuzzyarm.eval.sweep.figures import write_sweep_figures
-    from fuzzyarm.eval.sweep.run import run_missing
-    from fuzzyarm.eval.sweep.summary import summarise
-    from fuzzyarm.eval.sweep.table import print_sweep, summary_csv
+    total, remaining = sweep.store.config.total, sweep.remaining
+    with progress("plants", total) as advance:
+        advance(completed=total - remaining)
+        for done in sweep.run(engine, lambda text: advance(completed=done, line=f"fuzzyarm sweep: {text}")):
+            pass
 
-    config, stderr = store.config, Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(
-        *columns, console=stderr, disable=not stderr.is_terminal, transient=True, speed_estimate_period=600.0
-    ) as bar:
-        done = config.total - sum(len(config.members(number)) for number in store.missing())
-        plants = bar.add_task("plants", total=config.total, completed=done)
-        run_missing(
-            store,
-            policies,
-            engine,
-            progress=lambda number, _: bar.advance(plants, len(config.members(number))),
-            report=lambda text: stderr.print(f"fuzzyarm sweep: {text}", markup=False, highlight=False, soft_wrap=True),
-        )
-        results = store.load_all()
-        document = summarise(config, results)
-        drawing = bar.add_task("figures", total=None)
-        figures = write_sweep_figures(config, results, document["rows"], store.folder, lambda: bar.advance(drawing))
-    content = io.BytesIO()
-    np.savez_compressed(content, allow_pickle=False, **results)
-    write_atomically(store.folder / EPISODES, content.getvalue())
-    write_atomically(store.folder / TABLE, summary_csv(document["rows"]))
-    write_atomically(store.folder / SUMMARY, json.dumps(document, indent=1) + "\n")
+
+def _summarise(sweep: Sweep, as_json: bool) -> int:
+    """Write the results and print them."""
+    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.eval.sweep.run import EPISODES, SUMMARY, TABLE
+    from fuzzyarm.eval.sweep.table import print_sweep
+
+    with progress("figures", None) as advance:
+        summary = sweep.summarise(advance)
     if as_json:
-        print(json.dumps(document, indent=1))
+        print(json.dumps(summary.document, indent=1))
     else:
-        # Wide when piped: a plain table must not be folded.
-        print_sweep(document, Console() if sys.stdout.isatty() else Console(width=250))
-        print(f"\n{SUMMARY}, {TABLE}, {EPISODES} and {len(figures)} figures in {store.folder}")
+        print_sweep(summary.document, output())
+        print(f"\n{SUMMARY}, {TABLE}, {EPISODES} and {summary.figures} figures in {sweep.store.folder}")
     return 0
 
 
-def _replay(store: Store, policies: dict[str, Any], policy: str, case: str, plant: str) -> int:
-    import numpy as np
-
-    from fuzzyarm.common.files import write_atomically
-    from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.sweep.episodes import replay
-
-    rollout = replay(store.config, policies, _number("--replay", plant, int), policy, case)
-    folder = store.folder / f"replay-{policy}-{case}-{plant}"
-    folder.mkdir(exist_ok=True)
-    content = io.BytesIO()
-    np.savez_compressed(content, allow_pickle=False, **dataclasses.asdict(rollout))
-    write_atomically(folder / EPISODES.replace("episodes", "episode"), content.getvalue())
-    write_figures([rollout], folder)
+def _replay(sweep: Sweep, policy: str, case: str, plant: int) -> int:
+    """Run one plant again and say how it ended."""
+    replayed = sweep.replay_plant(policy, case, plant)
+    rollout = replayed.rollout
     end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
     largest = 1e3 * rollout.tip_error.max()
     print(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
-    print(f"signals and figures in {folder}")
+    print(f"signals and figures in {replayed.folder}")
     return 0

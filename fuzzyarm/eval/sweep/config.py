@@ -201,6 +201,12 @@ class SweepConfig:
         return {name: _as_lists(value) for name, value in plain.items()} | {"robot": self.robot.to_dict()}
 
     @classmethod
+    def of(cls, given: dict[str, Any]) -> SweepConfig:
+        """Return the configuration with some fields given; with a grid, the others vary nothing by default."""
+        grid = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
+        return cls(**grid | given)
+
+    @classmethod
     def from_dict(cls, values: dict[str, Any]) -> SweepConfig:
         """Return the configuration of `to_dict`; ValueError if a field is unknown, missing or of another type."""
         missing = [field.name for field in dataclasses.fields(cls) if field.name not in values]

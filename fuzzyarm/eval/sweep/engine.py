@@ -16,8 +16,8 @@ from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
+import cloudpickle
 from joblib import Parallel, delayed, parallel_config
-from joblib.externals import cloudpickle
 
 from fuzzyarm.common.checks import choice, whole
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.sweep.chunks import load_policies, run_missing
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine, Report
@@ -33,11 +34,11 @@ class Summary:
 
     Attributes:
         document: what ``sweep.json`` holds, see `summary.summarise`.
-        paths: all files that were written.
+        figures: number of figure files written.
     """
 
     document: dict[str, Any]
-    paths: list[Path]
+    figures: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Replay:
         folder: where they were written, with their figures.
     """
 
-    rollout: Any
+    rollout: Rollout
     folder: Path
 
 
@@ -101,9 +102,7 @@ class Sweep:
             ValueError, OSError, engine.WorkersLost: see `chunks.run_missing`.
         """
         config = self.store.config
-        run_missing(
-            self.store, self.policies, engine, lambda number, _: progress(len(config.members(number))), report
-        )
+        run_missing(self.store, self.policies, engine, lambda number, _: progress(len(config.members(number))), report)
 
     @property
     def remaining(self) -> int:
@@ -130,7 +129,7 @@ class Sweep:
         write_atomically(folder / TABLE, summary_csv(document["rows"]))
         write_atomically(folder / SUMMARY, json.dumps(document, indent=1) + "\n")
         figures = write_sweep_figures(config, results, document["rows"], folder, progress)
-        return Summary(document, [folder / SUMMARY, folder / TABLE, folder / EPISODES, *figures])
+        return Summary(document, len(figures))
 
     def replay_plant(self, policy: str, case: str, plant: int) -> Replay:
         """Run one plant again and write its signals and figures to a folder of their own.
