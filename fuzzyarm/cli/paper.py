@@ -23,11 +23,11 @@ class Options:
     """
 
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """folder for paper.md, paper.json and the figures"""
+    """Folder for paper.md, paper.json and the figures"""
     renew: bool = False
-    """store what is measured as what is expected from now on; the exit code is then 0"""
+    """Store what is measured as what is expected from now on; the exit code is then 0"""
     json: bool = False
-    """print the results as JSON instead of the tables"""
+    """Print the results as JSON instead of the tables"""
 
 
 def run(options: Options) -> int:

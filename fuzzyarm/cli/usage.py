@@ -66,10 +66,10 @@ def _converted(kind: Any, text: str) -> Any:
         return int(number)
 
 
-def explain(error: cyclopts.CycloptsError, command: str) -> str:
+def explain(error: cyclopts.CycloptsError) -> str:
     """Return one line for an error of the command line: the value, what is allowed, and where to look."""
-    text = _explained(error).rstrip(".")
-    return f"{text}; see {command} --help"
+    command = " ".join(["fuzzyarm", *(error.command_chain or ())])
+    return f"{_explained(error).rstrip('.')}; see {command} --help"
 
 
 def _explained(error: cyclopts.CycloptsError) -> str:
@@ -81,14 +81,17 @@ def _explained(error: cyclopts.CycloptsError) -> str:
             return f"unexpected {' '.join(error.unused_tokens or ())}"
         case cyclopts.MissingArgumentError() if error.argument is not None:
             count, _ = error.argument.token_count()
-            values = f"{count} values" if count > 1 else "a value"
-            got = f", not {len(error.tokens_so_far)}" if error.tokens_so_far else ""
-            return f"{error.keyword or _name(error)} needs {values}{got}"
+            if error.keyword is None and not error.tokens_so_far:
+                return f"{_name(error)} is missing"
+            got = " ".join(error.tokens_so_far)
+            return f"{error.keyword or _name(error)} {got} needs {f'{count} values' if count > 1 else 'a value'}"
     return str(error)
 
 
 def _name(error: cyclopts.CycloptsError) -> str:
-    return error.argument.name if error.argument is not None else "a value"
+    if error.argument is None:
+        return "a value"
+    return error.argument.name or error.argument.parameter.metavar or "an argument"
 
 
 def _choices(kind: Any) -> tuple[Any, ...]:
