@@ -1,4 +1,4 @@
-"""The episodes of some plants under a policy: their numbers, or one of them anew with all its signals."""
+"""The episodes of some plants under a policy: their metrics, or one of them again with all its signals."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fuzzyarm.envs import observation as observations
 from fuzzyarm.envs.batch.kernels import INFO
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
+from fuzzyarm.eval.sweep.results import METRICS, SweepResults
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
-MEASURES = ("max_mm", "rms_mm", "seconds", "completed")
-"""Of an episode: largest and root mean square tip error [mm], how long it was [s], whether it went on to the end."""
+__all__ = ["replay", "run_plants"]
 
 SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
 """What a `Rollout` takes from the environment's info."""
@@ -52,17 +53,17 @@ def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterato
     """
     observation, info = plants.begin(envs)
     lanes, cases = envs.num_envs, envs.num_envs // len(plants.members)
-    noise = np.tile(plants.column("noise"), cases)[:, np.newaxis]
-    delay = np.tile(plants.column("delay"), cases).astype(np.int64)
+    noise = np.tile(plants.values["noise"], cases)[:, np.newaxis]
+    delay = np.tile(plants.values["delay"], cases).astype(np.int64)
     depth = int(delay.max()) + 1
     sent = np.empty((depth, lanes, 2))
     state, running, each, k = None, np.ones(lanes, dtype=bool), np.arange(lanes), 0
     ended = np.zeros(lanes, dtype=bool)
     while running.any():
         if noise.any():
-            read = observation[:, :4]
+            read = observation[:, observations.MEASURED]
             true = np.concatenate([info["q_motor"], info["dq_motor"]], axis=1)
-            observation[:, :4] = true + noise * (read - true)
+            observation[:, observations.MEASURED] = true + noise * (read - true)
         # A lane that has ended begins anew by itself; it goes on unread, with a policy that remembers nothing.
         torque, state = policy.predict(observation, state, episode_start=ended if ended.any() else None)
         if depth > 1:
@@ -80,22 +81,33 @@ def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterato
         k += 1
 
 
-def measure(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> dict[str, np.ndarray]:
+def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> SweepResults:
     """Run some plants under all policies in all cases.
 
-    Returns:
-        ``plants`` (n, 16), see `Plants`, and each of `MEASURES` (policies, cases, n).
+    Args:
+        config: of the sweep.
+        policies: by label.
+        members: numbers of the plants.
+
+    Raises:
+        ValueError: a policy fails; the message names it.
     """
     plants = Plants.draw(config, members)
     envs = plants.environment(config.cases)
-    runs = [_measured(plants, envs, policy) for policy in policies.values()]
+    runs = []
+    for label, policy in policies.items():
+        try:
+            runs.append(_metrics(plants, envs, policy))
+        except ValueError as error:
+            raise ValueError(f"policy {label}, plants {members[0]} to {members[-1]}: {error}") from error
     shape = len(policies), len(config.cases), len(members)
-    found = {name: np.stack([run[name] for run in runs]).reshape(shape) for name in MEASURES}
-    return {"plants": plants.values, **found}
+    return SweepResults(
+        plants.values, **{name: np.stack([run[name] for run in runs]).reshape(shape) for name in METRICS}
+    )
 
 
-def _measured(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict[str, np.ndarray]:
-    """Return `MEASURES` (lanes,) of one policy."""
+def _metrics(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict[str, np.ndarray]:
+    """Return `METRICS` (lanes,) of one policy."""
     lanes = envs.num_envs
     largest, squares, count = np.zeros(lanes), np.zeros(lanes), np.zeros(lanes)
     completed = np.zeros(lanes, dtype=bool)
@@ -110,7 +122,7 @@ def _measured(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dic
 
 
 def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, policy: str, case: str) -> Rollout:
-    """Run one plant of a sweep anew, with all signals; its numbers are those of the sweep, bit for bit.
+    """Run one plant of a sweep again, with all signals; its metrics are those of the sweep, bit for bit.
 
     Args:
         config: of the sweep.
@@ -131,9 +143,9 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
         )
     plants = Plants.draw(config, [member])
     run = list(steps(plants, plants.environment([case]), policies[policy]))
+    reference = observed(np.array([step.observation[0] for step in run]))
     signals = {name: np.array([step.info[name][0] for step in run]) for name in SIGNALS}
-    reference = np.array([step.observation[0, 4:8] for step in run])
-    limits = ArmParameters()
+    limits = config.robot
     shares = [
         np.abs(signals[name]) / limit
         for side in ("motor", "link")
@@ -147,8 +159,8 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
         completed=bool(run[-1].completed[0]),
         reason="" if run[-1].completed[0] else str(run[-1].info["reason"][0]),
         step_time=math.nan,  # not timed
-        q_reference=reference[:, :2],
-        dq_reference=reference[:, 2:],
+        q_reference=reference.q_reference,
+        dq_reference=reference.dq_reference,
         reward=np.array([step.reward[0] for step in run]),
         domain_use=np.concatenate(shares, axis=1).max(axis=1),
         **signals,
