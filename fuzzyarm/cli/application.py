@@ -86,7 +86,7 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
         group_arguments=cyclopts.Group("Arguments", sort_key=0),
         default_parameter=cyclopts.Parameter(
             negative=(),
-            consume_multiple=True,
+            consume_multiple=(1, None),
             name_transform=option_name,
             converter=whole_numbers,
             show_default=shown_default,
@@ -118,7 +118,7 @@ def _describe(command: cyclopts.App, name: str) -> None:
     command.help = None  # so far the line for the list of all commands
     arguments = getattr(command.default_command, "arguments", None)
     if arguments is not None:
-        command.usage = f"Usage: fuzzyarm {name} [OPTIONS] {arguments}\n"
+        command.usage = f"Usage: fuzzyarm {name} [OPTIONS] {arguments}"
 
 
 def _modules() -> list[str]:

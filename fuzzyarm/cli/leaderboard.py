@@ -21,7 +21,7 @@ class Options:
     arguments: ClassVar[str] = "FILE..."
 
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
-    """Results.json, or folder that fuzzyarm evaluate --out wrote"""
+    """File results.json, or the folder that fuzzyarm evaluate --out wrote"""
     _: KW_ONLY
     markdown: bool = False
     """Print the table as Markdown"""

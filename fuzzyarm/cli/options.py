@@ -91,6 +91,7 @@ def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
         show_default=shown or False,
         metavar=None if hint is bool else _placeholder(hint),
         negative=f"--no-{option_name(field.name)}" if hint is bool else (),
+        consume_multiple=True,  # also no value at all: the configuration says whether it may be empty
     )
     return Annotated[hint | None, parameter]
 

@@ -69,7 +69,8 @@ def _converted(kind: Any, text: str) -> Any:
 def explain(error: cyclopts.CycloptsError) -> str:
     """Return one line for an error of the command line: the value, what is allowed, and where to look."""
     command = " ".join(["fuzzyarm", *(error.command_chain or ())])
-    return f"{_explained(error).rstrip('.')}; see {command} --help"
+    text = _explained(error)
+    return f"{text}{'' if text.endswith('?') else ';'} see {command} --help"
 
 
 def _explained(error: cyclopts.CycloptsError) -> str:
@@ -78,14 +79,17 @@ def _explained(error: cyclopts.CycloptsError) -> str:
             name = error.token.keyword or _name(error)
             return f"{name} {error.token.value} must be {_in_words(error.target_type)}"
         case cyclopts.UnusedCliTokensError():
-            return f"unexpected {' '.join(error.unused_tokens or ())}"
+            return f"{' '.join(error.unused_tokens or ())} belongs to no option"
         case cyclopts.MissingArgumentError() if error.argument is not None:
-            count, _ = error.argument.token_count()
             if error.keyword is None and not error.tokens_so_far:
                 return f"{_name(error)} is missing"
-            got = " ".join(error.tokens_so_far)
-            return f"{error.keyword or _name(error)} {got} needs {f'{count} values' if count > 1 else 'a value'}"
-    return str(error)
+            count, _ = error.argument.token_count()
+            given = " ".join([error.keyword or _name(error), *error.tokens_so_far])
+            return f"{given} needs {f'{count} values' if count > 1 else 'a value'}"
+        case cyclopts.RepeatArgumentError():
+            return f"{error.token.keyword} {error.token.value} is given twice; leave out one"
+    text = str(error).rstrip(".")
+    return text[:1].lower() + text[1:]
 
 
 def _name(error: cyclopts.CycloptsError) -> str:
