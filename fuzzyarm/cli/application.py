@@ -1,8 +1,8 @@
 """The command `fuzzyarm`: its commands in groups, and the exit code and the one line that an error becomes.
 
 A command is a module of this package with a frozen dataclass `Options`, whose fields are its options, and a function
-`run(options)` that returns the exit code. Its docstrings are its help. Only the module of the command that was asked
-for is imported, and what it computes with is imported in `run`.
+`run(options)` that returns the exit code. The docstrings of `Options` and the texts after its fields are the help, in
+Markdown. Only the module of the command that was asked for is imported, and what it computes with is imported in `run`.
 
 Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted, 141 the reader of a pipe has left.
 """
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _run(words)
     except cyclopts.CycloptsError as error:
-        return _fail(f"{command}: {explain(error, command)}", 2)
+        return _fail(f"{command}: {explain(error)}", 2)
     except BrokenPipeError:
         return 141  # what a shell reports for a reader that left, such as head
     except OSError as error:
@@ -81,12 +81,12 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
         name="fuzzyarm",
         help="Tracking control of a two-joint robot arm with elastic joints.",
         version=f"fuzzyarm {__version__}",
-        help_format="plaintext",
+        help_format="markdown",
         group_parameters=cyclopts.Group("Options", sort_key=1),
         group_arguments=cyclopts.Group("Arguments", sort_key=0),
         default_parameter=cyclopts.Parameter(
             negative=(),
-            consume_multiple=True,
+            consume_multiple=(1, None),
             name_transform=option_name,
             converter=whole_numbers,
             show_default=shown_default,
@@ -97,8 +97,11 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
     for order, (heading, commands) in enumerate(GROUPS.items(), start=1):
         group = cyclopts.Group(heading, sort_key=order)
         for place, (name, line) in enumerate(commands.items()):
-            module = cyclopts.App(name=name) if name == "train" else f"fuzzyarm.cli.{name}:Options"
-            made.command(module, name=name, help=line, group=group, sort_key=place)
+            listed = {"help": line, "group": group, "sort_key": place}
+            if name == "train":
+                made.command(cyclopts.App(name=name, **listed))
+            else:
+                made.command(f"fuzzyarm.cli.{name}:Options", name=name, **listed)
     made.register_install_completion_command(help="Install completion for bash, zsh or fish.", group=flags)
     for flag in ("--help", "--version"):
         made[flag].group = flags
@@ -106,8 +109,16 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
         if name == "train":
             importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
         elif name in _modules():
-            made[name].help = None  # its own help is the docstring of its options, not its line in the list
+            _describe(made[name], name)
     return made
+
+
+def _describe(command: cyclopts.App, name: str) -> None:
+    """Give a command the help that it shows itself: the docstring of its options, and what its arguments are."""
+    command.help = None  # so far the line for the list of all commands
+    arguments = getattr(command.default_command, "arguments", None)
+    if arguments is not None:
+        command.usage = f"Usage: fuzzyarm {name} [OPTIONS] {arguments}"
 
 
 def _modules() -> list[str]:

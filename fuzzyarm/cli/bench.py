@@ -24,11 +24,11 @@ class Options:
     """
 
     lanes_sweep: bool = False
-    """measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, needs --out"""
+    """Measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, needs --out"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
-    """folder for bench.json and the figure (default: none)"""
+    """Folder for bench.json and the figure (default: none)"""
     json: bool = False
-    """print the results as JSON instead of the table"""
+    """Print the results as JSON instead of the table"""
 
 
 def run(options: Options) -> int:

@@ -46,7 +46,9 @@ def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[typ
             for field in dataclasses.fields(config)
             if field.name not in without
         ]
-        made = dataclasses.make_dataclass(options.__name__, added, bases=(options,), frozen=True, kw_only=True)
+        settings = dataclasses.make_dataclass(f"{config.__name__}Options", added, frozen=True, kw_only=True)
+        # The settings stand in front of the options that are no settings: fields of the last base come first.
+        made = dataclasses.make_dataclass(options.__name__, [], bases=(options, settings), frozen=True, kw_only=True)
         made.__doc__, made.__module__ = options.__doc__, options.__module__
         return made
 
@@ -89,6 +91,7 @@ def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
         show_default=shown or False,
         metavar=None if hint is bool else _placeholder(hint),
         negative=f"--no-{option_name(field.name)}" if hint is bool else (),
+        consume_multiple=True,  # also no value at all: the configuration says whether it may be empty
     )
     return Annotated[hint | None, parameter]
 
@@ -97,6 +100,8 @@ def _placeholder(hint: Any) -> str:
     """Return what stands for the values of a type in the help, such as ``LOW HIGH`` for a pair with these names."""
     if fields := getattr(hint, "_fields", None):
         return " ".join(fields).upper()
+    if typing.get_origin(hint) is typing.Literal:
+        return "CHOICE"
     if typing.get_origin(hint) is tuple:
         parts = typing.get_args(hint)
         if Ellipsis in parts:
@@ -112,7 +117,8 @@ def _texts(config: type) -> dict[str, str]:
     for base in reversed(config.__mro__):
         if dataclasses.is_dataclass(base):
             texts |= _entries(inspect.getdoc(base) or "") | _texts_after_fields(base)
-    return {name: " ".join(text.split()).rstrip(".") for name, text in texts.items()}
+    plain = {name: " ".join(text.split()).rstrip(".") for name, text in texts.items()}
+    return {name: text[:1].upper() + text[1:] for name, text in plain.items()}
 
 
 def _entries(docstring: str) -> dict[str, str]:

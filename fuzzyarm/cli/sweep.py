@@ -34,14 +34,14 @@ class Options:
     robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """TOML file of the arm that plants are drawn around and policies are loaded for (default: Table 1 of the paper)"""
     out: Annotated[Path, Parameter(metavar="DIR")] = Path("fuzzyarm-sweep")
-    """folder of the sweep"""
+    """Folder of the sweep"""
     resume: bool = False
-    """go on with the sweep in the folder; its options need not be repeated, except --policy for code of your own,
+    """Continue the sweep in the folder; its options need not be repeated, except --policy for code of your own,
     which does not run because a file names it; --bound, --worst and --map may change"""
     replay: Annotated[tuple[str, str, int] | None, Parameter(metavar="POLICY CASE PLANT")] = None
-    """run one plant of the folder's sweep again and write its signals and figures"""
+    """Run one plant of the folder's sweep again and write its signals and figures"""
     json: bool = False
-    """print the summary as JSON instead of the table"""
+    """Print the summary as JSON instead of the table"""
 
 
 def run(options: Options) -> int:

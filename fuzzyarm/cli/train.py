@@ -29,12 +29,12 @@ class Options:
     algorithm: ClassVar[str]
 
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """folder of the run, made if needed"""
+    """Folder of the run, made if needed"""
     resume: bool = False
-    """continue from the last checkpoint in --out, as the run was configured; the result is that of a run that was
+    """Continue from the last checkpoint in --out, as the run was configured; the result is that of a run that was
     never stopped"""
     preset: Annotated[str | None, Parameter(metavar="NAME")] = None
-    """the settings that the other options change"""
+    """The settings that the other options change"""
 
 
 def add_algorithms(application: App) -> None:

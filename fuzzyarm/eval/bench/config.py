@@ -22,10 +22,10 @@ class BenchConfig:
     """What is measured, and for how long.
 
     Attributes:
-        seconds: wall time of each entry in each round [s].
-        rounds: odd, so that the median is one of them, and at least 5.
-        lanes: sizes of the batches in the table.
-        threads: CPU threads that a batch may use.
+        seconds: wall time of each turn [s].
+        rounds: turns of each entry; odd, so that the median is one of them, and at least 5.
+        lanes: sizes of the batches in the table; peers are measured up to 4096 lanes, torch from there on.
+        threads: CPU threads that a batch may use, at most one per core.
         sweep: also measure this project's batches over `SWEEP_LANES`.
     """
 
