@@ -9,33 +9,43 @@ L_ik r = -A_pi[3:4, :] (q_d, q̇_d) + E_pk[3:4, 3:4] q̈_d, which cancels A_ph x
 from __future__ import annotations
 
 import numpy as np
+from numba.extending import register_jitable
 
+from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
 from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.dynamics import Arm, arm_constants
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate, controller_certificate
+from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES, INTEGRAL, POSITION, PREMISES, VELOCITY
+
+__all__ = ["FuzzyPolicy"]
 
 
 class FuzzyPolicy(Policy):
-    """The controller of a file as a policy; see the module for the law."""
+    """The law of a controller file as a policy; it is in the module's docstring.
+
+    Attributes:
+        controller: the content of the file.
+    """
 
     def __init__(self, controller: Controller, control_period: float = 1e-3) -> None:
-        """Lay the controller out for the compiled law."""
+        """Lay the controller out for the compiled law, at a control period T [s]."""
         super().__init__(controller.model.parameters, control_period)
         self.controller = controller
-        model, arm = controller.model, arm_constants(controller.model.parameters)
-        # Without the integral its gain is zero: one law for both.
-        gains = np.zeros((*controller.gains.shape[:3], 6))
-        gains[..., : controller.gains.shape[3]] = controller.gains
+        model, n_e = controller.model, controller.gains.shape[-1]
+        # Without the integral its gain is zero, so that one law serves both.
+        gains = np.zeros((*controller.gains.shape[:-1], ERROR_STATES))
+        gains[..., :n_e] = controller.gains
         self._arguments = (
             gains,
             np.ascontiguousarray(controller.feedforward_gains),
             np.array(model.kept_in_A, dtype=np.int64),
+            np.array(model.kept_in_E, dtype=np.int64),
             model.bounds,
-            np.array([arm.c2, arm.c4, arm.c5]),
-            control_period,
+            arm_constants(model.parameters),
+            self.control_period,
         )
 
     def certificate(self, reference: JointReference) -> PolicyCertificate:
@@ -55,46 +65,76 @@ def _fuzzy_law(
     gains: np.ndarray,
     feedforward: np.ndarray,
     kept_in_A: np.ndarray,
+    kept_in_E: np.ndarray,
     bounds: np.ndarray,
-    constants: np.ndarray,
+    arm: Arm,
     period: float,
 ) -> None:
-    """Evaluate the law for every lane; see `FuzzyPolicy` for the arrays' meaning."""
-    omega, error = np.empty(5), np.empty(6)
+    """Evaluate the law for every lane and advance its integral.
+
+    Args:
+        observation: (lanes, 10).
+        integral: x_I (lanes, 2) [rad s].
+        torque: (lanes, 2), becomes u [N m].
+        gains: K̄ = [K H], (N, N_e, 2, 6).
+        feedforward: L, (N, N_e, 2, 6).
+        kept_in_A: indices of the premises that blend A.
+        kept_in_E: indices of the premises that blend E.
+        bounds: of the premises, (5, 2).
+        arm: constants of (3).
+        period: T [s].
+    """
+    o, reference = observed(observation), observation[:, REFERENCE]
+    omega, error = np.empty(len(PREMISES)), np.empty(ERROR_STATES)
+    e, de, x_I = error[POSITION], error[VELOCITY], error[INTEGRAL]
     for lane in range(len(observation)):
-        o = observation[lane]
-        # Premises (6) at the measured motor angles, and ω_i1, the weight of the max vertex.
-        sinc12 = _sinc(o[0] + o[1])
-        sin2 = np.sin(o[1])
-        omega[0] = np.cos(o[1])
-        omega[1] = -constants[1] * _sinc(o[0]) - constants[2] * sinc12
-        omega[2] = -constants[2] * sinc12
-        omega[3] = constants[0] * o[3] * sin2
-        omega[4] = -constants[0] * o[2] * sin2
-        for index in range(5):
-            span = bounds[index, 1] - bounds[index, 0]
-            omega[index] = min(max((omega[index] - bounds[index, 0]) / span, 0.0), 1.0)
-        for joint in range(4):
-            error[joint] = o[joint] - o[4 + joint]
-        error[4], error[5] = integral[lane, 0], integral[lane, 1]
+        _max_weights(o.q_motor[lane], o.dq_motor[lane], bounds, arm, omega)
+        for joint in range(JOINTS):
+            e[joint] = o.q_motor[lane, joint] - o.q_reference[lane, joint]
+            de[joint] = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
+            x_I[joint] = integral[lane, joint]
         torque1, torque2 = 0.0, 0.0
         for i in range(gains.shape[0]):
-            h = 1.0
-            for position in range(len(kept_in_A)):
-                weight = omega[kept_in_A[position]]
-                h *= weight if (i >> position) & 1 else 1.0 - weight
+            h = _membership(i, omega, kept_in_A)
             for k in range(gains.shape[1]):
-                v = 1.0 if gains.shape[1] == 1 else (omega[0] if k == 1 else 1.0 - omega[0])
-                for entry in range(6):
-                    feedback, forward = error[entry], o[4 + entry]
-                    torque1 += h * v * (gains[i, k, 0, entry] * feedback + feedforward[i, k, 0, entry] * forward)
-                    torque2 += h * v * (gains[i, k, 1, entry] * feedback + feedforward[i, k, 1, entry] * forward)
+                hv = h * _membership(k, omega, kept_in_E)
+                K, L = gains[i, k], feedforward[i, k]
+                for entry in range(ERROR_STATES):
+                    back, forward = error[entry], reference[lane, entry]
+                    torque1 += hv * (K[0, entry] * back + L[0, entry] * forward)
+                    torque2 += hv * (K[1, entry] * back + L[1, entry] * forward)
         torque[lane, 0], torque[lane, 1] = torque1, torque2
-        integral[lane, 0] += period * error[0]
-        integral[lane, 1] += period * error[1]
+        for joint in range(JOINTS):
+            integral[lane, joint] += period * e[joint]
 
 
-@kernel
+@register_jitable
+def _max_weights(q: np.ndarray, dq: np.ndarray, bounds: np.ndarray, arm: Arm, omega: np.ndarray) -> None:
+    """Fill `omega` with the weight of each premise's *max* vertex at the measured motor angles; see `premises`."""
+    sinc12, sin2 = _sinc(q[0] + q[1]), np.sin(q[1])
+    z = (
+        np.cos(q[1]),
+        -arm.c4 * _sinc(q[0]) - arm.c5 * sinc12,
+        -arm.c5 * sinc12,
+        arm.c2 * dq[1] * sin2,
+        -arm.c2 * dq[0] * sin2,
+    )
+    for index in range(len(omega)):
+        low, high = bounds[index, 0], bounds[index, 1]
+        omega[index] = min(max((z[index] - low) / (high - low), 0.0), 1.0)
+
+
+@register_jitable
+def _membership(vertex: int, omega: np.ndarray, kept: np.ndarray) -> float:
+    """Return the weight of a vertex: the product over the kept premises of ω where its bit is set, else of 1 - ω."""
+    weight = 1.0
+    for position in range(len(kept)):
+        share = omega[kept[position]]
+        weight *= share if (vertex >> position) & 1 else 1.0 - share
+    return weight
+
+
+@register_jitable
 def _sinc(angle: float) -> float:
     """Return sin(x)/x, 1 at x = 0."""
     return 1.0 if angle == 0.0 else np.sin(angle) / angle
