@@ -62,22 +62,21 @@ def _computed_torque(
     period: float,
 ) -> None:
     """Evaluate the law for every lane and advance its integral."""
-    o = observed(observation)
-    wanted, viscous = np.empty(JOINTS), (arm.viscous1, arm.viscous2)
+    o, viscous = observed(observation), (arm.viscous1, arm.viscous2)
     for lane in range(len(observation)):
-        q, dq = o.q_motor[lane], o.dq_motor[lane]
         for joint in range(JOINTS):
-            error = q[joint] - o.q_reference[lane, joint]
-            error_rate = dq[joint] - o.dq_reference[lane, joint]
+            error = o.q_motor[lane, joint] - o.q_reference[lane, joint]
+            error_rate = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
             feedback = 3.0 * error_rate + bandwidth * (3.0 * error + bandwidth * integral[lane, joint])
-            wanted[joint] = o.ddq_reference[lane, joint] - bandwidth * feedback
+            # The acceleration that is asked for stands where the torque will be.
+            torque[lane, joint] = o.ddq_reference[lane, joint] - bandwidth * feedback
             integral[lane, joint] += period * error
-        m11, m12, m22 = mass_matrix(np.cos(q[1]), arm)
+        wanted1, wanted2 = torque[lane, 0], torque[lane, 1]
+        q1, q2, dq1, dq2 = o.q_motor[lane, 0], o.q_motor[lane, 1], o.dq_motor[lane, 0], o.dq_motor[lane, 1]
+        m11, m12, m22 = mass_matrix(np.cos(q2), arm)
         inertia = ((m11 + arm.motor_inertia1, m12), (m12, m22 + arm.motor_inertia2))
-        coriolis = coriolis_torque(np.sin(q[1]), dq[0], dq[1], arm)
-        gravity = gravity_torque(np.sin(q[0]), np.sin(q[0] + q[1]), arm)
+        coriolis = coriolis_torque(np.sin(q2), dq1, dq2, arm)
+        gravity = gravity_torque(np.sin(q1), np.sin(q1 + q2), arm)
         for joint in range(JOINTS):
-            row = inertia[joint]
-            torque[lane, joint] = (
-                row[0] * wanted[0] + row[1] * wanted[1] + coriolis[joint] + gravity[joint] + viscous[joint] * dq[joint]
-            )
+            rigid = inertia[joint][0] * wanted1 + inertia[joint][1] * wanted2 + coriolis[joint] + gravity[joint]
+            torque[lane, joint] = rigid + viscous[joint] * o.dq_motor[lane, joint]

@@ -28,7 +28,7 @@ from scipy.linalg import expm, solve_discrete_are
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.fuzzy_arm import whole_substeps
-from fuzzyarm.envs.observation import JOINTS, Observation, observed
+from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import Arm, State, arm_constants, gravity_torque, mass_matrix
 from fuzzyarm.envs.physics.elementwise import sine_cosine
@@ -238,7 +238,7 @@ class ElasticObserverPolicy(Policy):
         """Evaluate the law, see `Policy`."""
         target = np.empty((len(observation), TARGET_SIZE))
         self._target.advance(observation, memory[:, _TARGET_PART], target, torque)
-        _observe_and_act(observation, target, memory[:, _STARTED], memory[:, _PREDICTED], torque, *self._arguments)
+        _observe_and_act(observation, target, memory, torque, *self._arguments)
 
     def _know(self, parameters: ArmParameters) -> None:
         """Take `parameters` for the arm that is predicted; the gains stay."""
@@ -252,8 +252,7 @@ class ElasticObserverPolicy(Policy):
 def _observe_and_act(
     observation: np.ndarray,
     target: np.ndarray,
-    started: np.ndarray,
-    predicted: np.ndarray,
+    memory: np.ndarray,
     torque: np.ndarray,
     feedback: np.ndarray,
     observer: np.ndarray,
@@ -264,15 +263,14 @@ def _observe_and_act(
 ) -> None:
     """Correct, act and predict in every lane; `torque` holds u_ff and becomes u, unclipped."""
     stiffness = (arm.stiffness1, arm.stiffness2)
-    o, estimate = observed(observation), _estimated(predicted)
-    theta_d, dtheta_d = target[:, TARGET.q], target[:, TARGET.dq]
-    innovation, error, applied = np.empty(observer.shape[-1]), np.empty(ESTIMATES), np.empty(JOINTS)
-    miss = _estimated(error)  # x̂ - x_d; d̂ has no target
+    o, started, predicted = observed(observation), memory[:, _STARTED], memory[:, _PREDICTED]
+    theta_d, dtheta_d, estimate = target[:, TARGET.q], target[:, TARGET.dq], _estimated(predicted)
+    innovation, error = np.empty(observer.shape[-1]), np.empty(STATES)
+    of_motor, of_link, of_dmotor, of_dlink = _parts_of_state(error)
     for lane in range(len(observation)):
-        x = predicted[lane]
         if started[lane, 0] == 0.0:
             started[lane, 0] = 1.0
-            _begin(o, estimate, lane, arm)
+            _begin(lane, o.q_motor, o.dq_motor, predicted, arm)
         place = 0.5 * (np.cos(o.q_motor[lane, 1]) + 1.0) * (len(feedback) - 1)
         left = min(max(int(place), 0), len(feedback) - 2)  # min and max also for a cosine that is no number
         share = place - left
@@ -282,20 +280,28 @@ def _observe_and_act(
         for i in range(ESTIMATES):
             for k in range(len(innovation)):
                 gain = (1.0 - share) * observer[left, i, k] + share * observer[left + 1, i, k]
-                x[i] += gain * innovation[k]
+                predicted[lane, i] += gain * innovation[k]
         for i in range(JOINTS):
             unbent = estimate.load[lane, i] / stiffness[i]
-            miss.q_motor[i] = estimate.q_motor[lane, i] - (theta_d[lane, i] - unbent)
-            miss.q_link[i] = estimate.q_link[lane, i] - o.q_reference[lane, i]
-            miss.dq_motor[i] = estimate.dq_motor[lane, i] - dtheta_d[lane, i]
-            miss.dq_link[i] = estimate.dq_link[lane, i] - o.dq_reference[lane, i]
+            of_motor[i] = estimate.q_motor[lane, i] - (theta_d[lane, i] - unbent)
+            of_link[i] = estimate.q_link[lane, i] - o.q_reference[lane, i]
+            of_dmotor[i] = estimate.dq_motor[lane, i] - dtheta_d[lane, i]
+            of_dlink[i] = estimate.dq_link[lane, i] - o.dq_reference[lane, i]
         for i in range(JOINTS):
             torque[lane, i] -= estimate.load[lane, i]
             for k in range(STATES):
                 gain = (1.0 - share) * feedback[left, i, k] + share * feedback[left + 1, i, k]
                 torque[lane, i] -= gain * error[k]
-            applied[i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
-        _predict(x, applied, arm, h, substeps)
+        applied1 = min(max(torque[lane, 0], -torque_limit[0]), torque_limit[0])
+        applied2 = min(max(torque[lane, 1], -torque_limit[1]), torque_limit[1])
+        q, link, dq, dlink = estimate.q_motor, estimate.q_link, estimate.dq_motor, estimate.dq_link
+        state = State(
+            q[lane, 0], q[lane, 1], link[lane, 0], link[lane, 1], dq[lane, 0], dq[lane, 1], dlink[lane, 0], dlink[lane, 1]
+        )  # fmt: skip
+        for _ in range(substeps):
+            state = _loaded_step(state, applied1, applied2, estimate.load[lane, 0], estimate.load[lane, 1], arm, h)
+        for i in range(STATES):
+            predicted[lane, i] = state[i]
 
 
 @register_jitable
@@ -311,30 +317,24 @@ def _estimated(array: np.ndarray) -> Estimate:
 
 
 @register_jitable
-def _begin(o: Observation, estimate: Estimate, lane: int, arm: Arm) -> None:
-    """Fill the first (x̂, d̂)⁻: K_t (θ - q) = g(q) for the measured θ, links as fast as motors, d = 0."""
-    stiffness = (arm.stiffness1, arm.stiffness2)
-    q, dq, link = o.q_motor[lane], o.dq_motor[lane], estimate.q_link[lane]
-    for i in range(JOINTS):
-        estimate.q_motor[lane, i] = link[i] = q[i]
-        estimate.dq_motor[lane, i] = estimate.dq_link[lane, i] = dq[i]
-        estimate.load[lane, i] = 0.0
-    for _ in range(STATICS_STEPS):
-        gravity = gravity_torque(np.sin(link[0]), np.sin(link[0] + link[1]), arm)
-        for i in range(JOINTS):
-            link[i] = q[i] - gravity[i] / stiffness[i]
+def _parts_of_state(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return θ, q, θ̇, q̇ of x (8,) as views."""
+    return x[ESTIMATE.q_motor], x[ESTIMATE.q_link], x[ESTIMATE.dq_motor], x[ESTIMATE.dq_link]
 
 
 @register_jitable
-def _predict(x: np.ndarray, torque: np.ndarray, arm: Arm, h: float, substeps: int) -> None:
-    """Advance x̂ of (x̂, d̂) (10,) by `substeps` of h [s] each, under the torque of the motors and the load d̂."""
-    now = _estimated(x)
-    q, link, dq, dlink = now.q_motor, now.q_link, now.dq_motor, now.dq_link
-    state = State(q[0], q[1], link[0], link[1], dq[0], dq[1], dlink[0], dlink[1])
-    for _ in range(substeps):
-        state = _loaded_step(state, torque[0], torque[1], now.load[0], now.load[1], arm, h)
-    for i in range(STATES):
-        x[i] = state[i]
+def _begin(lane: int, q: np.ndarray, dq: np.ndarray, predicted: np.ndarray, arm: Arm) -> None:
+    """Fill a lane's first (x̂, d̂)⁻: K_t (θ - q) = g(q) for the measured θ, links as fast as motors, d = 0."""
+    stiffness, x = (arm.stiffness1, arm.stiffness2), _estimated(predicted)
+    link = x.q_link[lane]
+    for i in range(JOINTS):
+        x.q_motor[lane, i] = link[i] = q[lane, i]
+        x.dq_motor[lane, i] = x.dq_link[lane, i] = dq[lane, i]
+        x.load[lane, i] = 0.0
+    for _ in range(STATICS_STEPS):
+        gravity = gravity_torque(np.sin(link[0]), np.sin(link[0] + link[1]), arm)
+        for i in range(JOINTS):
+            link[i] = q[lane, i] - gravity[i] / stiffness[i]
 
 
 @register_jitable

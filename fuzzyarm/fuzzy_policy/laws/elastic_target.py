@@ -114,7 +114,17 @@ def _advance(
     o, past = observed(observation), _remembered(memory)
     theta, dtheta, ddtheta = target[:, TARGET.q], target[:, TARGET.dq], target[:, TARGET.ddq]
     for lane in range(len(observation)):
-        torque = _link_torque(o.q_reference[lane], o.dq_reference[lane], o.ddq_reference[lane], arm)
+        q1, q2, dq1, dq2 = (
+            o.q_reference[lane, 0], o.q_reference[lane, 1], o.dq_reference[lane, 0], o.dq_reference[lane, 1]
+        )  # fmt: skip
+        ddq1, ddq2 = o.ddq_reference[lane, 0], o.ddq_reference[lane, 1]
+        m11, m12, m22 = mass_matrix(np.cos(q2), arm)
+        coriolis1, coriolis2 = coriolis_torque(np.sin(q2), dq1, dq2, arm)
+        gravity1, gravity2 = gravity_torque(np.sin(q1), np.sin(q1 + q2), arm)
+        torque = (
+            m11 * ddq1 + m12 * ddq2 + coriolis1 + gravity1,
+            m12 * ddq1 + m22 * ddq2 + coriolis2 + gravity2,
+        )
         begins = past.started[lane, 0] == 0.0
         past.started[lane, 0] = 1.0
         for joint in range(JOINTS):
@@ -148,16 +158,4 @@ def _remembered(memory: np.ndarray) -> _Memory:
         memory[:, _PARTS.second],
         memory[:, _PARTS.third],
         memory[:, _PARTS.smooth],
-    )
-
-
-@register_jitable
-def _link_torque(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, arm: Arm) -> tuple[float, float]:
-    """Return τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d) [N m] of one lane."""
-    m11, m12, m22 = mass_matrix(np.cos(q[1]), arm)
-    coriolis1, coriolis2 = coriolis_torque(np.sin(q[1]), dq[0], dq[1], arm)
-    gravity1, gravity2 = gravity_torque(np.sin(q[0]), np.sin(q[0] + q[1]), arm)
-    return (
-        m11 * ddq[0] + m12 * ddq[1] + coriolis1 + gravity1,
-        m12 * ddq[0] + m22 * ddq[1] + coriolis2 + gravity2,
     )

@@ -13,7 +13,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
 from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.dynamics import Arm, arm_constants
+from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -35,6 +35,7 @@ class FuzzyPolicy(Policy):
         super().__init__(controller.model.parameters, control_period)
         self.controller = controller
         model, n_e = controller.model, controller.gains.shape[-1]
+        arm = arm_constants(model.parameters)
         # Without the integral its gain is zero, so that one law serves both.
         gains = np.zeros((*controller.gains.shape[:-1], ERROR_STATES))
         gains[..., :n_e] = controller.gains
@@ -42,9 +43,8 @@ class FuzzyPolicy(Policy):
             gains,
             np.ascontiguousarray(controller.feedforward_gains),
             np.array(model.kept_in_A, dtype=np.int64),
-            np.array(model.kept_in_E, dtype=np.int64),
             model.bounds,
-            arm_constants(model.parameters),
+            *(arm.c2, arm.c4, arm.c5),  # not the whole record, which takes as long to hand over as the law itself
             self.control_period,
         )
 
@@ -65,9 +65,10 @@ def _fuzzy_law(
     gains: np.ndarray,
     feedforward: np.ndarray,
     kept_in_A: np.ndarray,
-    kept_in_E: np.ndarray,
     bounds: np.ndarray,
-    arm: Arm,
+    c2: float,
+    c4: float,
+    c5: float,
     period: float,
 ) -> None:
     """Evaluate the law for every lane and advance its integral.
@@ -79,59 +80,47 @@ def _fuzzy_law(
         gains: K̄ = [K H], (N, N_e, 2, 6).
         feedforward: L, (N, N_e, 2, 6).
         kept_in_A: indices of the premises that blend A.
-        kept_in_E: indices of the premises that blend E.
         bounds: of the premises, (5, 2).
-        arm: constants of (3).
+        c2: inertia of (3) [kg m²].
+        c4: gravity torque of (3) [N m].
+        c5: likewise.
         period: T [s].
     """
     o, reference = observed(observation), observation[:, REFERENCE]
     omega, error = np.empty(len(PREMISES)), np.empty(ERROR_STATES)
     e, de, x_I = error[POSITION], error[VELOCITY], error[INTEGRAL]
     for lane in range(len(observation)):
-        _max_weights(o.q_motor[lane], o.dq_motor[lane], bounds, arm, omega)
+        q1, q2, dq1, dq2 = o.q_motor[lane, 0], o.q_motor[lane, 1], o.dq_motor[lane, 0], o.dq_motor[lane, 1]
+        # The premises (6) at the measured motor angles, as `premises` has them.
+        sinc12, sin2 = _sinc(q1 + q2), np.sin(q2)
+        z = (np.cos(q2), -c4 * _sinc(q1) - c5 * sinc12, -c5 * sinc12, c2 * dq2 * sin2, -c2 * dq1 * sin2)
+        for index in range(len(omega)):  # the weight of the vertex at the premise's maximum
+            low, high = bounds[index, 0], bounds[index, 1]
+            omega[index] = min(max((z[index] - low) / (high - low), 0.0), 1.0)
         for joint in range(JOINTS):
             e[joint] = o.q_motor[lane, joint] - o.q_reference[lane, joint]
             de[joint] = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
             x_I[joint] = integral[lane, joint]
         torque1, torque2 = 0.0, 0.0
         for i in range(gains.shape[0]):
-            h = _membership(i, omega, kept_in_A)
+            h = 1.0
+            for position in range(len(kept_in_A)):
+                h *= _weight(omega[kept_in_A[position]], (i >> position) & 1)
             for k in range(gains.shape[1]):
-                hv = h * _membership(k, omega, kept_in_E)
-                K, L = gains[i, k], feedforward[i, k]
+                hv = h if gains.shape[1] == 1 else h * _weight(omega[0], k)  # z1 alone blends E
                 for entry in range(ERROR_STATES):
                     back, forward = error[entry], reference[lane, entry]
-                    torque1 += hv * (K[0, entry] * back + L[0, entry] * forward)
-                    torque2 += hv * (K[1, entry] * back + L[1, entry] * forward)
+                    torque1 += hv * (gains[i, k, 0, entry] * back + feedforward[i, k, 0, entry] * forward)
+                    torque2 += hv * (gains[i, k, 1, entry] * back + feedforward[i, k, 1, entry] * forward)
         torque[lane, 0], torque[lane, 1] = torque1, torque2
         for joint in range(JOINTS):
             integral[lane, joint] += period * e[joint]
 
 
 @register_jitable
-def _max_weights(q: np.ndarray, dq: np.ndarray, bounds: np.ndarray, arm: Arm, omega: np.ndarray) -> None:
-    """Fill `omega` with the weight of each premise's *max* vertex at the measured motor angles; see `premises`."""
-    sinc12, sin2 = _sinc(q[0] + q[1]), np.sin(q[1])
-    z = (
-        np.cos(q[1]),
-        -arm.c4 * _sinc(q[0]) - arm.c5 * sinc12,
-        -arm.c5 * sinc12,
-        arm.c2 * dq[1] * sin2,
-        -arm.c2 * dq[0] * sin2,
-    )
-    for index in range(len(omega)):
-        low, high = bounds[index, 0], bounds[index, 1]
-        omega[index] = min(max((z[index] - low) / (high - low), 0.0), 1.0)
-
-
-@register_jitable
-def _membership(vertex: int, omega: np.ndarray, kept: np.ndarray) -> float:
-    """Return the weight of a vertex: the product over the kept premises of ω where its bit is set, else of 1 - ω."""
-    weight = 1.0
-    for position in range(len(kept)):
-        share = omega[kept[position]]
-        weight *= share if (vertex >> position) & 1 else 1.0 - share
-    return weight
+def _weight(omega: float, at_maximum: int) -> float:
+    """Return ω for a vertex at the premise's maximum, 1 - ω for one at its minimum."""
+    return omega if at_maximum else 1.0 - omega
 
 
 @register_jitable
