@@ -74,9 +74,12 @@ def _computed_torque(
         wanted1, wanted2 = torque[lane, 0], torque[lane, 1]
         q1, q2, dq1, dq2 = o.q_motor[lane, 0], o.q_motor[lane, 1], o.dq_motor[lane, 0], o.dq_motor[lane, 1]
         m11, m12, m22 = mass_matrix(np.cos(q2), arm)
-        inertia = ((m11 + arm.motor_inertia1, m12), (m12, m22 + arm.motor_inertia2))
+        rigid = (
+            (m11 + arm.motor_inertia1) * wanted1 + m12 * wanted2,
+            m12 * wanted1 + (m22 + arm.motor_inertia2) * wanted2,
+        )
         coriolis = coriolis_torque(np.sin(q2), dq1, dq2, arm)
         gravity = gravity_torque(np.sin(q1), np.sin(q1 + q2), arm)
         for joint in range(JOINTS):
-            rigid = inertia[joint][0] * wanted1 + inertia[joint][1] * wanted2 + coriolis[joint] + gravity[joint]
-            torque[lane, joint] = rigid + viscous[joint] * o.dq_motor[lane, joint]
+            smooth = rigid[joint] + coriolis[joint] + gravity[joint]
+            torque[lane, joint] = smooth + viscous[joint] * o.dq_motor[lane, joint]

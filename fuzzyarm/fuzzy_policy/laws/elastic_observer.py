@@ -295,9 +295,8 @@ def _observe_and_act(
         applied1 = min(max(torque[lane, 0], -torque_limit[0]), torque_limit[0])
         applied2 = min(max(torque[lane, 1], -torque_limit[1]), torque_limit[1])
         q, link, dq, dlink = estimate.q_motor, estimate.q_link, estimate.dq_motor, estimate.dq_link
-        state = State(
-            q[lane, 0], q[lane, 1], link[lane, 0], link[lane, 1], dq[lane, 0], dq[lane, 1], dlink[lane, 0], dlink[lane, 1]
-        )  # fmt: skip
+        positions = (q[lane, 0], q[lane, 1], link[lane, 0], link[lane, 1])
+        state = State(*positions, dq[lane, 0], dq[lane, 1], dlink[lane, 0], dlink[lane, 1])
         for _ in range(substeps):
             state = _loaded_step(state, applied1, applied2, estimate.load[lane, 0], estimate.load[lane, 1], arm, h)
         for i in range(STATES):
