@@ -63,8 +63,8 @@ def progress(description: str, total: int | None) -> Iterator[Callable[..., None
         def advance(
             next_description: str | None = None, *, completed: int | None = None, line: str | None = None
         ) -> None:
-            step = {"advance": 1} if completed is None else {"completed": completed}
-            bar.update(task, description=next_description or description, **step)
+            step = 1 if completed is None else None
+            bar.update(task, advance=step, completed=completed, description=next_description or description)
             if line is not None:
                 stderr.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
