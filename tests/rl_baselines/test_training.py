@@ -267,7 +267,7 @@ def test_a_checkpoint_of_other_arms_is_refused(whole, tmp_path):
     found = read_checkpoint(whole / "checkpoint.pt")
     found["config"]["circles"] = 3
     write_checkpoint(tmp_path / "checkpoint.pt", found)
-    with pytest.raises(CheckpointError, match=r"does not fit this training .*other plants, tasks"):
+    with pytest.raises(CheckpointError, match=r"does not fit this training .*other plants, scenarios"):
         Training.resume(tmp_path)
 
 
