@@ -25,17 +25,33 @@ def output() -> Console:
     return console if console.is_terminal else Console(width=PIPED_WIDTH)
 
 
-def table(headings: Sequence[str], left: Sequence[int] = (0,), *, console: Console) -> Table:
-    """Return an empty table with these headings; columns in `left` are aligned left, the others right."""
+def table(
+    headings: Sequence[str],
+    left: Sequence[int] = (0,),
+    *,
+    console: Console,
+    title: str | None = None,
+    fold: bool = False,
+) -> Table:
+    """Return an empty table with these headings.
+
+    Args:
+        headings: of the columns.
+        left: indices of the columns that are aligned left; the others are aligned right.
+        console: where the table will be printed.
+        title: stands above the table.
+        fold: whether long cells may be broken into several lines.
+    """
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     terminal = console.is_terminal
-    made = Table(box=box.SIMPLE_HEAD if terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
+    lines = box.SIMPLE_HEAD if terminal else None
+    made = Table(title=title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
     for column, heading in enumerate(headings):
         text = heading.replace(" ", "\n") if terminal else heading
-        made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=True)
+        made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not fold)
     return made
 
 

@@ -53,7 +53,7 @@ def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
         parse_json(text)
     except ValueError as error:
         problem = str(error)
-    assert problem == "" or problem.startswith("not a JSON document: ") and "\n" not in problem
+    assert problem == "" or (problem.startswith("not a JSON document: ") and "\n" not in problem)
 
 
 @pytest.mark.parametrize(

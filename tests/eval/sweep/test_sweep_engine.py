@@ -71,8 +71,8 @@ def test_bad_values_are_named(arguments, expected):
         Engine(**arguments)
 
 
-def test_a_cluster_that_is_not_there_is_said_at_once():
-    begin = time.perf_counter()
+def test_a_cluster_that_is_not_there_is_named_before_ray_looks_for_it(monkeypatch):
+    """Ray itself would try for minutes."""
+    monkeypatch.setattr("ray.init", lambda **_: pytest.fail("Ray was asked"))
     with pytest.raises(ValueError, match=r"no Ray cluster at '127\.0\.0\.1:9'"):
         list(Engine("ray", address="127.0.0.1:9").run(slow, [0]))
-    assert time.perf_counter() - begin < 15.0
