@@ -25,17 +25,33 @@ def output() -> Console:
     return console if console.is_terminal else Console(width=PIPED_WIDTH)
 
 
-def table(headings: Sequence[str], left: Sequence[int] = (0,), *, console: Console) -> Table:
-    """Return an empty table with these headings; columns in `left` are aligned left, the others right."""
+def table(
+    headings: Sequence[str],
+    left: Sequence[int] = (0,),
+    *,
+    console: Console,
+    title: str | None = None,
+    fold: bool = False,
+) -> Table:
+    """Return an empty table with these headings.
+
+    Args:
+        headings: of the columns.
+        left: indices of the columns that are aligned left; the others are aligned right.
+        console: where the table will be printed.
+        title: stands above the table.
+        fold: whether long cells may be broken into several lines.
+    """
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     terminal = console.is_terminal
-    made = Table(box=box.SIMPLE_HEAD if terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
+    lines = box.SIMPLE_HEAD if terminal else None
+    made = Table(title=title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
     for column, heading in enumerate(headings):
         text = heading.replace(" ", "\n") if terminal else heading
-        made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=True)
+        made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not fold)
     return made
 
 
@@ -49,7 +65,8 @@ def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
 def progress(description: str, total: int | None) -> Iterator[Callable[..., None]]:
     """Show a bar with the time left while the block runs; what it yields advances it by one.
 
-    An argument of that function replaces the description: what comes next, in a few words.
+    The arguments of that function are all optional: ``next_description`` replaces the description, ``completed`` says
+    how much is done in place of one more, and ``line`` is printed above the bar, without a terminal too.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -59,8 +76,13 @@ def progress(description: str, total: int | None) -> Iterator[Callable[..., None
     with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
         task = bar.add_task(description, total=total)
 
-        def advance(next_description: str | None = None) -> None:
-            bar.update(task, advance=1, description=next_description or description)
+        def advance(
+            next_description: str | None = None, *, completed: int | None = None, line: str | None = None
+        ) -> None:
+            step = {"advance": 1} if completed is None else {"completed": completed}
+            bar.update(task, description=next_description or description, **step)
+            if line is not None:
+                stderr.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
         yield advance
 

@@ -41,6 +41,7 @@ class Policy(abc.ABC):
     Attributes:
         memory_size: numbers that a lane remembers, all zero when an episode begins. Two, if not said otherwise: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
+        action_period: time for which an action is held [s]; the control period, if not said otherwise.
     """
 
     memory_size = 2
@@ -48,7 +49,12 @@ class Policy(abc.ABC):
     def __init__(self, parameters: ArmParameters, control_period: float) -> None:
         """Keep the robot and the control period T [s]."""
         self.parameters, self.control_period = parameters, real("control_period", control_period, "s", above=0.0)
+        self.action_period = self.control_period
         self._torque_limit = np.array(parameters.torque_limit)
+
+    def without_dry_friction(self) -> Policy:
+        """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""
+        return self
 
     @abc.abstractmethod
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:

@@ -45,6 +45,7 @@ class LearnedPolicy(Policy):
         """
         super().__init__(parameters or ArmParameters(), control_period)
         self.bundle, self.base = bundle, base
+        self.action_period = bundle.action.period
         self.calls_per_action = bundle.action.calls(control_period)
         if (base is None) != (bundle.action.base is None):
             given = "none" if base is None else type(base).__name__
@@ -57,15 +58,9 @@ class LearnedPolicy(Policy):
         self._scale = np.array(bundle.action.scale)
         self.memory_size = self._own + (0 if base is None else base.memory_size)
 
-    @property
-    def action_period(self) -> float:
-        """Time between two actions [s]."""
-        return self.bundle.action.period
-
     def without_dry_friction(self) -> LearnedPolicy:
         """Return this policy for an arm without dry friction: base and features forget it, the network stays."""
-        forgets = getattr(self.base, "without_dry_friction", None)
-        base = self.base if forgets is None else forgets()
+        base = None if self.base is None else self.base.without_dry_friction()
         return LearnedPolicy(self.bundle, self.control_period, self.parameters, base, friction=False)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:

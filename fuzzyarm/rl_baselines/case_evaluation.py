@@ -1,16 +1,19 @@
-"""A learned policy in the paper's three cases, quickly: all in one batch, tip errors only."""
+"""The tip errors of a policy in the paper's three cases, which run as one batch."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.policy import Policy
 
-MEASURES = ("max_mm", "rms_mm", "share")
-COLUMNS = tuple(f"{case}_{measure}" for case in CASES for measure in MEASURES)
+__all__ = ["COLUMNS", "evaluate_cases"]
+
+_MEASURES = ("max_mm", "rms_mm", "share")
+COLUMNS = tuple(f"{case}_{measure}" for case in PAPER_CASES for measure in _MEASURES)
+"""What `evaluate_cases` returns; a case that is added to the package does not change it."""
 
 
 def evaluate_cases(policy: Policy) -> dict[str, float]:
@@ -20,7 +23,7 @@ def evaluate_cases(policy: Policy) -> dict[str, float]:
         By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode after
         which it ended, 1 if the reference was followed to its end.
     """
-    reference, cases = JointReference(), list(CASES)
+    reference, cases = JointReference(), list(PAPER_CASES)
     envs = FuzzyArmVectorEnv(
         len(cases), case=cases, reference=reference, control_period=policy.control_period, threads=1
     )

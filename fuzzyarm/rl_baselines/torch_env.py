@@ -419,7 +419,8 @@ def _limits(plant: Plant) -> Limits:
 
 def _reason(found: Assessment, sound: Tensor) -> Tensor:
     """Return numbers of `Termination` as int64."""
-    return reason_of(1.0 * sound, found.angles_inside, found.velocities_inside).to(torch.int64)
+    reason: Tensor = reason_of(1.0 * sound, found.angles_inside, found.velocities_inside)
+    return reason.to(torch.int64)
 
 
 def _where(condition: Tensor, first: Sequence[Tensor], second: Sequence[Tensor]) -> tuple[Tensor, ...]:

@@ -11,7 +11,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.policies.registry import LEARNED
+from fuzzyarm.policies import LEARNED
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = ROOT / "fuzzyarm" / "learned_policy" / "policies"

@@ -22,9 +22,7 @@ from fuzzyarm.eval.episodes.metrics import metrics
 from fuzzyarm.eval.episodes.rollout import Rollout, rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.policies.files import policy_files
-from fuzzyarm.policies.registry import COMPARED, policy_label
-from fuzzyarm.policies.user_code import find_policy
+from fuzzyarm.policies import COMPARED, resolve_all
 
 SCHEMA = "fuzzyarm-evaluation/1"
 
@@ -34,7 +32,7 @@ class EvaluationConfig:
     """What is run.
 
     Attributes:
-        policies: names as `find_policy` takes them.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
         cases: names of cases.
         seeds: number of episodes of each policy in each case, seeded 0, 1, ...
         encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
@@ -121,12 +119,8 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         ValueError: a policy is unknown, fails or does not fit the robot, or the reference does not fit it.
         OSError: a controller file cannot be read.
     """
-    policies = {
-        policy_label(name): find_policy(name, control_period=config.control_period, robot=config.parameters)
-        for name in config.policies
-    }
-    if len(policies) < len(config.policies):
-        raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
+    specs = resolve_all(config.policies, run_code=True)
+    policies = {label: spec.load(config.control_period, config.parameters) for label, spec in specs.items()}
     reference = JointReference(parameters=config.parameters)
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts = []
@@ -157,7 +151,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         **provenance(),
-        "policy_files": {policy_label(name): policy_files(name) for name in config.policies},
+        "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with)
 

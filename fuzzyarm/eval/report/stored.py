@@ -14,7 +14,7 @@ from fuzzyarm.eval.episodes.rollout_file import NAME, digest, read_rollouts
 from fuzzyarm.eval.evaluation import results_file
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +65,7 @@ def _joined(results: Results, rollouts: list[Rollout]) -> StoredEvaluation:
     config, document = results.config, results.document
     if digest(rollouts) != document["rollouts_sha256"]:
         raise ValueError(f"{NAME} and results.json are of different evaluations")
-    labels = [policy_label(name) for name in config.policies]
+    labels = [resolve(name).label for name in config.policies]
     period, seeds = config.control_period, range(config.seeds)
     planned = [(case, name, seed, period) for case in config.cases for name in labels for seed in seeds]
     if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != planned:

@@ -22,7 +22,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.figures import DASHES
 from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig, column_label, quantity_of
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 
 PLANTS_PER_BIN, MOST_BINS = 12, 20
 COLORS = "viridis_r"  # the same order of lightness for any colour vision, and in grey: dark is bad
@@ -113,7 +113,7 @@ def draw_sweep(
         rows: of the summary.
     """
     errors = np.where(results["completed"], results["max_mm"], np.inf)
-    policies = [policy_label(name) for name in config.policies]
+    policies = [resolve(name).label for name in config.policies]
     figures = {"spread": _spread(config, policies, errors, rows)}
     if len(config.plane) == 2:
         cells = Cells.of(config, results["plants"])

@@ -12,7 +12,7 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.ts_model import premises
-from fuzzyarm.policies.registry import NAMES
+from fuzzyarm.policies import NAMES
 
 ARM = ArmParameters()
 

@@ -1,0 +1,61 @@
+"""`fuzzyarm paper`: reproduce the paper's figures and numbers."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import writable_folder
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Reproduce Figs. 2-10 and Table 2 of the paper from the controllers with 32 and 4 rules.
+
+    A table compares what the paper says with what is measured here. The exit code is 1 if a number differs by more
+    than its tolerance from the one stored in the package. It takes a quarter of a minute.
+    """
+
+    out: Annotated[Path, Parameter(metavar="DIR")]
+    """folder for paper.md, paper.json and the figures"""
+    renew: bool = False
+    """store what is measured as what is expected from now on; the exit code is then 0"""
+    json: bool = False
+    """print the results as JSON instead of the tables"""
+
+
+def run(options: Options) -> int:
+    """Write tables and figures; return 1 if a number has drifted."""
+    import json
+
+    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.eval.paper.drift import load_expected, store_expected
+    from fuzzyarm.eval.paper.evidence import STEPS, gather
+    from fuzzyarm.eval.paper.figures import write_figures
+    from fuzzyarm.eval.paper.report import compare, print_report, renewed, write_report
+
+    stored = {} if options.renew else load_expected()
+    writable_folder(options.out)
+    with progress("runs and proofs", STEPS) as advance:
+        evidence = gather(advance)
+        comparison = compare(evidence, stored)
+    if options.renew:
+        comparison = renewed(comparison)
+        store_expected(comparison.measured, comparison.made_with)
+    with progress("figures", None) as advance:
+        figures = write_figures(evidence, options.out, advance)
+    written = [*figures, *write_report(comparison, figures, options.out)]
+    if options.json:
+        print(json.dumps(comparison.to_dict(), indent=1))
+    else:
+        print_report(comparison, output())
+        print(f"\n{len(written)} files in {options.out}")
+    for moved in comparison.drifted:
+        print(f"fuzzyarm paper: {moved}", file=sys.stderr)
+    return 1 if comparison.drifted else 0
