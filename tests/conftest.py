@@ -25,5 +25,5 @@ def pytest_report_header(config) -> str:
 
 
 def pytest_collection_modifyitems(items) -> None:
-    """Begin with the README's commands, which take longest: else one process is still at them when all others are done."""
+    """Begin with the commands of the README, the longest test: last, it would keep one process busy on its own."""
     items.sort(key=lambda item: item.path.name != "test_readme.py")
