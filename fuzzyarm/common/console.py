@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+__all__ = ["PIPED_WIDTH", "output", "print_paragraphs", "progress", "status", "table"]
+
 PIPED_WIDTH = 1000  # columns; wide enough for every table
 
 
