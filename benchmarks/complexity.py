@@ -42,7 +42,7 @@ from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 from fuzzyarm.synthesis.design import Design, Specification, design, scaled_gain
 
 COMMAND = "python benchmarks/complexity.py"
@@ -200,7 +200,7 @@ def synthesise() -> tuple[dict[int, Row], dict[int, Controller]]:
 
 def drive(files: dict[int, Path]) -> tuple[dict[int, Row], float]:
     """Return tip errors [mm] by case and the time of `predict` [µs] by number of rules, and the peer's time."""
-    names = {rules: policy_label(str(path)) for rules, path in files.items()}
+    names = {rules: resolve(path).label for rules, path in files.items()}
     config = EvaluationConfig(policies=(*map(str, files.values()), PEER), control_period=PERIOD)
     _progress(f"{ROUNDS} rounds of episodes")
     evaluations = [evaluate(config) for _ in range(ROUNDS)]

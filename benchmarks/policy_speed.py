@@ -12,7 +12,7 @@ import numpy as np
 
 from fuzzyarm import load_policy
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.policies.registry import NAMES
+from fuzzyarm.policies import NAMES
 
 LANES, CALLS, REPEATS = 1024, 300, 7
 

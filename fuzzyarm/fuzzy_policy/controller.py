@@ -147,6 +147,18 @@ class Controller:
 
     def to_json(self) -> str:
         """Return the text of the controller file."""
+        encoded = self._encoded()
+        encoded["digest"] = _digest(encoded)
+        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in encoded.items())
+        return "{\n" + ",\n".join(lines) + "\n}\n"
+
+    @property
+    def digest(self) -> str:
+        """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
+        return _digest(self._encoded())
+
+    def _encoded(self) -> dict[str, Any]:
+        """Return the content of the controller file without its digest."""
         document = {
             "schema": SCHEMA,
             "robot": self.model.parameters.to_dict(),
@@ -161,10 +173,8 @@ class Controller:
             **{name: getattr(self, name) for name in ARRAYS},
             **{name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None},
         }
-        encoded = _encode(document)
-        encoded["digest"] = _digest(encoded)
-        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in encoded.items())
-        return "{\n" + ",\n".join(lines) + "\n}\n"
+        encoded: dict[str, Any] = _encode(document)
+        return encoded
 
     @classmethod
     def load(cls, path: str | Path) -> Controller:

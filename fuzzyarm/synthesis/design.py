@@ -330,7 +330,7 @@ def describe(result: Design) -> str:
         f"alpha = {controller.alpha:g} 1/s, gamma = {controller.gamma:.4g}, {pole}{controller.origin['objective']}; "
         f"{result.variables} variables, {result.rows} cone rows, solved in {result.solve_seconds:.2f} s",
         f"all {len(certificate.claims)} inequalities proven in exact rational arithmetic from the stored gains in "
-        f"{result.proof_seconds:.2f} s, smallest margin {certificate.margin:.2g}",
+        f"{result.proof_seconds:.2f} s, smallest margin {certificate.proof_margin:.2g}",
         "",
         "gains [N m/rad, N m s/rad, N m/(rad s)]:",
         "vertex  torque " + "".join(f"{name:>12}" for name in names),

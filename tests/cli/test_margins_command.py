@@ -58,7 +58,7 @@ def test_the_table_says_where_the_file_is(tmp_path, capsys):
 
 
 def test_by_default_all_policies_there_are(capsys, monkeypatch):
-    for module in ("fuzzyarm.policies.registry", "fuzzyarm.eval.stability.margins"):
+    for module in ("fuzzyarm.policies", "fuzzyarm.eval.stability.margins"):
         monkeypatch.setattr(f"{module}.NAMES", ("fuzzy-1", "computed-torque", "fuzzy-2"))
     assert main(["margins", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -51,12 +51,12 @@ class Verification:
             f"  {c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
             f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}{pole}",
             f"  {len(claims) - len(failed)} of {len(claims)} inequalities proven in exact rational arithmetic, "
-            f"smallest margin {self.certificate.margin:.2g}, {self.seconds:.2f} s",
+            f"smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s",
         ]
         # What fails first, then the smallest margins; a large model has hundreds of claims.
-        ranked = sorted(claims, key=lambda claim: (claim.proven, claim.margin))
+        ranked = sorted(claims, key=lambda claim: (claim.proven, claim.proof_margin))
         lines += [
-            f"  {'proven    ' if claim.proven else 'not proven'} {claim.name}, margin {claim.margin:.2g}"
+            f"  {'proven    ' if claim.proven else 'not proven'} {claim.name}, margin {claim.proof_margin:.2g}"
             for claim in ranked[:LISTED]
         ]
         if len(claims) > LISTED:
@@ -78,12 +78,15 @@ class Verification:
         return {
             "file": str(self.path),
             "proven": self.certificate.proven,
-            "margin": self.certificate.margin,
+            "margin": self.certificate.proof_margin,
             "seconds": self.seconds,
             "residual_bound": None if self.residual is None else self.residual.tolist(),
             "statement": self.certificate.statement if self.certificate.proven else None,
             "tip_statement": self.tip if self.certificate.proven else None,
-            "claims": [dataclasses.asdict(claim) for claim in self.certificate.claims],
+            "claims": [
+                {"name": claim.name, "proven": claim.proven, "margin": claim.proof_margin}
+                for claim in self.certificate.claims
+            ],
         }
 
 

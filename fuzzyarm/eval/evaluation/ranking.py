@@ -2,9 +2,9 @@
 
 The score of a policy in one seed is the geometric mean over the cases of the rms tip error [mm], so that half the error
 in an easy case counts as much as half the error in a hard one; over several seeds it is their interquartile mean with a
-bootstrap interval of 95 % (`fuzzyarm.eval.evaluation.statistics`). Smaller is better. A policy that lost the path in any episode,
-because it ended early or its tip was more than 100 mm off, has no score and ranks after all that have one, by the
-number of such episodes.
+bootstrap interval of 95 % (`statistics`). Smaller is better. A policy that lost the path in any episode, because it
+ended early or its tip was more than 100 mm off, has no score and ranks after all that have one, by the number of such
+episodes.
 
 Only like is ranked with like: the same cases, seeds, noise, control period, arm and version of fuzzyarm.
 """
@@ -26,7 +26,7 @@ from rich.text import Text
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 
 LOST = 100.0  # mm, half the radius of the paper's circle
 
@@ -122,7 +122,7 @@ def _in_words(results: Results) -> str:
 
 def _standings(results: Results) -> list[Standing]:
     standings = []
-    for policy in map(policy_label, results.config.policies):
+    for policy in (resolve(name).label for name in results.config.policies):
         rows = [row for row in results.rows if row["policy"] == policy]
         lost = [row for row in rows if not row["completed"] or row["tip_error_max_mm"] > LOST]
         rms = {

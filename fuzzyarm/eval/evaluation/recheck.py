@@ -14,8 +14,7 @@ from rich.text import Text
 
 from fuzzyarm.eval.evaluation.results_file import Results
 from fuzzyarm.eval.evaluation.run import evaluate
-from fuzzyarm.policies.files import policy_files
-from fuzzyarm.policies.registry import is_code, policy_label
+from fuzzyarm.policies import Kind, resolve, resolve_all
 
 RELATIVE, ABSOLUTE = 1e-6, 1e-9
 """Numbers agree if they differ by at most the larger of 1e-6 of the larger one and 1e-9, in the unit of the number."""
@@ -86,7 +85,7 @@ def check(results: Results, code: Sequence[str] = (), progress: Callable[[], Non
 
 def _check_consent(results: Results, code: Sequence[str]) -> None:
     """See that the user has named exactly the code that would be run."""
-    needed = [name for name in results.config.policies if is_code(name)]
+    needed = [name for name in results.config.policies if resolve(name).kind is Kind.CODE]
     unasked = [name for name in needed if name not in code]
     if unasked:
         flags = " ".join(f"--policy {name}" for name in unasked)
@@ -106,13 +105,13 @@ def _check_files(results: Results) -> None:
     """See that every policy is made from the files that were measured."""
     if results.policy_files is None:
         return
-    for name in results.config.policies:
-        then, now = results.policy_files[policy_label(name)], policy_files(name)
+    for label, spec in resolve_all(results.config.policies, run_code=True).items():
+        then, now = results.policy_files[label], spec.files()
         changed = sorted(file for file in then.keys() | now.keys() if then.get(file) != now.get(file))
         if changed and now:  # an unknown policy has no files; `evaluate` says more of it
             raise ValueError(
-                f"policy {name} is not the one that was measured: {', '.join(changed)} has another content (SHA-256) "
-                f"than {results.path} records; put the old file back, or evaluate anew"
+                f"policy {spec.name} is not the one that was measured: {', '.join(changed)} has another content "
+                f"(SHA-256) than {results.path} records; put the old file back, or evaluate anew"
             )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 
 NAME = "results.json"
 _IDENTITY = ("case", "policy", "seed")
@@ -28,7 +28,7 @@ class Results:
         rows: one for each episode: case, policy, seed, completed, reason, and finite numbers.
         certificates: by policy, in words; None without one.
         bounds: numbers of the certificates by policy; None in a file that is older than they.
-        policy_files: digests by policy, see `fuzzyarm.policies.files`; None in a file that is older than they.
+        policy_files: digests by policy, see `PolicySpec.files`; None in a file that is older than they.
         versions: of fuzzyarm and its libraries.
         commit, processor: what else it was made with.
         document: the file as it is, for what else it says.
@@ -73,7 +73,7 @@ def read_results(path: Path) -> Results:
 
 def _from_document(path: Path, document: dict[str, Any]) -> Results:
     config = _config(document["config"])
-    labels = [policy_label(name) for name in config.policies]
+    labels = [resolve(name).label for name in config.policies]
     rows = document["results"]
     if len(rows) != len(labels) * len(config.cases) * config.seeds:
         raise ValueError(f"{len(rows)} rows are not one for each policy, case and seed")

@@ -15,9 +15,8 @@ from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, searc
 from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, certified_bounds, certified_controller
-from fuzzyarm.policies import load_policy
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.policies import resolve
 
 STEP = 1e-3  # [s] of the rollouts, an order below the fastest time constant of the shipped loops
 AMPLITUDE = 100.0  # [N m]
@@ -92,7 +91,8 @@ def observe_policies(config: EvaluationConfig, bounds: dict[str, Any]) -> dict[s
     reference, seen = JointReference(parameters=config.parameters), {}
     result: dict[str, Observed | str] = {}
     for given in config.policies:
-        name = policy_label(given)
+        spec = resolve(given)
+        name = spec.label
         claimed = bounds[name]
         if claimed is None:
             continue
@@ -100,15 +100,15 @@ def observe_policies(config: EvaluationConfig, bounds: dict[str, Any]) -> dict[s
             result[name] = f"not observed: the bounds of the {claimed['form']} form are of other quantities"
             continue
         try:
-            policy = load_policy(given, control_period=config.control_period, robot=config.parameters)
+            policy = spec.load(config.control_period, config.parameters)
         except (OSError, ValueError):
             result[name] = "not observed: the controller file is gone or no longer proven"
             continue
-        controller, digest = certified_controller(policy), claimed["controller_digest"]
-        if controller is None or certified_bounds(policy, reference) != claimed:
+        certificate, digest = policy.certificate(reference), claimed["controller_digest"]
+        if certificate is None or certificate.bounds != claimed:
             result[name] = "not observed: the controller file has changed since the evaluation"
             continue
         if digest not in seen:
-            seen[digest] = observe(RigidLoop(controller), reference)
+            seen[digest] = observe(RigidLoop(certificate.controller), reference)
         result[name] = seen[digest]
     return result

@@ -25,7 +25,7 @@ from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.eval.report.payload import payload
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
 from fuzzyarm.eval.report.summary import error_charts, finished, table
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 
 SCRIPTS = ("data.js", "canvas.js", "arms.js", "plots.js", "page.js")
 
@@ -137,7 +137,7 @@ def _made(stored: StoredEvaluation) -> dict[str, str]:
     return {
         "command": command(config),
         "date": made["date"],
-        "policies": ", ".join(map(policy_label, config.policies)),
+        "policies": ", ".join(resolve(name).label for name in config.policies),
         "seeds": _seeds(config),
         "encoder noise": noise,
         "arm": json.dumps(changed) if changed else "Table 1 of the paper",

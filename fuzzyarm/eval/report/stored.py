@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm import __version__
-from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import NAME, digest, read_rollouts
 from fuzzyarm.eval.evaluation import results_file
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +65,7 @@ def _joined(results: Results, rollouts: list[Rollout]) -> StoredEvaluation:
     config, document = results.config, results.document
     if digest(rollouts) != document["rollouts_sha256"]:
         raise ValueError(f"{NAME} and results.json are of different evaluations")
-    labels = [policy_label(name) for name in config.policies]
+    labels = [resolve(name).label for name in config.policies]
     period, seeds = config.control_period, range(config.seeds)
     planned = [(case, name, seed, period) for case in config.cases for name in labels for seed in seeds]
     if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != planned:
@@ -97,7 +97,7 @@ def _bounds(claimed: Any) -> dict[str, Any] | None:
 def _check_row(run: Rollout, row: dict[str, Any]) -> None:
     """See that a row of results is that of a rollout; its numbers are computed anew."""
     named = ("case", "policy", "seed", "completed", "reason")
-    expected = {name: getattr(run, name) for name in named} | metrics(run)
+    expected = {name: getattr(run, name) for name in named} | metrics_of(run)
     for key, value in expected.items():
         same = math.isclose(value, row[key], rel_tol=1e-9) if isinstance(value, float) else value == row[key]
         if not same and not (value != value and row[key] != row[key]):

@@ -34,7 +34,7 @@ from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.rollout import Predictor
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 POSTURES = 16  # instants, evenly spaced over the paper's path; 300 change a gain margin by 0.2 %
 PLANT_STEP = 1e-6  # rad and rad/s, of the central differences

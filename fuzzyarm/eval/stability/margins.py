@@ -22,7 +22,6 @@ from rich.text import Text
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.rollout import Predictor
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import (
     GAIN_SPAN,
@@ -32,9 +31,9 @@ from fuzzyarm.eval.stability.linearisation import (
     largest_radius,
     linearise_path,
 )
-from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies.registry import NAMES, policy_label
-from fuzzyarm.policies.user_code import UserPolicy, find_policy
+from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
+from fuzzyarm.policies import NAMES, PolicySpec, resolve_all
+from fuzzyarm.policies.user_code import UserPolicy
 
 SCHEMA = "fuzzyarm-margins/1"
 CONTROL_PERIOD = 1e-3  # s
@@ -83,7 +82,7 @@ class MarginsConfig:
     """What is measured.
 
     Attributes:
-        policies: names as `find_policy` takes them.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
         robot: TOML file of another arm than Table 1, of the plant and of the policies' models.
     """
 
@@ -121,9 +120,8 @@ def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) 
     """
     parameters = ArmParameters.from_toml(config.robot) if config.robot else ArmParameters()
     JointReference(parameters=parameters)  # an arm that cannot follow the path is bad usage, not a row of dashes
-    policies = {policy_label(name): _loaded(name, parameters) for name in config.policies}
-    if len(policies) < len(config.policies):
-        raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
+    specs = resolve_all(config.policies, run_code=True)
+    policies = {label: _loaded(spec, parameters) for label, spec in specs.items()}
     rows = []
     for name, policy in policies.items():
         rows.append({"policy": name, **measure(policy, parameters, policy.control_period)})
@@ -140,11 +138,11 @@ def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) 
     }
 
 
-def _loaded(name: str, parameters: ArmParameters) -> Policy | UserPolicy:
+def _loaded(spec: PolicySpec, parameters: ArmParameters) -> Policy | UserPolicy:
     """Return a policy for `CONTROL_PERIOD`, or for the time it holds an action: over that its loop is one map."""
-    policy = find_policy(name, control_period=CONTROL_PERIOD, robot=parameters)
-    period = getattr(policy, "action_period", CONTROL_PERIOD)
-    return policy if period == CONTROL_PERIOD else find_policy(name, control_period=period, robot=parameters)
+    policy = spec.load(CONTROL_PERIOD, parameters)
+    period = policy.action_period
+    return policy if period == CONTROL_PERIOD else spec.load(period, parameters)
 
 
 def measure(policy: Predictor, parameters: ArmParameters, control_period: float) -> dict[str, Any]:

@@ -11,26 +11,25 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
 from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
 from fuzzyarm.fuzzy_policy.proof.exact import exact, is_positive_definite, rational, smallest_eigenvalue
+from fuzzyarm.fuzzy_policy.proof.statement import statement
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-
-NOT_COVERED = (
-    "Not covered: the elastic joints, sampling and hold, measurement noise, torque limits, and any motion that leaves "
-    "the box; those are measured, not proven."
-)
 
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """One matrix inequality: its name, whether it is proven, and its margin.
+    """One matrix inequality and the outcome of its proof.
 
-    The margin is the smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in
-    floating point: how far from failing, no part of the proof.
+    Attributes:
+        name: the inequality, as in "Psi_1,2,1 + Psi_2,1,1 < 0".
+        proven: whether it is proven in exact arithmetic.
+        proof_margin: smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in
+            floating point. It tells how far the inequality is from failing and is no part of the proof.
     """
 
     name: str
     proven: bool
-    margin: float
+    proof_margin: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,9 +45,9 @@ class Certificate:
         return all(claim.proven for claim in self.claims)
 
     @property
-    def margin(self) -> float:
-        """The smallest margin."""
-        return min(claim.margin for claim in self.claims)
+    def proof_margin(self) -> float:
+        """The smallest proof margin of all inequalities."""
+        return min(claim.proof_margin for claim in self.claims)
 
 
 def certify(controller: Controller, progress: Callable[[], None] | None = None) -> Certificate:
@@ -112,38 +111,6 @@ def exact_vertices(controller: Controller) -> Vertices:
     return TrackingVertices(
         plain.E, plain.A, plain.B, plain.integral, terms, exact(A_r), exact(B_r), Q_inverse=Q_inverse
     )
-
-
-def statement(controller: Controller) -> str:
-    """Return what the certificate proves and what it does not, with the numbers of this controller."""
-    p, model = controller.model.parameters, controller.model
-    box = (
-        f"For the rigid arm in continuous time, as long as |q| <= ({p.joint_limit[0]:.6g}, {p.joint_limit[1]:.6g}) rad "
-        f"and |dq/dt| <= ({p.velocity_limit[0]:g}, {p.velocity_limit[1]:g}) rad/s, and for every twice differentiable "
-        f"reference: "
-    )
-    if controller.form == "paper":
-        claim = (
-            "with V over error and reference model, dV/dt + e'Qe - gamma^2 w'w + 2 alpha V < 0, w = (d, r): both decay "
-            f"at least as exp(-{controller.alpha:g} t) where w vanishes, and from zero initial conditions the L2 gain "
-            f"from w to Q^(1/2) e is at most {controller.gamma:.3g}. d is friction, tip forces and payload "
-            "as joint torques. "
-        )
-        return box + claim + NOT_COVERED
-    dropped = [u.premise for u in model.uncertainties]
-    residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
-    alpha, beta, strip = controller.alpha, controller.fastest_pole, ""
-    if beta is not None:
-        strip = (
-            f" and no faster than exp(-{beta:g} t), so that the poles of the loop frozen at any such state have real "
-            f"parts between -{beta:g} and -{alpha:g} 1/s"
-        )
-    claim = (
-        f"without disturbance the tracking error decays at least as exp(-{alpha:g} t){strip}, and from zero error the "
-        f"L2 gain from the disturbance torque d to the position error is at most {controller.gamma:.3g} rad/(N m). "
-        f"d holds friction, tip forces and payload as joint torques{residual}. "
-    )
-    return box + claim + NOT_COVERED
 
 
 def residual_bound(model: TSModel, reference: JointReference) -> np.ndarray:

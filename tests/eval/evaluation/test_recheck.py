@@ -1,7 +1,6 @@
 """Running an evaluation again from its results: what agrees, what differs, and what is refused."""
 
 import copy
-import hashlib
 import json
 import shlex
 import shutil
@@ -16,7 +15,6 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.recheck import check
 from fuzzyarm.eval.evaluation.results_file import read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
-from fuzzyarm.policies.files import policy_files
 
 ROOT = Path(__file__).parents[3]
 SHIPPED = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers")))
@@ -272,22 +270,6 @@ def test_files_from_before_the_digests_still_read(folder, document, capsys):
     assert main(["evaluate", "--check", str(write(folder, document))]) == 0
     assert "whether their files are the same was not compared" in capsys.readouterr().out
     read_results(ROOT / "benchmarks" / "results" / "evaluate.json")
-
-
-def sha256(path):
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
-def test_policies_are_known_by_the_content_of_their_files(folder):
-    shipped = ROOT / "fuzzyarm" / "learned_policy" / "policies"
-    assert policy_files("fuzzy-4") == policy_files("fuzzy-4-tip") == {"fuzzy-4.json": sha256(SHIPPED / "fuzzy-4.json")}
-    assert policy_files("computed-torque") == policy_files("computed-torque-tip") == policy_files("nobody") == {}
-    assert policy_files("ppo-robust") == {"policy.json": sha256(shipped / "ppo-robust" / "policy.json")}
-    residual = {"policy.json": sha256(shipped / "ppo-residual" / "policy.json")} | policy_files("fuzzy-4")
-    assert policy_files("ppo-residual") == policy_files(str(shipped / "ppo-residual")) == residual
-    mine = folder / "mine.json"
-    mine.write_bytes((SHIPPED / "fuzzy-4.json").read_bytes().replace(b"\n", b"\r\n"))  # as another system writes it
-    assert policy_files("mine.json-tip") == {"mine.json": sha256(SHIPPED / "fuzzy-4.json")}
 
 
 @pytest.mark.parametrize(

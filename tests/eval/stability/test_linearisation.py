@@ -13,10 +13,10 @@ import pytest
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants, gravity_torque
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.episodes.rollout import Predictor
 from fuzzyarm.eval.stability import linearisation as margins
 from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_margin, linearise, linearise_path, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy
 
 ARM = ArmParameters()

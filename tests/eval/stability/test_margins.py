@@ -30,7 +30,7 @@ from fuzzyarm.eval.stability.margins import (
     measure,
 )
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.policies.registry import LEARNED, NAMES, load_policy
+from fuzzyarm.policies import LEARNED, NAMES, load_policy
 
 ARM = ArmParameters()
 NAMED = ("computed-torque", "fuzzy-4")
