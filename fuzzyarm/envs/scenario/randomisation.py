@@ -116,7 +116,7 @@ class DomainRandomisation:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Low and high of every number of `Draw`, one row each; those of the reference are [0, number of references)."""
+        """Low and high of every number of `Draw`, one row each; the reference's are [0, number of references)."""
         table = np.empty((size(Draw), 2))
         for name, where in columns(Draw)._asdict().items():
             table[where] = (0.0, len(self.references)) if name == "reference" else getattr(self, name)
