@@ -382,7 +382,7 @@ WRONG = [
     (EncoderNoise, {"position": -1e-4}, r"EncoderNoise\.position = -0\.0001 .*\[0, inf\)"),
     (EncoderNoise, {"velocity": "1"}, r"EncoderNoise\.velocity = '1' .*\[0, inf\)"),
     (Payload, {"mass": -1.0}, r"payload mass = -1\.0 kg .*\[0, inf\) kg"),
-    (Payload, {"mass": 1.0, "at": "elbow"}, "payload at = 'elbow' .*'tip' or 'link'"),
+    (Payload, {"mass": 1.0, "at": "elbow"}, "payload at = 'elbow' .*choose from: tip, link"),
 ]
 
 
