@@ -129,9 +129,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
         torque = np.array(actions, dtype=np.float64, order="C")
         if torque.shape != (self.num_envs, JOINTS):
-            raise ValueError(
-                f"actions have shape {torque.shape}; needed: {(self.num_envs, JOINTS)}, motor torques [N m]"
-            )
+            needed = (self.num_envs, JOINTS)
+            raise ValueError(f"actions have shape {torque.shape}; needed: {needed}, motor torques [N m]")
         observation, vectors, scalars = split(self._lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
@@ -243,10 +242,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _initial_states(self, given: Any) -> np.ndarray:
         """Return checked starts (num_envs, 8) from one (8,) or one per lane."""
         states = np.array(given, dtype=np.float64)
-        if states.shape not in ((STATE_SIZE,), (self.num_envs, STATE_SIZE)):
-            raise ValueError(
-                f"initial_state has shape {states.shape}; allowed: ({STATE_SIZE},) or {(self.num_envs, STATE_SIZE)}"
-            )
+        one, all_lanes = (STATE_SIZE,), (self.num_envs, STATE_SIZE)
+        if states.shape not in (one, all_lanes):
+            raise ValueError(f"initial_state has shape {states.shape}; allowed: {one} or {all_lanes}")
         rows = [states] if states.ndim == 1 else list(states)
         checked = _each(initial_state, rows, self._plants)
         return np.array(checked * self.num_envs if len(checked) == 1 else checked)

@@ -147,8 +147,6 @@ class _Plant:
         p = self.parameters
         bending, rate = y[MOTOR + joint] - y[LINK + joint], y[MOTOR_VELOCITY + joint] - y[LINK_VELOCITY + joint]
         return p.stiffness[joint] * bending + p.damping[joint] * rate
-            y[MOTOR_VELOCITY + joint] - y[LINK_VELOCITY + joint]
-        )
 
     def mode(self, joint: int, y: np.ndarray) -> int:
         """Return the mode at a state: the sign of the velocity, at rest that of the net torque if it exceeds Γ_fs."""

@@ -21,6 +21,18 @@ from fuzzyarm.envs.physics.records import JOINTS, PerJoint, columns, size, times
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, TipPath
 from fuzzyarm.envs.scenario.reference import JointReference
 
+__all__ = [
+    "ALLOWED",
+    "RANDOMISATIONS",
+    "DomainRandomisation",
+    "Draw",
+    "Range",
+    "by_quantity",
+    "find_randomisation",
+    "reference_family",
+    "varied",
+]
+
 Range = tuple[float, float]
 FAMILY = 32  # references in the family of "robust"
 FAMILY_SEED = 2022

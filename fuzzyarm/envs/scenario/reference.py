@@ -20,6 +20,16 @@ from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle, TipPath
 
+__all__ = [
+    "CHECKED_INSTANTS",
+    "SINGULARITY_MARGIN",
+    "JointReference",
+    "ReferenceSample",
+    "TipSample",
+    "joint_angles",
+    "quintic_time_law",
+]
+
 # The whole path must keep |q2| in [margin, π - margin] rad: det J = L1 L2 sin q2 vanishes at 0 and π.
 SINGULARITY_MARGIN = 0.05
 
