@@ -17,7 +17,7 @@ import numpy as np
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.fuzzy_policy.ts_model import VELOCITY, TSModel
 
 SCHEMA = "fuzzyarm-controller/1"
 FORMS = ("consistent", "paper")
@@ -137,9 +137,9 @@ class Controller:
         """L (N, N_e, 2, 6): the stored one, or L_ik = [-A_pi[3:4, :], E_pk[3:4, 3:4]] of the consistent form."""
         if self.feedforward is not None:
             return self.feedforward
-        return np.array(
-            [[np.hstack([-A[2:], E[2:, 2:]]) for E in self.model.E_vertices] for A in self.model.A_vertices]
-        )
+        model = self.model
+        pairs = [[(-A[VELOCITY], E[VELOCITY, VELOCITY]) for E in model.E_vertices] for A in model.A_vertices]
+        return np.array([[np.hstack(pair) for pair in row] for row in pairs])
 
     def save(self, path: str | Path) -> None:
         """Write the controller file, whole or not at all."""

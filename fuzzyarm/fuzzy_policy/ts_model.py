@@ -25,6 +25,7 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, inertia_and_gravity
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = [
+    "DEFAULT_KEPT",
     "ERROR_STATES",
     "INTEGRAL",
     "NAMED_RULES",
@@ -47,15 +48,21 @@ POSITION, VELOCITY, INTEGRAL = consecutive(JOINTS, JOINTS, JOINTS)
 PLANT = slice(POSITION.start, VELOCITY.stop)
 """Where x, or the error of the plant, lies in ē."""
 
-PLANT_STATES, ERROR_STATES = VELOCITY.stop, INTEGRAL.stop
-"""Numbers in x, and in ē with the integral."""
+PLANT_STATES: int = VELOCITY.stop
+"""Numbers in x."""
+
+ERROR_STATES: int = INTEGRAL.stop
+"""Numbers in ē with the integral; without it there are `PLANT_STATES`."""
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
+DEFAULT_KEPT = ("z1", "z3")
+"""Kept premises where nothing else is said: four rules."""
+
 NAMED_RULES = {
     32: ("z1", "z2", "z3", "z4", "z5"),
     16: ("z1", "z2", "z3", "z4"),
     8: ("z1", "z2", "z3"),
-    4: ("z1", "z3"),
+    4: DEFAULT_KEPT,
     2: ("z3",),
     1: (),
 }
@@ -150,7 +157,7 @@ class TSModel:
     """
 
     parameters: ArmParameters
-    kept: tuple[str, ...] = NAMED_RULES[4]
+    kept: tuple[str, ...] = DEFAULT_KEPT
 
     def __post_init__(self) -> None:
         """Check and sort the kept premises."""

@@ -12,7 +12,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller, ControllerFileError, _digest
-from fuzzyarm.synthesis.design import Specification, design
+from fuzzyarm.synthesis import Specification, design
 
 
 @pytest.fixture(scope="module")

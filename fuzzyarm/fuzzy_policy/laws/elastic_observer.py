@@ -27,7 +27,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.envs.fuzzy_arm import whole_substeps
+from fuzzyarm.envs.arguments import whole_substeps
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import Arm, State, arm_constants, gravity_torque, mass_matrix

@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate, controller_certificate
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, controller_certificate
 from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES, INTEGRAL, POSITION, PREMISES, VELOCITY
 
 __all__ = ["FuzzyPolicy"]
