@@ -26,7 +26,7 @@ from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torqu
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.fuzzy_policy.ts_model import POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 
 RULES = (1, 2, 4, 8, 16, 32)
 DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long

@@ -20,7 +20,8 @@ from fuzzyarm.common.documents import DocumentError, check_schema, read_json, re
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES, PLANT_STATES, VELOCITY, TSModel
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 __all__ = ["FORMS", "POLE_ARRAYS", "Controller", "ControllerFileError"]
 

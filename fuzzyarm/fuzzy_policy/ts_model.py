@@ -19,21 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants, inertia_and_gravity
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
     "DEFAULT_KEPT",
-    "ERROR_STATES",
-    "INTEGRAL",
     "NAMED_RULES",
-    "PLANT",
-    "PLANT_STATES",
-    "POSITION",
     "PREMISES",
-    "VELOCITY",
     "Polytope",
     "TSModel",
     "Uncertainty",
@@ -41,18 +35,6 @@ __all__ = [
     "premise_bounds",
     "premises",
 ]
-
-POSITION, VELOCITY, INTEGRAL = consecutive(JOINTS, JOINTS, JOINTS)
-"""Where q, q̇ and, with the integral, x_I lie in the states x = (q, q̇) and ē = (e, ė, x_I)."""
-
-PLANT = slice(POSITION.start, VELOCITY.stop)
-"""Where x, or the error of the plant, lies in ē."""
-
-PLANT_STATES: int = VELOCITY.stop
-"""Numbers in x."""
-
-ERROR_STATES: int = INTEGRAL.stop
-"""Numbers in ē with the integral; without it there are `PLANT_STATES`."""
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
 DEFAULT_KEPT = ("z1", "z3")

@@ -21,7 +21,8 @@ import numpy as np
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.proof.vertices import reference_model
-from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES, INTEGRAL, PLANT, PLANT_STATES, TSModel
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, INTEGRAL, PLANT, PLANT_STATES
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 __all__ = ["ErrorModel", "UncertainBlock", "consistent_form", "paper_form", "reversed_time"]
 

@@ -21,7 +21,7 @@ import dataclasses
 import numpy as np
 
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.fuzzy_policy.ts_model import VELOCITY
+from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.synthesis.error_model import ErrorModel
 
 __all__ = ["INPUT_ROWS", "ReducedModel", "Variables", "blended", "expand", "inequality"]

@@ -17,7 +17,7 @@ import numpy as np
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE
-from fuzzyarm.fuzzy_policy.ts_model import PLANT, VELOCITY
+from fuzzyarm.fuzzy_policy.states import PLANT, VELOCITY
 from fuzzyarm.synthesis.error_model import ErrorModel, UncertainBlock
 
 __all__ = ["Scaling"]

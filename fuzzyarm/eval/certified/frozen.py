@@ -20,7 +20,8 @@ from scipy.optimize import Bounds, differential_evolution
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.fuzzy_policy.ts_model import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY, premises
+from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import premises
 
 __all__ = [
     "Objective",

@@ -11,7 +11,7 @@ from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.eval.certified.frozen import freeze
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import STEP, Disturbance, Motion
-from fuzzyarm.fuzzy_policy.ts_model import POSITION
+from fuzzyarm.fuzzy_policy.states import POSITION
 
 __all__ = ["Uniform", "joined", "library", "worst_torque"]
 

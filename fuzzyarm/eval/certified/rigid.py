@@ -23,7 +23,8 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.ts_model import PLANT, POSITION, VELOCITY, descriptor_terms, premises
+from fuzzyarm.fuzzy_policy.states import PLANT, POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises
 
 __all__ = ["RigidLoop"]
 

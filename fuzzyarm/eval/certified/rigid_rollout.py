@@ -11,7 +11,7 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.fuzzy_policy.ts_model import POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 
 __all__ = ["STEP", "Disturbance", "Motion", "Run", "simulate"]
 

@@ -16,7 +16,7 @@ from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torqu
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.fuzzy_policy.ts_model import POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 from fuzzyarm.policies import resolve
 
 STEP = 1e-3  # [s] of the rollouts, an order below the fastest time constant of the shipped loops

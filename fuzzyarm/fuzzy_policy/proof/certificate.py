@@ -14,7 +14,8 @@ from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import statement
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
-from fuzzyarm.fuzzy_policy.ts_model import PLANT_STATES, VELOCITY, TSModel
+from fuzzyarm.fuzzy_policy.states import PLANT_STATES, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 __all__ = ["Certificate", "Claim", "certify", "exact_vertices", "residual_bound"]
 

@@ -37,7 +37,7 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, identity, symmetric, zeros
 from fuzzyarm.fuzzy_policy.proof.vertices import Vertices
-from fuzzyarm.fuzzy_policy.ts_model import PLANT, POSITION
+from fuzzyarm.fuzzy_policy.states import PLANT, POSITION
 
 __all__ = ["phi", "psi"]
 

@@ -33,7 +33,7 @@ import numpy as np
 
 from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, identity, symmetric
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices
-from fuzzyarm.fuzzy_policy.ts_model import PLANT
+from fuzzyarm.fuzzy_policy.states import PLANT
 
 __all__ = ["xi"]
 

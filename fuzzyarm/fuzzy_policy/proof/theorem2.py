@@ -28,7 +28,7 @@ import numpy as np
 from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, identity, symmetric, zeros
 from fuzzyarm.fuzzy_policy.proof.theorem1 import xi
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm
-from fuzzyarm.fuzzy_policy.ts_model import PLANT, PLANT_STATES
+from fuzzyarm.fuzzy_policy.states import PLANT, PLANT_STATES
 
 __all__ = ["psi", "uncertain_row"]
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.proof.block_matrix import identity, zeros
-from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES, PLANT_STATES, TSModel
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES
+from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
 __all__ = [
     "REFERENCE_POLE",
