@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.documents import check_schema, read_json
+from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, identity
@@ -155,7 +155,11 @@ class Store:
 def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
     """Return the configuration, the identity and its digest from ``run.json``."""
     try:
-        document = check_schema(read_json(path), SCHEMA)
+        content = read_json(path)
+    except DocumentError as error:  # it names the file
+        raise ValueError(f"{error}; begin anew in another folder") from None
+    try:
+        document = check_schema(content, SCHEMA)
         config, digest = SweepConfig.from_dict(document["config"]), document["digest"]
         then = {name: document[name] for name in ("numbers", "policies", "made_with")}
     except (KeyError, TypeError, ValueError) as error:
