@@ -21,12 +21,12 @@ __all__ = ["Options", "run"]
 class Options:
     """Run policies on the elastic arm in the paper's cases; print a table, write JSON, CSV and figures."""
 
-    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
+    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """Policy: fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip
     to bring the tip to the reference instead of the motors; elastic-observer; ppo-nominal, -robust, -residual or a
     learned policy's folder; or code of your own as package.module:factory. May be repeated (default: fuzzy-4 and
     computed-torque, both with and without -tip, elastic-observer and the learned ones)"""
-    case: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
+    case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
     seeds: Annotated[int | None, Parameter(metavar="N")] = None
     """Episodes of each policy in each case, seeded 0 to N-1 (default: 1)"""

@@ -20,7 +20,7 @@ class Options:
     Print its spectral radius, nominal and with another loop gain, delay, stiffness or payload, and its gain margins.
     """
 
-    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
+    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """Policy: fuzzy-4, computed-torque, ..., a controller file (.json), a learned policy's folder, or code of your own
     as package.module:factory, which must act on batches. May be repeated (default: all policies that have a name)"""
     robot: Annotated[Path | None, Parameter(metavar="FILE")] = None

@@ -8,6 +8,7 @@ import inspect
 import itertools
 import re
 import textwrap
+import types
 import typing
 from collections.abc import Callable, Collection
 from typing import Annotated, Any, TypeVar
@@ -91,13 +92,17 @@ def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
         show_default=shown or False,
         metavar=None if hint is bool else _placeholder(hint),
         negative=f"--no-{option_name(field.name)}" if hint is bool else (),
-        consume_multiple=True,  # also no value at all: the configuration says whether it may be empty
+        # A list that is not empty by default may be made empty, if the configuration takes that.
+        consume_multiple=(0 if default else 1, None),
     )
     return Annotated[hint | None, parameter]
 
 
 def _placeholder(hint: Any) -> str:
     """Return what stands for the values of a type in the help, such as ``LOW HIGH`` for a pair with these names."""
+    given_types = [one for one in typing.get_args(hint) if one is not types.NoneType]
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return "|".join(map(_placeholder, given_types))
     if fields := getattr(hint, "_fields", None):
         return " ".join(fields).upper()
     if typing.get_origin(hint) is typing.Literal:

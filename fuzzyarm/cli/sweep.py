@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["Options", "configured", "run"]
 
 
-@with_fields_of(Engine)
 @with_fields_of(SweepConfig, without=("robot",))
+@with_fields_of(Engine)
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Run policies on many plants, drawn from a distribution or on a grid over two quantities.

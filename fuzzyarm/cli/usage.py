@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import tempfile
 import types
 import typing
@@ -70,7 +71,7 @@ def explain(error: cyclopts.CycloptsError) -> str:
     """Return one line for an error of the command line: the value, what is allowed, and where to look."""
     command = " ".join(["fuzzyarm", *(error.command_chain or ())])
     text = _explained(error)
-    return f"{text}{'' if text.endswith('?') else ';'} see {command} --help"
+    return f"{text} See {command} --help" if text.endswith("?") else f"{text}; see {command} --help"
 
 
 def _explained(error: cyclopts.CycloptsError) -> str:
@@ -78,6 +79,11 @@ def _explained(error: cyclopts.CycloptsError) -> str:
         case cyclopts.CoercionError() if error.token is not None and not _choices(error.target_type):
             name = error.token.keyword or _name(error)
             return f"{name} {error.token.value} must be {_in_words(error.target_type)}"
+        case cyclopts.UnknownCommandError() if error.unused_tokens and error.app is not None:
+            names = [name for name in error.app if not name.startswith("-")]
+            nearest = difflib.get_close_matches(error.unused_tokens[0], names, n=1)
+            hint = f"did you mean {nearest[0]}?" if nearest else f"choose from: {', '.join(names)}"
+            return f"unknown command {error.unused_tokens[0]}; {hint}"
         case cyclopts.UnusedCliTokensError():
             return f"{' '.join(error.unused_tokens or ())} belongs to no option"
         case cyclopts.MissingArgumentError() if error.argument is not None:
