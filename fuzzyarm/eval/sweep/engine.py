@@ -109,7 +109,7 @@ class Engine:
 
     def _piece(self, work: Callable[[int], Result]) -> Callable[[int], tuple[int, Result]]:
         """Return the function that workers call: `work` as it is for this process, otherwise pickled once."""
-        import cloudpickle
+        import cloudpickle  # type: ignore[import-untyped]
 
         if self.jobs == 1:
             return lambda number: (number, work(number))

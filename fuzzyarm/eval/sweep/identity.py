@@ -89,4 +89,5 @@ def _digest_of(paths: Iterable[Path]) -> str:
 
 
 def _short(value: Any) -> str:
-    return str(value)[:12]
+    """Return the first characters of a value: enough to tell digests and versions apart."""
+    return f"{value!s:.12}"
