@@ -2,8 +2,10 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -211,7 +213,16 @@ def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys):
     assert main(["sweep", *policy, "--robot", str(arm / "arm.toml"), *QUICK, "--jobs", "1", "--out", str(out)]) == 0
     capsys.readouterr()
     assert main(["sweep", "--resume", "--robot", str(other), "--out", str(out)]) == 2
-    assert "holds a sweep with robot" in capsys.readouterr().err
+    assert "holds a sweep of another robot (mass [14.0, 8.0] and [13.0, 8.0], stiffness" in capsys.readouterr().err
+
+
+def test_a_learned_policys_folder_is_the_policy_of_its_name(tmp_path):
+    shipped = resources.files("fuzzyarm.learned_policy.policies") / "ppo-nominal"
+    with resources.as_file(shipped) as folder:
+        shutil.copytree(folder, tmp_path / "mine")
+    for policy, out in ((str(tmp_path / "mine"), "by-folder"), ("ppo-nominal", "by-name")):
+        assert main(["sweep", "--policy", policy, *QUICK, "--jobs", "1", "--out", str(tmp_path / out)]) == 0
+    assert_equal(episodes(tmp_path / "by-folder"), episodes(tmp_path / "by-name"))
 
 
 @pytest.mark.parametrize("policy", ["fuzzy-4", "ppo-nominal"])
