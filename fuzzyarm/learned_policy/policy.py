@@ -92,20 +92,16 @@ class LearnedPolicy(Policy):
             q_motor = observed(shifted).q_motor
             q_motor -= torque  # with a base `_hold` gives the shift of its target [rad]
             self.base.act(shifted, memory[:, self._base_memory :], torque)
-        self._features.command(torque, self._past(memory))
+        self._features.command(torque, memory[:, _FEATURES : self._base_memory])
 
     def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:
         """Compute the next action of every lane and store it in the memory."""
         features, output = np.empty((len(memory), self._features.size)), np.empty((len(memory), JOINTS))
-        action, past = memory[:, _ACTION:_FEATURES], self._past(memory)
+        action, past = memory[:, _ACTION:_FEATURES], memory[:, _FEATURES : self._base_memory]
         self._features.fill(observation, past, features)
         self.bundle.network.act(features, output)
         action[:] = self._smoothing * action + (1.0 - self._smoothing) * output
         self._features.advance(observation, action, past)
-
-    def _past(self, memory: np.ndarray) -> np.ndarray:
-        """Return the memory of the features as a view."""
-        return memory[:, _FEATURES : self._base_memory]
 
 
 @kernel

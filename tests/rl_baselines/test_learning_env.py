@@ -152,7 +152,7 @@ def test_a_state_of_other_arms_is_refused():
         with pytest.raises(ValueError, match="other plants, scenarios, randomisation, periods or another number"):
             other.set_state(state)
     envs.reset(options={"case": "payload"})
-    with pytest.raises(ValueError, match="lane 0 is in a task that reset options asked for"):
+    with pytest.raises(ValueError, match="lane 0 is in a scenario that reset options asked for"):
         envs.get_state()
 
 
