@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.envs.observation import JOINTS, observed
+from fuzzyarm.envs.observation import JOINTS, START
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -18,6 +18,8 @@ __all__ = ["LearnedPolicy"]
 _PHASE = 0
 _ACTION = 1
 _FEATURES = _ACTION + JOINTS
+
+_MOTORS = slice(START.q_motor, START.q_motor + JOINTS)  # a slice, because `observed` takes as long as a small network
 
 
 class LearnedPolicy(Policy):
@@ -89,8 +91,7 @@ class LearnedPolicy(Policy):
         _hold(memory, self._scale, self.calls_per_action, torque)
         if self.base is not None:
             shifted = observation.copy()
-            q_motor = observed(shifted).q_motor
-            q_motor -= torque  # with a base `_hold` gives the shift of its target [rad]
+            shifted[:, _MOTORS] -= torque  # with a base `_hold` gives the shift of its target [rad]
             self.base.act(shifted, memory[:, self._base_memory :], torque)
         self._features.command(torque, memory[:, _FEATURES : self._base_memory])
 
