@@ -167,14 +167,15 @@ def _fill(
     """
     actions = JOINTS * past_errors  # where the past actions begin in the memory, and then the integral
     integral = actions + JOINTS * past_actions
+    o = observed(observation)
     for lane in range(len(observation)):
-        o, aim, past, out = observed(observation[lane]), target[lane], memory[lane], features[lane]
+        aim, past, out = target[lane], memory[lane], features[lane]
         for joint in range(JOINTS):
-            out[_AT.error + joint] = np.arcsinh((aim[joint] - o.q_motor[joint]) / error_scale)
-            out[_AT.rate + joint] = np.arcsinh((aim[JOINTS + joint] - o.dq_motor[joint]) / rate_scale)
-            out[_AT.q_reference + joint] = o.q_reference[joint]
-            out[_AT.dq_reference + joint] = o.dq_reference[joint] / velocity_scale
-            out[_AT.ddq_reference + joint] = o.ddq_reference[joint] / acceleration_scale
+            out[_AT.error + joint] = np.arcsinh((aim[joint] - o.q_motor[lane, joint]) / error_scale)
+            out[_AT.rate + joint] = np.arcsinh((aim[JOINTS + joint] - o.dq_motor[lane, joint]) / rate_scale)
+            out[_AT.q_reference + joint] = o.q_reference[lane, joint]
+            out[_AT.dq_reference + joint] = o.dq_reference[lane, joint] / velocity_scale
+            out[_AT.ddq_reference + joint] = o.ddq_reference[lane, joint] / acceleration_scale
             if integral_scale > 0.0:
                 out[_PAST + integral + joint] = np.arcsinh(past[integral + joint] / integral_scale)
         for k in range(actions):
@@ -197,15 +198,16 @@ def _advance(
     """Advance past errors, past actions and the integral, see `Features.advance`; the target as for `_fill`."""
     actions = JOINTS * past_errors
     integral = actions + JOINTS * past_actions
+    o = observed(observation)
     for lane in range(len(observation)):
-        o, aim, past = observed(observation[lane]), target[lane], memory[lane]
+        aim, past = target[lane], memory[lane]
         # Each past value moves to the place of the next older one, the oldest first.
         for k in range(actions - 1, JOINTS - 1, -1):
             past[k] = past[k - JOINTS]
         for k in range(integral - 1, actions + JOINTS - 1, -1):
             past[k] = past[k - JOINTS]
         for joint in range(JOINTS):
-            error = aim[joint] - o.q_motor[joint]
+            error = aim[joint] - o.q_motor[lane, joint]
             if past_errors > 0:
                 past[joint] = error
             if past_actions > 0:
