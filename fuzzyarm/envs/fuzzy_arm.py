@@ -91,6 +91,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     `reference`, and `case` or `disturbance`.
 
     Raises:
+        TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range; the message names it and the choices.
         gymnasium.error.ResetNeeded: `step` before `reset` or after the end of an episode.
     """

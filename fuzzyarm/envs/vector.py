@@ -57,6 +57,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     go on.
 
     Raises:
+        TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range, or a sequence has not one entry per lane; the message names
             the lane if there are several.
         gymnasium.error.ResetNeeded: `step` before `reset`.
