@@ -1,7 +1,8 @@
 """Soak: 1e8 env-steps of random and as many of controlled actions, without a number that is not finite.
 
-Every episode draws its plant, load, start and reference (randomisation "robust", machining force), sensors are noisy, and
-lanes begin anew by themselves. Memory is read along the way: it has to stay flat. `python benchmarks/soak.py`
+Every episode draws its plant, load, start and reference (randomisation "robust", machining force), the encoders are
+noisy, and each lane starts its next episode by itself. The resident memory is read along the way and must not grow.
+`python benchmarks/soak.py`
 """
 
 from __future__ import annotations
