@@ -105,11 +105,10 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
     made.register_install_completion_command(help="Install completion for bash, zsh or fish.", group=flags)
     for flag in ("--help", "--version"):
         made[flag].group = flags
-    for name in _modules() if words is None else words[:1]:
-        if name == "train":
-            importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
-        elif name in _modules():
-            _describe(made[name], name)
+    if words is None or "train" in words[:1]:
+        importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
+    elif words and words[0] in _modules():
+        _describe(made[words[0]], words[0])
     return made
 
 
