@@ -16,7 +16,7 @@ from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
 if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.run import Sweep
 
-__all__ = ["Options", "run"]
+__all__ = ["Options", "configured", "run"]
 
 
 @with_fields_of(SweepConfig, without=("robot",))
@@ -53,7 +53,7 @@ def run(options: Options) -> int:
     if resumed:
         sweep = Sweep.resume(options.out, _given(options))
     else:
-        sweep = Sweep.begin(options.out, SweepConfig.of(_given(options)))
+        sweep = Sweep.begin(options.out, configured(options))
     if options.replay is not None:
         _replay(sweep, *options.replay)
         return 0
@@ -69,6 +69,11 @@ def run(options: Options) -> int:
             sweep.store.take_back()
         raise
     return 0
+
+
+def configured(options: Options) -> SweepConfig:
+    """Return the configuration of a new sweep; ValueError if a value is unknown or out of range."""
+    return SweepConfig.of(_given(options))
 
 
 def _given(options: Options) -> dict[str, Any]:

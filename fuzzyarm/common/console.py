@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-__all__ = ["output", "print_paragraphs", "print_table", "progress", "status", "table"]
+__all__ = ["PIPED_WIDTH", "output", "print_paragraphs", "print_table", "progress", "status", "table"]
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
 
@@ -138,8 +138,14 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
         def advance(
             next_description: str | None = None, *, completed: int | None = None, line: str | None = None
         ) -> None:
-            step = {"advance": 1} if completed is None else {"completed": completed}
-            bar.update(task, description=next_description or description, refresh=between_steps, **step)
+            step = 1 if completed is None else None
+            bar.update(
+                task,
+                advance=step,
+                completed=completed,
+                description=next_description or description,
+                refresh=between_steps,
+            )
             if line is not None:
                 stderr.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 

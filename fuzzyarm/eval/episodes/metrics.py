@@ -69,12 +69,8 @@ _ALL = (
         "along the left normal of the path. Lag along the path does not show in it.",
         lambda r: 1e3 * r.circularity_error.min(),
     ),
-    Metric(
-        "circularity_link_max_mm", "mm", "Largest of the same quantity.", lambda r: 1e3 * r.circularity_error.max()
-    ),
-    Metric(
-        "circularity_motor_min_mm", "mm", _MOTOR_CIRCULARITY, lambda r: 1e3 * r.circularity_error_motor.min()
-    ),
+    Metric("circularity_link_max_mm", "mm", "Largest of the same quantity.", lambda r: 1e3 * r.circularity_error.max()),
+    Metric("circularity_motor_min_mm", "mm", _MOTOR_CIRCULARITY, lambda r: 1e3 * r.circularity_error_motor.min()),
     Metric(
         "circularity_motor_max_mm",
         "mm",
