@@ -38,7 +38,7 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import output, progress
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.eval.stability.margins import MarginsConfig, margins, print_margins
-    from fuzzyarm.policies.registry import NAMES
+    from fuzzyarm.policies import NAMES
 
     if options.out is not None:
         output_file(options.out, ".json")

@@ -41,7 +41,7 @@ def table(
     """Return an empty table; `print_table` prints it once it has its rows.
 
     Args:
-        headings: of the columns.
+        headings: of the columns; one that has several lines keeps them.
         left: indices of the columns that are aligned left; the others are aligned right.
         console: where the table will be printed.
         title: stands above the table.
@@ -55,7 +55,7 @@ def table(
     lines = box.SIMPLE_HEAD if terminal else None
     made = Table(title=title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
     for column, heading in enumerate(headings):
-        text = heading.replace(" ", "\n") if terminal else heading
+        text = heading.replace(" ", "\n") if terminal and "\n" not in heading else heading
         may_fold = terminal and fold and column in left
         made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not may_fold)
     return made
@@ -90,13 +90,13 @@ def print_table(table: Table, console: Console, keys: int = 1) -> None:
 
 
 def _keep_digits(table: Table, console: Console) -> None:
-    """Give each column that may not be folded the width of its widest cell."""
+    """Give each column the width of its widest cell, or of its longest word where its cells may be folded."""
     unlimited = console.options.update(max_width=PIPED_WIDTH)
     for number, column in enumerate(table.columns):
-        if column.no_wrap:
-            alone = _part(table, [number])
-            alone.box, alone.title = None, None
-            column.min_width = console.measure(alone, options=unlimited).maximum
+        alone = _part(table, [number])
+        alone.box, alone.title = None, None
+        width = console.measure(alone, options=unlimited)
+        column.min_width = width.maximum if column.no_wrap else width.minimum
 
 
 def _part(table: Table, columns: Sequence[int]) -> Table:

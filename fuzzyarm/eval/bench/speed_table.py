@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+
+from fuzzyarm.common.console import print_paragraphs, print_table, table
 
 QUIET = 0.5
 BUSY = (
@@ -65,21 +65,17 @@ def print_speeds(document: dict[str, Any], console: Console) -> None:
     rows = [*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])]
     headings, cells = speed_cells(rows)
     if console.is_terminal:
-        headings, cells = _narrow([text.replace(" ", "\n") for text in headings]), [_narrow(row) for row in cells]
-    table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
-    for heading in headings[1:]:
-        justify: Literal["left", "right"] = "left" if heading.startswith("entry") else "right"
-        table.add_column(escape(heading), justify=justify, no_wrap=not console.is_terminal, overflow="fold")
+        headings, cells = _narrow(headings), [_narrow(row) for row in cells]
+    shown = table(headings[1:], console=console)
     last = None
     for group, *row in cells:
         if group != last:
-            table.add_section()
-            table.add_row(f"[bold]{escape(group)}[/bold]")
+            shown.add_section()
+            shown.add_row(f"[bold]{escape(group)}[/bold]")
             last = group
-        table.add_row(*map(escape, row))
-    console.print(table)
-    for note in speed_notes(document):
-        console.print(f"\n{note}", highlight=False, markup=False)
+        shown.add_row(*map(escape, row))
+    print_table(shown, console)
+    print_paragraphs(console, speed_notes(document))
 
 
 def _narrow(cells: Sequence[str]) -> list[str]:

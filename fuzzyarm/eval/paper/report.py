@@ -121,7 +121,7 @@ def print_report(comparison: Comparison, console: Console) -> None:
         table = terminal.table(shown.headings, shown.text_columns, console=console, title=shown.title, fold=narrow)
         for row in shown.rows:
             table.add_row(*map(escape, row))
-        console.print(table)
+        terminal.print_table(table, console)
     console.print(LEGEND, highlight=False, markup=False)
     for reason, number in _reason_numbers().items():
         console.print(f"({number}) {reason}", highlight=False, markup=False)
