@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import cyclopts
 
@@ -97,7 +98,7 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
     for order, (heading, commands) in enumerate(GROUPS.items(), start=1):
         group = cyclopts.Group(heading, sort_key=order)
         for place, (name, line) in enumerate(commands.items()):
-            listed = {"help": line, "group": group, "sort_key": place}
+            listed: dict[str, Any] = {"help": line, "group": group, "sort_key": place}
             if name == "train":
                 made.command(cyclopts.App(name=name, **listed))
             else:

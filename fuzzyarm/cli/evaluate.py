@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -80,7 +80,7 @@ def _config(options: Options) -> EvaluationConfig:
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
-    given = {
+    given: dict[str, Any] = {
         "policies": options.policy or None,
         "cases": options.case or None,
         "seeds": options.seeds,

@@ -72,31 +72,45 @@ def print_table(table: Table, console: Console, keys: int = 1) -> None:
     if not console.is_terminal:
         console.print(table)
         return
-    unlimited = console.options.update(max_width=PIPED_WIDTH)
-    _keep_digits(table, console)
-    parts: list[list[int]] = [[*range(min(keys + 1, len(table.columns)))]]
+    _measure_columns(table, console)
+    parts = [[*range(min(keys + 1, len(table.columns)))]]
     for column in range(keys + 1, len(table.columns)):
         wider = [*parts[-1], column]
-        if console.measure(_part(table, wider), options=unlimited).minimum <= console.width:
+        if _least_width(_part(table, wider), console) <= console.width:
             parts[-1] = wider
         else:
             parts.append([*range(keys), column])
     for number, columns in enumerate(parts):
         part = _part(table, columns)
         part.title = table.title if number == 0 else None
-        needed = console.measure(part, options=unlimited).minimum
-        # Where not even one column fits beside the keys, the terminal breaks the lines: no digit is lost.
-        console.print(part, width=needed if needed > console.width else None, crop=False)
+        least = _least_width(part, console)
+        _spread(part, console.width - least)
+        if least > console.width:
+            # Not even one column fits beside the keys: the terminal breaks the lines, and no digit is lost.
+            part.width = least
+        console.print(part, crop=False)
 
 
-def _keep_digits(table: Table, console: Console) -> None:
-    """Give each column the width of its widest cell, or of its longest word where its cells may be folded."""
-    unlimited = console.options.update(max_width=PIPED_WIDTH)
+def _measure_columns(table: Table, console: Console) -> None:
+    """Set the least and the largest width of each column: a widest cell, or a longest word if cells may be folded."""
     for number, column in enumerate(table.columns):
         alone = _part(table, [number])
         alone.box, alone.title = None, None
-        width = console.measure(alone, options=unlimited)
+        width = console.measure(alone, options=console.options.update(max_width=PIPED_WIDTH))
         column.min_width = width.maximum if column.no_wrap else width.minimum
+        column.max_width = width.maximum
+
+
+def _least_width(table: Table, console: Console) -> int:
+    return console.measure(table, options=console.options.update(max_width=PIPED_WIDTH)).minimum
+
+
+def _spread(table: Table, room: int) -> None:
+    """Divide the room that is left among the columns, in proportion to what each lacks of its largest width."""
+    widths = [(column.min_width or 0, column.max_width or 0) for column in table.columns]
+    lacking = sum(largest - least for least, largest in widths)
+    for column, (least, largest) in zip(table.columns, widths, strict=True):
+        column.width = least + (largest - least) * min(max(room, 0), lacking) // max(lacking, 1)
 
 
 def _part(table: Table, columns: Sequence[int]) -> Table:
