@@ -9,7 +9,9 @@ Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted, 141 the
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -19,6 +21,7 @@ import cyclopts
 from fuzzyarm import __version__
 from fuzzyarm.cli.options import option_name, shown_default
 from fuzzyarm.cli.usage import UsageError, explain, whole_numbers
+from fuzzyarm.common.console import output
 
 __all__ = ["GROUPS", "application", "entry_point", "main"]
 
@@ -56,7 +59,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except cyclopts.CycloptsError as error:
         return _fail(f"{command}: {explain(error)}", 2)
     except BrokenPipeError:
-        return 141  # what a shell reports for a reader that left, such as head
+        # The reader, such as head, has left. What is still buffered must go nowhere, or Python complains at its end.
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141  # what a shell reports for it
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(f"{command}: {where}{error.strerror or error}", 2)
@@ -92,6 +98,7 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
             converter=whole_numbers,
             show_default=shown_default,
         ),
+        console=output(piped_width=None),
         exit_on_error=False,
         print_error=False,
     )

@@ -22,12 +22,22 @@ __all__ = ["PIPED_WIDTH", "output", "print_paragraphs", "print_table", "progress
 PIPED_WIDTH = 1000  # columns; wide enough for every table
 
 
-def output() -> Console:
-    """Return the console of standard output, wide where that is no terminal."""
+def output(piped_width: int | None = PIPED_WIDTH) -> Console:
+    """Return the console of standard output.
+
+    Args:
+        piped_width: width where that is no terminal; None: the width of a terminal.
+    """
     from rich.console import Console
 
-    console = Console()
-    return console if console.is_terminal else Console(width=PIPED_WIDTH)
+    class Output(Console):
+        """A console that says if the reader of the pipe has left; rich itself would exit with code 1."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    console = Output()
+    return console if console.is_terminal or piped_width is None else Output(width=piped_width)
 
 
 def table(

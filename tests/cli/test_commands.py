@@ -7,19 +7,13 @@ import subprocess
 import sys
 
 import pytest
+from support.command_line import one_line_error
 from support.processes import running
 
 from fuzzyarm.cli import main
 from fuzzyarm.fuzzy_policy.controller import Controller
 
 QUICK = ["evaluate", "--policy", "fuzzy-4", "--case", "nominal"]
-
-
-def one_line_error(capsys):
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
-    return err
 
 
 def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys):
@@ -184,6 +178,17 @@ def test_a_real_interrupt_leaves_no_part_files(tmp_path):
     assert "interrupted" in err and "Traceback" not in err
     assert {"results.json", "results.csv"} <= {path.name for path in tmp_path.iterdir()}
     assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize("words", [["--help"], ["train", "ppo", "--help"], ["verify", "--json", "fuzzy-1.json"]])
+def test_a_reader_that_leaves_is_no_error(words):
+    """As head does: the exit code of a broken pipe, and not a word."""
+    words = [shipped(word) if word.endswith(".json") else word for word in words]
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([sys.executable, "-m", "fuzzyarm", *words], stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, "")
 
 
 def test_the_installed_command_works():

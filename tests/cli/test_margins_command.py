@@ -5,17 +5,11 @@ import os
 import tempfile
 
 import pytest
+from support.command_line import one_line_error
 
 from fuzzyarm.cli import main
 
 QUICK = ["margins", "--policy", "computed-torque"]
-
-
-def one_line_error(capsys):
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
-    return err
 
 
 @pytest.fixture
