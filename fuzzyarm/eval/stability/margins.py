@@ -14,10 +14,11 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from rich import box
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
-from fuzzyarm.common.console import print_paragraphs, print_table, table
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -238,16 +239,35 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
 
 
 def print_margins(document: dict[str, Any], console: Console) -> None:
-    """Print the table and its notes."""
-    headings, rows = margin_cells(document["rows"])
-    shown = table(headings, console=console)
-    for name, *cells in rows:
-        shown.add_row(Text(name), *(_text(cell, console) for cell in cells))
-    print_table(shown, console)
-    print_paragraphs(console, margin_notes(document))
+    """Print the table and its notes; in a terminal too narrow for all columns, several tables below each other."""
+    headings, cells = margin_cells(document["rows"])
+    unlimited = console.options.update(max_width=1000)
+    tables: list[Table] = []
+    shown: list[int] = []
+    for column in range(1, len(headings)):
+        wider = _table(headings, cells, [*shown, column], console.is_terminal)
+        fits = not console.is_terminal or console.measure(wider, options=unlimited).maximum <= console.width
+        if fits and tables:
+            tables[-1], shown = wider, [*shown, column]
+        else:
+            tables, shown = [*tables, _table(headings, cells, [column], console.is_terminal)], [column]
+    for table in tables:
+        console.print(table)
+    for note in margin_notes(document):
+        console.print(f"\n{note}", highlight=False, markup=False)
 
 
-def _text(cell: str, console: Console) -> Text:
-    """Return a cell; on a terminal each of its words has a line of its own, which keeps the column narrow."""
-    text = cell.replace(" ", "\n") if console.is_terminal else cell
-    return Text(text, style="red" if "unstable" in cell else "")
+def _table(headings: Sequence[str], cells: Sequence[Sequence[str]], columns: Sequence[int], terminal: bool) -> Table:
+    """Return the table of some columns beside the policies: with lines in a terminal, plain columns when piped."""
+
+    def text(content: str) -> Text:
+        # In a terminal a word a line keeps the columns narrow.
+        return Text(content.replace(" ", "\n") if terminal else content, style="red" if "unstable" in content else "")
+
+    table = Table(box=box.SIMPLE_HEAD if terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column(headings[0], no_wrap=True)
+    for column in columns:
+        table.add_column(text(headings[column]), justify="right", no_wrap=not terminal)
+    for row in cells:
+        table.add_row(Text(row[0]), *(text(row[column]) for column in columns))
+    return table
