@@ -106,7 +106,7 @@ def _certificates(evaluation: Evaluation) -> list[str]:
 def _repeat(options: Options, recorded: Path) -> int:
     """Repeat a recorded evaluation and compare; only `policy` may be given beside it."""
     from fuzzyarm.common.console import output, progress
-    from fuzzyarm.eval.evaluation.recheck import check, print_check
+    from fuzzyarm.eval.evaluation.recheck import print_comparison, recheck_results
     from fuzzyarm.eval.evaluation.results_file import read_results
 
     for field in fields(options):
@@ -115,6 +115,6 @@ def _repeat(options: Options, recorded: Path) -> int:
             raise UsageError(f"--check repeats what the file says and writes nothing: leave out {option}")
     results = read_results(recorded)
     with progress("episodes", len(results.rows)) as advance:
-        found = check(results, options.policy, advance)
-    print_check(found, output())
+        found = recheck_results(results, options.policy, advance)
+    print_comparison(found, output())
     return 1 if found.differences else 0

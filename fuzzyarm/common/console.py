@@ -7,6 +7,7 @@ never folded. Progress is shown on a terminal's standard error alone.
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
+_BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
 
 
 def output() -> Console:
@@ -50,7 +52,7 @@ def table(
     lines = box.SIMPLE_HEAD if terminal else None
     made = Table(title=title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
     for column, heading in enumerate(headings):
-        text = heading.replace(" ", "\n") if terminal else heading
+        text = _BETWEEN_WORDS.sub("\n", heading) if terminal else heading
         made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not fold)
     return made
 

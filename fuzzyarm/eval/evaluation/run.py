@@ -12,10 +12,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common.checks import real, whole
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES, find_case
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.metrics import metrics_of
@@ -23,6 +24,8 @@ from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.policies import COMPARED, resolve_all
+
+__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"
 
@@ -41,7 +44,7 @@ class EvaluationConfig:
     """
 
     policies: tuple[str, ...] = COMPARED
-    cases: tuple[str, ...] = tuple(CASES)
+    cases: tuple[str, ...] = PAPER_CASES
     seeds: int = 1
     encoder_noise: tuple[float, float] = (0.0, 0.0)
     control_period: float = 1e-3
@@ -55,8 +58,9 @@ class EvaluationConfig:
             given = getattr(self, name)
             if not given or len(set(given)) != len(given):
                 raise ValueError(f"{name} = {list(given)} must be one or more different names")
-        if self.seeds < 1:
-            raise ValueError(f"seeds = {self.seeds} is out of range; allowed: [1, inf)")
+        whole("seeds", self.seeds, low=1)
+        EncoderNoise(*self.encoder_noise)
+        real("control_period", self.control_period, "s", above=0.0)
         if self.seeds > 1 and not any(self.encoder_noise):
             raise ValueError(
                 f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"
@@ -126,7 +130,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     rollouts = []
     for case in config.cases:
         env = FuzzyArmEnv(
-            disturbance=dataclasses.replace(CASES[case].disturbance, encoder_noise=noise),
+            disturbance=dataclasses.replace(find_case(case).disturbance, encoder_noise=noise),
             reference=reference,
             parameters=config.parameters,
             control_period=config.control_period,
