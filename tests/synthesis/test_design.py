@@ -69,29 +69,29 @@ def test_poles_lie_left_of_the_decay_rate(designed):
 
 
 @pytest.mark.parametrize(
-    "kept", [subset for subset in SUBSETS if len(subset) <= 3], ids=lambda k: "+".join(k) or "none"
+    "kept", [*(subset for subset in SUBSETS if len(subset) <= 2), NAMED_RULES[8]], ids=lambda k: "+".join(k) or "none"
 )
-def test_every_model_up_to_8_rules_is_designed_and_proven(kept):
+def test_every_model_up_to_4_rules_is_designed_and_proven(kept):
     assert design(Specification(kept=kept)).certificate.proven
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 3], ids=lambda k: "+".join(k))
+@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 2], ids=lambda k: "+".join(k))
 def test_every_larger_model_is_designed_and_proven(kept):
     assert design(Specification(kept=kept)).certificate.proven
 
 
 @pytest.mark.parametrize(
-    "kept", [subset for subset in SUBSETS if len(subset) <= 2], ids=lambda k: "+".join(k) or "none"
+    "kept", [subset for subset in SUBSETS if len(subset) <= 1], ids=lambda k: "+".join(k) or "none"
 )
-def test_every_model_up_to_4_rules_in_the_form_of_the_paper(kept):
+def test_every_model_up_to_2_rules_in_the_form_of_the_paper(kept):
     """As printed, with the integral: no number of rules is too few for Theorem 2."""
     asked = Specification(kept=kept, form="paper", gamma=1000.0, common_multiplier=True)
     assert design(asked).certificate.proven
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 2], ids=lambda k: "+".join(k))
+@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 1], ids=lambda k: "+".join(k))
 def test_every_larger_model_in_the_form_of_the_paper(kept):
     asked = Specification(kept=kept, form="paper", gamma=1000.0, common_multiplier=True)
     assert design(asked).certificate.proven

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +34,11 @@ class Summary:
 
     Attributes:
         document: what ``sweep.json`` holds, see `summary.summarise`.
-        figures: number of figure files written.
+        paths: all files that were written.
     """
 
     document: dict[str, Any]
-    figures: int
+    paths: list[Path]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,21 +88,18 @@ class Sweep:
         store = Store.open(folder, given)
         return cls(store, load_policies(store))
 
-    def run(
-        self, engine: Engine, progress: Callable[[int], None] = lambda plants: None, report: Report = lambda text: None
-    ) -> None:
-        """Run the chunks that are missing; each is kept as soon as it is done.
+    def run(self, engine: Engine, report: Report = lambda text: None) -> Iterator[int]:
+        """Run the chunks that are missing, each kept as soon as it is done, and yield the number of its plants.
 
         Args:
             engine: what runs them.
-            progress: called with the number of plants after each chunk.
             report: called with a line when a worker was lost, whose chunk is repeated.
 
         Raises:
             ValueError, OSError, engine.WorkersLost: see `chunks.run_missing`.
         """
-        config = self.store.config
-        run_missing(self.store, self.policies, engine, lambda number, _: progress(len(config.members(number))), report)
+        for number, _ in run_missing(self.store, self.policies, engine, report):
+            yield len(self.store.config.members(number))
 
     @property
     def remaining(self) -> int:
@@ -129,7 +126,7 @@ class Sweep:
         write_atomically(folder / TABLE, summary_csv(document["rows"]))
         write_atomically(folder / SUMMARY, json.dumps(document, indent=1) + "\n")
         figures = write_sweep_figures(config, results, document["rows"], folder, progress)
-        return Summary(document, len(figures))
+        return Summary(document, [folder / SUMMARY, folder / TABLE, folder / EPISODES, *figures])
 
     def replay_plant(self, policy: str, case: str, plant: int) -> Replay:
         """Run one plant again and write its signals and figures to a folder of their own.
