@@ -51,7 +51,7 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import output, print_paragraphs, progress
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import print_table
+    from fuzzyarm.eval.evaluation.result_table import print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
 
     config = _config(options)
@@ -67,7 +67,7 @@ def run(options: Options) -> int:
         _print_json(evaluation)
     else:
         console = output()
-        print_table(evaluation.rows, console)
+        print_results(evaluation.rows, console)
         print_paragraphs(console, [*_certificates(evaluation), f"{len(written)} files in {out}"])
     for rollout in evaluation.rollouts:
         if not rollout.completed:

@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.console import print_paragraphs
+from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
@@ -192,10 +192,10 @@ def print_leaderboard(board: Leaderboard, console: Console) -> None:
     """Print the table and its notes."""
     headings, cells = _cells(board)
     left = [headings.index(heading) for heading in _LEFT]
-    table = new_table(headings, left, console=console, fold=console.is_terminal)
+    table = new_table(headings, left, console=console, fold=True)
     for row in cells:
         table.add_row(*map(Text, row))
-    console.print(table)
+    print_table(table, console)
     print_paragraphs(console, [_notes(board)])
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from fuzzyarm.common.console import print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation.results_file import Results
@@ -166,7 +167,7 @@ def print_comparison(found: Comparison, console: Console) -> None:
         for difference in found.differences[:_SHOWN]:
             cells = (difference.place, difference.name, *map(_cell, (difference.recorded, difference.measured)))
             table.add_row(*map(Text, (*cells, _relative(difference))))
-        console.print(table)
+        print_table(table, console)
         left = len(found.differences) - _SHOWN
         if left > 0:
             console.print(f"and {left} more", highlight=False)

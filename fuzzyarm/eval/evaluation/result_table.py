@@ -9,10 +9,11 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from fuzzyarm.common.console import print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 
-__all__ = ["COLUMNS", "markdown_table", "print_table", "table_rows"]
+__all__ = ["COLUMNS", "markdown_table", "print_results", "table_rows"]
 
 COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("tip error max [mm]", ("tip_error_max_mm",), "{:#.3g}"),
@@ -51,7 +52,7 @@ def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> s
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
 
 
-def print_table(rows: Sequence[dict[str, Any]], console: Console) -> None:
+def print_results(rows: Sequence[dict[str, Any]], console: Console) -> None:
     """Print the table, the policies of each case below its title."""
     table = new_table(["policy", *(heading for heading, _, _ in COLUMNS)], console=console)
     last = None
@@ -61,7 +62,7 @@ def print_table(rows: Sequence[dict[str, Any]], console: Console) -> None:
             table.add_row(Text(case, style="bold"))
             last = case
         table.add_row(*map(Text, (policy, *cells)))
-    console.print(table)
+    print_table(table, console)
 
 
 def markdown_table(rows: Sequence[dict[str, Any]]) -> str:

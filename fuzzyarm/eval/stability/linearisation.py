@@ -28,6 +28,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -44,6 +45,8 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 __all__ = [
     "GAIN_SPAN",
     "POSTURES",
+    "GainLimits",
+    "Linearisable",
     "LocalLoop",
     "gain_limits",
     "gain_margin",
@@ -72,6 +75,26 @@ _STATES = len(State._fields)
 _PLANT, _MEMORY = slice(_STATES), slice(_STATES, None)
 _Q_MOTOR, _DQ_MOTOR = slice(JOINTS), slice(_STATES // 2, _STATES // 2 + JOINTS)
 _TORQUE, _NEXT_MEMORY = slice(JOINTS), slice(JOINTS, None)
+
+
+class Linearisable(Predictor, Protocol):
+    """What can be linearised: a `Policy`, or anything with these two methods."""
+
+    def without_dry_friction(self) -> Predictor:
+        """Return the policy for an arm without dry friction."""
+        ...
+
+
+class GainLimits(NamedTuple):
+    """Factors on the loop gain below 1 and above 1 between which a loop is stable.
+
+    Attributes:
+        lower: 0 where there is no limit within `GAIN_SPAN`, nan if the loop is unstable with its own gain.
+        upper: inf where there is no limit, nan likewise.
+    """
+
+    lower: float
+    upper: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,7 +139,7 @@ class LocalLoop:
 
 
 def spectral_radius(
-    policy: Predictor,
+    policy: Linearisable,
     parameters: ArmParameters,
     *,
     control_period: float,
@@ -142,19 +165,16 @@ def spectral_radius(
 
 
 def gain_margin(
-    policy: Predictor,
+    policy: Linearisable,
     parameters: ArmParameters,
     *,
     control_period: float,
     delay: float = 0.0,
     payload: Payload | None = None,
-) -> tuple[float, float]:
-    """Return the loop gains (lower, upper) around κ = 1, common to both motors, with spectral radius below 1 between.
+) -> GainLimits:
+    """Return the loop gains around κ = 1, common to both motors, between which the spectral radius is below 1.
 
     Arguments and exceptions as for `spectral_radius`.
-
-    Returns:
-        The two factors; 0 or inf where there is no limit within `GAIN_SPAN`; (nan, nan) if κ = 1 is unstable.
     """
     return gain_limits(linearise_path(policy, parameters, control_period, payload), delay)
 
@@ -165,45 +185,39 @@ def largest_radius(loops: Sequence[LocalLoop], loop_gain: float = 1.0, delay: fl
     return max(float(np.abs(np.linalg.eigvals(loop.matrix(loop_gain, delay))).max()) for loop in loops)
 
 
-def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> tuple[float, float]:
-    """Return the (lower, upper) loop gains between which every loop is stable, as `gain_margin` does for the path."""
+def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> GainLimits:
+    """Return the loop gains between which every loop is stable, as `gain_margin` does for those of the path."""
 
     def stable(loop_gain: float) -> bool:
         return largest_radius(loops, loop_gain, delay) < 1.0
 
     if not stable(1.0):
-        return math.nan, math.nan
+        return GainLimits(math.nan, math.nan)
     search = partial(last_that_works, stable, 1.0, resolution=_GAIN_TOLERANCE)
     lower = search(1.0 / _GAIN_RATIO, limit=1.0 / GAIN_SPAN)
     upper = search(_GAIN_RATIO, limit=GAIN_SPAN)
-    return 0.0 if lower is None else lower, math.inf if upper is None else upper
+    return GainLimits(0.0 if lower is None else lower, math.inf if upper is None else upper)
 
 
 def linearise_path(
-    policy: Predictor, parameters: ArmParameters, control_period: float, payload: Payload | None = None
+    policy: Linearisable, parameters: ArmParameters, control_period: float, payload: Payload | None = None
 ) -> list[LocalLoop]:
     """Return the loops at `POSTURES` instants of the paper's path; exceptions as for `spectral_radius`."""
     reference = JointReference(parameters=parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
-    smooth = _without_dry_friction(policy)  # once for all postures: it may design an observer anew
+    smooth = policy.without_dry_friction()  # once for all postures: it may design an observer anew
     return [_linearise(smooth, parameters, posture, control_period, payload) for posture in postures]
 
 
 def linearise(
-    policy: Predictor,
+    policy: Linearisable,
     parameters: ArmParameters,
     posture: np.ndarray,
     control_period: float,
     payload: Payload | None = None,
 ) -> LocalLoop:
     """Return the loop at its equilibrium for a reference held at `posture` [rad]; exceptions as `spectral_radius`."""
-    return _linearise(_without_dry_friction(policy), parameters, posture, control_period, payload)
-
-
-def _without_dry_friction(policy: Predictor) -> Predictor:
-    """Return the policy for an arm without dry friction; anything but a `Policy` may lack a method for that."""
-    method: Callable[[], Predictor] | None = getattr(policy, "without_dry_friction", None)
-    return policy if method is None else method()
+    return _linearise(policy.without_dry_friction(), parameters, posture, control_period, payload)
 
 
 def _linearise(

@@ -39,6 +39,10 @@ class Springs:
         torque = np.array([60.0, 20.0]) - 2e4 * e[..., :2] - 400.0 * e[..., 2:]
         return torque.astype(self.dtype), self.memory(observation, state) if self.memory else None
 
+    def without_dry_friction(self) -> Predictor:
+        """Return the springs, which have no model of friction."""
+        return self
+
 
 def count_calls(observation: np.ndarray, state: Any) -> Any:
     """A memory that grows by one a call."""
@@ -269,9 +273,11 @@ class FrictionModel(Springs):
 
 
 class StubbornFrictionModel(FrictionModel):
-    """The same without the way out."""
+    """The same, which keeps its model."""
 
-    without_dry_friction = None  # type: ignore[assignment]
+    def without_dry_friction(self) -> Predictor:
+        """Return itself."""
+        return self
 
 
 def test_a_model_of_dry_friction_is_removed_with_the_friction() -> None:
