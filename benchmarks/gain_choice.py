@@ -32,7 +32,8 @@ from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES

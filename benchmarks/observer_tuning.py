@@ -36,7 +36,8 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, ObserverWeights
 
 ARM = ArmParameters()

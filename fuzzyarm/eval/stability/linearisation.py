@@ -1,18 +1,7 @@
 """Stability margins: how far a policy is from instability on the sampled elastic arm, by linearising the closed loop.
 
-At a posture of the path the reference is held and dry friction removed; viscous friction stays. With the deviations
-x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one control period is
-
-    x⁺ = A x + B u_(k-d),    u = κ (D x + C s),    s⁺ = G x + F s,
-
-where κ is a factor on the loop gain and d are extra samples of delay (0: the torque computed from the sample at t_k
-acts from t_k). Between samples, d = m + 1/2, the torque changes in the middle of the period; with the map A_h, B_h of
-half a period
-
-    x⁺ = A_h (A_h x + B_h u_(k-m-1)) + B_h u_(k-m).
-
-The spectral radius of the matrix of (x, s, u_(k-1), u_(k-2), ...), with ⌈d⌉ torques, is below 1 if and only if small
-deviations decay.
+At a posture of the path the reference is held and dry friction removed; viscous friction stays. The equilibrium there
+is found by Newton's method, and `local_loop` has the equation of the loop around it.
 
 The plant may carry a payload that the policy does not know of. A policy with a model of dry friction, such as an
 observer, is linearised without that model, as ``Policy.without_dry_friction()`` returns it: the arm has no dry friction
@@ -25,32 +14,25 @@ the moving arm; what is proven is in the certificates (`fuzzyarm.fuzzy_policy.pr
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from fuzzyarm.common.bisection import last_that_works
-from fuzzyarm.common.checks import real
 from fuzzyarm.envs.arguments import whole_substeps
 from fuzzyarm.envs.observation import JOINTS, SIZE, START
 from fuzzyarm.envs.physics.dynamics import Payload, State, arm_constants
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.stability.local_loop import GainLimits, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = [
-    "GAIN_SPAN",
     "POSTURES",
-    "GainLimits",
     "Linearisable",
-    "LocalLoop",
-    "gain_limits",
     "gain_margin",
-    "largest_radius",
     "linearise",
     "linearise_path",
     "spectral_radius",
@@ -58,11 +40,6 @@ __all__ = [
 
 POSTURES = 16
 """Number of instants, evenly spaced over the paper's path; with 300 a gain margin changes by 0.2 %."""
-GAIN_SPAN = 100.0
-"""A gain margin is searched from κ = 1 up to this factor and down to its inverse."""
-
-_GAIN_RATIO = 1.1  # of that search
-_GAIN_TOLERANCE = 1e-4  # of a gain margin, relative
 _PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
 _MEMORY_STEP = 1e-8  # relative to max(1, |s|); an integral can move the torque by 5e8 N m per rad s
 _TORQUE_STEP = 1.0  # N m; the plant is linear in the torque
@@ -83,59 +60,6 @@ class Linearisable(Predictor, Protocol):
     def without_dry_friction(self) -> Predictor:
         """Return the policy for an arm without dry friction."""
         ...
-
-
-class GainLimits(NamedTuple):
-    """Factors on the loop gain below 1 and above 1 between which a loop is stable.
-
-    Attributes:
-        lower: 0 where there is no limit within `GAIN_SPAN`, nan if the loop is unstable with its own gain.
-        upper: inf where there is no limit, nan likewise.
-    """
-
-    lower: float
-    upper: float
-
-
-@dataclasses.dataclass(frozen=True)
-class LocalLoop:
-    """The loop of the module's equation at one posture; n plant states, m numbers of memory.
-
-    Memory that the torque never reads is left out: an integral without a gain would add an eigenvalue of exactly 1,
-    which says nothing about the arm. An integral that is fed back has its eigenvalues elsewhere.
-
-    Attributes:
-        plant: [A B], (n, n + 2) with two torques.
-        half_plant: [A_h B_h], (n, n + 2).
-        law: [D C; G F], (2 + m, n + m).
-        equilibrium: plant state and whole memory, (n + m or more,).
-        torque: at the equilibrium [N m], (2,).
-    """
-
-    plant: np.ndarray
-    half_plant: np.ndarray
-    law: np.ndarray
-    equilibrium: np.ndarray
-    torque: np.ndarray
-
-    def matrix(self, loop_gain: float = 1.0, delay: float = 0.0) -> np.ndarray:
-        """Return the map of (x, s, u_(k-1), u_(k-2), ...) over one control period, for κ = `loop_gain`, d = `delay`."""
-        real("loop_gain", loop_gain, low=0.0)
-        real("delay", delay, "samples", low=0.0)
-        if not float(2.0 * delay).is_integer():
-            raise ValueError(f"delay = {delay!r} is no multiple of half a sample; allowed: 0, 0.5, 1, 1.5, ...")
-        n, columns = len(self.plant), self.law.shape[1]
-        inputs = self.plant.shape[1] - n
-        unit = np.eye(columns + math.ceil(delay) * inputs)
-        law = self.law @ unit[:columns]
-        torques = np.vstack([loop_gain * law[:inputs], unit[columns:]])  # newest first, the last one acts
-        moved = unit[:n]
-        if float(delay).is_integer():
-            moved = self.plant @ np.vstack([moved, torques[-inputs:]])
-        else:  # the last one for half a period, then the one before
-            moved = self.half_plant @ np.vstack([moved, torques[-inputs:]])
-            moved = self.half_plant @ np.vstack([moved, torques[-2 * inputs : -inputs]])
-        return np.vstack([moved, law[inputs:], torques[:-inputs]])
 
 
 def spectral_radius(
@@ -177,26 +101,6 @@ def gain_margin(
     Arguments and exceptions as for `spectral_radius`.
     """
     return gain_limits(linearise_path(policy, parameters, control_period, payload), delay)
-
-
-def largest_radius(loops: Sequence[LocalLoop], loop_gain: float = 1.0, delay: float = 0.0) -> float:
-    """Return max |λ| over loops, as `spectral_radius` does for those of the path."""
-    # One by one: where a learned law saturates, less of its memory is read, and the matrix is smaller.
-    return max(float(np.abs(np.linalg.eigvals(loop.matrix(loop_gain, delay))).max()) for loop in loops)
-
-
-def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> GainLimits:
-    """Return the loop gains between which every loop is stable, as `gain_margin` does for those of the path."""
-
-    def stable(loop_gain: float) -> bool:
-        return largest_radius(loops, loop_gain, delay) < 1.0
-
-    if not stable(1.0):
-        return GainLimits(math.nan, math.nan)
-    search = partial(last_that_works, stable, 1.0, resolution=_GAIN_TOLERANCE)
-    lower = search(1.0 / _GAIN_RATIO, limit=1.0 / GAIN_SPAN)
-    upper = search(_GAIN_RATIO, limit=GAIN_SPAN)
-    return GainLimits(0.0 if lower is None else lower, math.inf if upper is None else upper)
 
 
 def linearise_path(

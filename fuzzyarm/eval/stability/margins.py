@@ -24,15 +24,8 @@ from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import (
-    GAIN_SPAN,
-    POSTURES,
-    Linearisable,
-    LocalLoop,
-    gain_limits,
-    largest_radius,
-    linearise_path,
-)
+from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
+from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies import NAMES, PolicySpec, resolve_all
 from fuzzyarm.policies.user_code import UserPolicy

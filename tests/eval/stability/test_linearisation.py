@@ -14,7 +14,8 @@ from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants, gravity_
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability import linearisation as margins
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_margin, linearise, linearise_path, spectral_radius
+from fuzzyarm.eval.stability.linearisation import gain_margin, linearise, linearise_path, spectral_radius
+from fuzzyarm.eval.stability.local_loop import LocalLoop
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import load_policy

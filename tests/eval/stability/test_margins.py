@@ -19,7 +19,8 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability import margins as margins_table
-from fuzzyarm.eval.stability.linearisation import GainLimits, gain_margin, spectral_radius
+from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
+from fuzzyarm.eval.stability.local_loop import GainLimits
 from fuzzyarm.eval.stability.margins import (
     CONDITIONS,
     LIMITS,
