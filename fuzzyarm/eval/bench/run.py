@@ -20,7 +20,7 @@ import numpy as np
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.bench.config import BenchConfig
 from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 SCHEMA = "fuzzyarm-bench/1"
 PEER_LIBRARIES = ("envpool", "mujoco", "torch")
@@ -49,7 +49,7 @@ def bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None)
     progress("accuracy")
     _add_tip_errors([*rows, *sweep])
     progress("memory")
-    made_with = provenance()
+    made_with = current_provenance()
     made_with["versions"] |= _versions(PEER_LIBRARIES)
     return {
         "schema": SCHEMA,

@@ -23,6 +23,7 @@ _RELATIVE, _ABSOLUTE = 1e-6, 1e-9
 """Numbers agree if they differ by at most the larger of 1e-6 of the larger one and 1e-9, in the unit of the number."""
 
 _SHOWN = 20  # differences in the table
+_WIDEST = 40  # characters of a text in the table
 _IDENTITY = ("case", "policy", "seed")
 
 
@@ -179,7 +180,7 @@ def print_comparison(found: Comparison, console: Console) -> None:
 
 
 def _cell(value: Any) -> str:
-    return "-" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)[:40]
+    return "-" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)[:_WIDEST]
 
 
 def _relative(difference: Difference) -> str:

@@ -68,7 +68,7 @@ def read_results(path: Path) -> Results:
     try:
         return _from_document(path, document)
     except (KeyError, TypeError, ValueError) as error:
-        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)[:200]
+        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise ValueError(f"{path} is damaged ({problem}); {again}") from None
 
 

@@ -1,7 +1,7 @@
 """The linear loop of a policy with the sampled arm, its spectral radius and the limits of its loop gain.
 
-With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one control
-period is
+With the deviations x of the plant's states [rad, rad/s], s of the policy's memory and u of the torques [N m], one
+control period is
 
     x⁺ = A x + B u_(k-d),    u = κ (D x + C s),    s⁺ = G x + F s,
 

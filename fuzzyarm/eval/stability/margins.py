@@ -18,12 +18,13 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.text import Text
 
+from fuzzyarm.common.checks import distinct
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
 from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -115,8 +116,7 @@ class MarginsConfig:
 
     def __post_init__(self) -> None:
         """Check the names before anything runs."""
-        if not self.policies or len(set(self.policies)) != len(self.policies):
-            raise ValueError(f"policies = {list(self.policies)} must be one or more different names")
+        distinct("policies", self.policies)
 
     def command(self) -> str:
         """Return the command line of this configuration."""
@@ -154,7 +154,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         "schema": SCHEMA,
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **provenance(),
+        **current_provenance(),
         "method": {"control_period": CONTROL_PERIOD, "postures": POSTURES, "gain_span": GAIN_SPAN},
         "parameters": parameters.to_dict(),
         "conditions": [dataclasses.asdict(condition) for condition in CONDITIONS],
