@@ -170,6 +170,6 @@ def test_other_arrays_are_refused(values, error, message):
 
 @pytest.mark.parametrize("wrong", [[], ("a", "a"), ("a", "b", "a")])
 def test_names_that_are_not_distinct_are_refused(wrong):
-    with pytest.raises(ValueError, match="^policies = .* must be one or more different names$"):
+    with pytest.raises(ValueError, match=r"^policies = .* must be one or more different names$"):
         checks.distinct("policies", wrong)
     assert checks.distinct("policies", ("b", "a")) == ("b", "a")
