@@ -73,7 +73,12 @@ def main() -> None:
             ]
             print(f"{law:16} {variant:18} max / rms [mm]: {', '.join(cells)}", flush=True)
     if options.json:
-        document = {"command": "python benchmarks/tip_feedforward.py", **current_provenance(), "wrong": WRONG, "rows": rows}
+        document = {
+            "command": "python benchmarks/tip_feedforward.py",
+            **current_provenance(),
+            "wrong": WRONG,
+            "rows": rows,
+        }
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 
