@@ -7,7 +7,7 @@ in mm. The arms follow the paper's circle with masses, motor inertias and stiffn
 within 50 % of what the policy knows, an unknown payload of up to 5 kg, an unknown tip force of up to 200 N in any
 direction from some instant of the first half on, and encoder noise. Cases 2 and 3 play no part; they are only reported.
 
-Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.stability.linearisation` is at most 0.997, so that of a small
+Constraint: in each of `CONDITIONS` the spectral radius of `eval.stability.linearisation` is at most 0.997, so that of a small
 deviation an episode leaves a hundredth. It is active: accuracy is bought with margin.
 
 Search: a Sobol set in the logarithms of `BOX`, then Nelder-Mead from its best points. Seeded; two and a half minutes.
@@ -35,8 +35,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
@@ -246,7 +247,7 @@ def main() -> None:
     if options.json:
         document = {
             "command": "python benchmarks/observer_tuning.py",
-            **provenance(),
+            **current_provenance(),
             "weights": dataclasses.asdict(chosen),
             "objective_mm": cost,
             **found,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["PIPED_WIDTH", "output", "print_paragraphs", "print_table", "progress", "status", "table"]
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
+_BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
 
 
 def output(piped_width: int | None = PIPED_WIDTH) -> Console:
@@ -65,7 +67,8 @@ def table(
     lines = box.SIMPLE_HEAD if terminal else None
     made = Table(title=title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
     for column, heading in enumerate(headings):
-        text = heading.replace(" ", "\n") if terminal and "\n" not in heading else heading
+        # A heading that has several lines already keeps them.
+        text = _BETWEEN_WORDS.sub("\n", heading) if terminal and "\n" not in heading else heading
         may_fold = terminal and fold and column in left
         made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not may_fold)
     return made

@@ -19,7 +19,7 @@ def never(monkeypatch):
     def measure(*_):
         raise AssertionError("something ran")
 
-    monkeypatch.setattr("fuzzyarm.eval.stability.margins.measure", measure)
+    monkeypatch.setattr("fuzzyarm.eval.stability.margins.policy_margins", measure)
 
 
 def test_a_table_and_what_it_means(tmp_path, capsys, monkeypatch):
@@ -143,7 +143,7 @@ def test_an_interrupt_leaves_the_old_file_and_one_line(tmp_path, capsys, monkeyp
 
     path = tmp_path / "margins.json"
     path.write_text("the old one")
-    monkeypatch.setattr("fuzzyarm.eval.stability.margins.measure", interrupt)
+    monkeypatch.setattr("fuzzyarm.eval.stability.margins.policy_margins", interrupt)
     assert main([*QUICK, "--out", str(path)]) == 130
     assert "interrupted" in one_line_error(capsys)
     assert list(tmp_path.iterdir()) == [path] and path.read_text() == "the old one"
