@@ -195,7 +195,7 @@ def print_leaderboard(board: Leaderboard, console: Console) -> None:
     table = new_table(headings, left, console=console, fold=True)
     for row in cells:
         table.add_row(*map(Text, row))
-    print_table(table, console)
+    print_table(table, console, keys=2)
     print_paragraphs(console, [_notes(board)])
 
 
