@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import writable_folder
+from fuzzyarm.cli.usage import UsageError, writable_folder
 
 __all__ = ["Options", "run"]
 
@@ -19,15 +19,17 @@ class Options:
     """Reproduce Figs. 2-10 and Table 2 of the paper from the controllers with 32 and 4 rules.
 
     A table compares what the paper says with what is measured here. The exit code is 1 if a number differs by more
-    than its tolerance from the one stored in the package. It takes a quarter of a minute.
+    than its tolerance from the stored one. It takes a quarter of a minute.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """folder for paper.md, paper.json and the figures"""
-    renew: bool = False
-    """store what is measured as what is expected from now on; the exit code is then 0"""
+    """Folder for paper.md, paper.json and the figures"""
+    expected: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """File of stored numbers to compare with (default: the one in the package)"""
+    renew: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """Write the measured numbers to a file for --expected instead of comparing them; the exit code is then 0"""
     json: bool = False
-    """print the results as JSON instead of the tables"""
+    """Print the results as JSON instead of the tables"""
 
 
 def run(options: Options) -> int:
@@ -35,19 +37,23 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import output, progress
-    from fuzzyarm.eval.paper.drift import load_expected, store_expected
+    from fuzzyarm.eval.paper.drift import EXPECTED, load_expected, store_expected
     from fuzzyarm.eval.paper.evidence import STEPS, gather
     from fuzzyarm.eval.paper.figures import write_figures
     from fuzzyarm.eval.paper.report import compare, print_report, renewed, write_report
 
-    stored = {} if options.renew else load_expected()
+    if options.renew and options.expected:
+        raise UsageError("--renew writes new stored numbers and --expected compares with old ones; give one of them")
+    stored = {} if options.renew else load_expected(options.expected or EXPECTED)
     writable_folder(options.out)
+    if options.renew:
+        writable_folder(options.renew.parent)
     with progress("runs and proofs", STEPS) as advance:
         evidence = gather(advance)
         comparison = compare(evidence, stored)
     if options.renew:
         comparison = renewed(comparison)
-        store_expected(comparison.measured, comparison.made_with)
+        store_expected(comparison.measured, comparison.made_with, options.renew)
     with progress("figures", None) as advance:
         figures = write_figures(evidence, options.out, advance)
     written = [*figures, *write_report(comparison, figures, options.out)]

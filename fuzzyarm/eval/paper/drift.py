@@ -87,12 +87,12 @@ def load_expected(path: Path = EXPECTED) -> Numbers:
         ValueError: the file is damaged or of another schema.
         OSError: it cannot be read.
     """
-    content = documents.read_json(path)
     try:
-        return documents.record(documents.check_schema(content, SCHEMA), _ExpectedFile).measured
+        content = documents.check_schema(documents.read_json(path), SCHEMA)
+        return documents.record(content, _ExpectedFile).measured
     except ValueError as error:
         raise documents.DocumentError(
-            f"{path} holds no stored numbers ({error}); make such a file with fuzzyarm paper --out DIR --renew {path}"
+            f"{path} holds no stored numbers ({error}); write such a file with fuzzyarm paper --out DIR --renew {path}"
         ) from None
 
 

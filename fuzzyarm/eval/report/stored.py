@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm import __version__
-from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import NAME, digest, read_rollouts
 from fuzzyarm.eval.evaluation import results_file
@@ -97,7 +97,7 @@ def _bounds(claimed: Any) -> dict[str, Any] | None:
 def _check_row(run: Rollout, row: dict[str, Any]) -> None:
     """See that a row of results is that of a rollout; its numbers are computed anew."""
     named = ("case", "policy", "seed", "completed", "reason")
-    expected = {name: getattr(run, name) for name in named} | metrics(run)
+    expected = {name: getattr(run, name) for name in named} | metrics_of(run)
     for key, value in expected.items():
         same = math.isclose(value, row[key], rel_tol=1e-9) if isinstance(value, float) else value == row[key]
         if not same and not (value != value and row[key] != row[key]):
