@@ -15,7 +15,7 @@ from typing import Any
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES, find_case
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.metrics import metrics_of
@@ -41,7 +41,7 @@ class EvaluationConfig:
     """
 
     policies: tuple[str, ...] = COMPARED
-    cases: tuple[str, ...] = tuple(CASES)
+    cases: tuple[str, ...] = PAPER_CASES
     seeds: int = 1
     encoder_noise: tuple[float, float] = (0.0, 0.0)
     control_period: float = 1e-3
