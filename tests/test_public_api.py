@@ -54,7 +54,9 @@ def callables(name):
         for key, member in vars(found).items():
             function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
             if inspect.isfunction(function) and function.__module__ == name and not key.startswith("_"):
-                yield f"{symbol}.{key}", function, "\n".join([about, found.__doc__ or "", function.__doc__ or ""])
+                bases = [base for base in found.__mro__ if base.__module__.startswith("fuzzyarm")]
+                texts = [text.__doc__ or "" for base in bases for text in (base, vars(base).get(key))]
+                yield f"{symbol}.{key}", function, "\n".join([about, *texts])
 
 
 def annotations(function):
@@ -87,7 +89,7 @@ def undocumented(name):
         if inspect.isclass(found) or inspect.isroutine(found) or inspect.ismodule(found):
             if not inspect.getdoc(found):
                 yield symbol
-        elif symbol in own - explained:
+        elif symbol in own - explained and not symbol.startswith("__"):
             yield symbol
     yield from (place for place, function, _ in callables(name) if not inspect.getdoc(function))
 
