@@ -108,7 +108,7 @@ def set_random_state(state: dict[str, Any]) -> None:
 
 
 def as_array(tensor: torch.Tensor) -> np.ndarray:
-    """Return a copy of a tensor as an array."""
+    """Return a copy of a tensor as an array of the same shape."""
     return np.array(tensor.numpy())
 
 

@@ -41,6 +41,7 @@ from fuzzyarm.rl_baselines.learning_env import learning_envs
 __all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
 
 CHECKPOINT = "checkpoint.pt"
+"""Name of the checkpoint in the folder of a training."""
 _CURVE, _LAST, _BEST, _TENSORBOARD = "curve.csv", "policy", "best", "tensorboard"
 _TIMES = "run.json"  # apart from the bundles, which are the same for every run with the same seed
 _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which policies are compared
