@@ -32,6 +32,7 @@ __all__ = [
 
 MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
+"""What the `options` of `reset` may hold."""
 
 
 def whole_substeps(control_period: float, substep: float | None) -> int:
@@ -101,7 +102,7 @@ def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:
 
 
 def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
-    """Return a given start (8,), checked against the box (25)."""
+    """Return a given start (8,), angles [rad] and velocities [rad/s], checked against the box (25)."""
     p, state = parameters, np.array(given, dtype=np.float64)
     high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(8)
     if state.shape != (8,) or not np.all(np.abs(state) <= high):

@@ -51,6 +51,7 @@ PLANT_STATES, ERROR_STATES = VELOCITY.stop, INTEGRAL.stop
 """Numbers in x, and in ē with the integral."""
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
+"""Names of the premises, in the order of the paper."""
 NAMED_RULES = {
     32: ("z1", "z2", "z3", "z4", "z5"),
     16: ("z1", "z2", "z3", "z4"),
