@@ -93,14 +93,13 @@ class Engine:
         missing, losses = dict.fromkeys(numbers), 0
         with self._workers(report, modules):
             while missing:
-                results = Parallel(
-                    n_jobs=self.jobs or -1, return_as="generator_unordered", batch_size=1, max_nbytes=None
-                )(delayed(piece)(number) for number in list(missing))
                 try:
-                    for number, result in results:
-                        losses = 0
-                        yield number, result
-                        del missing[number]
+                    # The workers are asked for within the block: one may die before all pieces have been handed out.
+                    with contextlib.closing(self._results(piece, list(missing))) as results:
+                        for number, result in results:
+                            losses = 0
+                            yield number, result
+                            del missing[number]
                 except BrokenExecutor:
                     losses += 1
                     if losses == TRIES:
@@ -108,10 +107,19 @@ class Engine:
                             f"workers died {TRIES} times in a row; {len(missing)} chunks are left"
                         ) from None
                     report(f"a worker died; {len(missing)} chunks that are not done yet are run again")
-                finally:
-                    with warnings.catch_warnings():
-                        warnings.simplefilter("ignore", UserWarning)  # "... was not consumed"
-                        results.close()
+
+    def _results(
+        self, piece: Callable[[int], tuple[int, Result]], numbers: Sequence[int]
+    ) -> Generator[tuple[int, Result]]:
+        """Yield what the workers return for each number; BrokenExecutor when one of them died."""
+        parallel = Parallel(n_jobs=self.jobs or -1, return_as="generator_unordered", batch_size=1, max_nbytes=None)
+        results = parallel(delayed(piece)(number) for number in numbers)
+        try:
+            yield from results
+        finally:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # "... was not consumed"
+                results.close()
 
     def _piece(self, work: Callable[[int], Result]) -> Callable[[int], tuple[int, Result]]:
         """Return the function that workers call: `work` as it is for this process, otherwise pickled once."""
