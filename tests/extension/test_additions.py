@@ -136,6 +136,7 @@ def test_a_controller_has_margins_and_a_sweep(page, tmp_path, capsys):
     assert action.shape == (5, 2) and state.shape == (5, 0)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_algorithm_trains_and_its_policy_is_evaluated(page, tmp_path, capsys):
     pytest.importorskip("stable_baselines3")
     out, settings = tmp_path / "run", {"lanes": 4, "total-timesteps": 1000, "n-steps": 25, "seed": 3}
