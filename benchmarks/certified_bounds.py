@@ -21,11 +21,12 @@ import numpy as np
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, pole_rate, search, slowest_error
+from fuzzyarm.eval.certified.frozen import find_worst_point, freeze, gain_at, lyapunov_rate, pole_rate, slowest_error
 from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
 from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 
 RULES = (1, 2, 4, 8, 16, 32)
 DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long
@@ -37,27 +38,27 @@ NOTHING = joined(np.zeros((2, 1, 2)))
 def decay(loop: RigidLoop) -> dict[str, float]:
     """Return the smallest rates of decay [1/s]: of V in rollouts, of V anywhere in the box, of a frozen pole."""
     P, rng, n = loop.controller.P, np.random.default_rng(0), loop.states
-    slowest = search(loop, lambda F, G, omega: -lyapunov_rate(F, P))
+    slowest = find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P))
     q, dq = 0.999 * slowest.q[np.newaxis], 0.999 * slowest.dq[np.newaxis]
-    start = 1e-4 * slowest_error(frozen(loop, q, dq)[0], P)
-    one = simulate(loop, Uniform(q - start[:, :2], dq - start[:, 2:4]), start, NOTHING, 0.02, step=2e-5)
+    start = 1e-4 * slowest_error(freeze(loop, q, dq)[0], P)
+    one = simulate(loop, Uniform(q - start[:, POSITION], dq - start[:, VELOCITY]), start, NOTHING, 0.02, step=2e-5)
     p = loop.controller.model.parameters
     where = Uniform(*(rng.uniform(-0.6, 0.6, (LANES, 2)) * limit for limit in (p.joint_limit, p.velocity_limit)))
     errors = 0.01 * rng.normal(size=(LANES, n)) @ np.linalg.cholesky(P).T
-    errors *= (rng.uniform(0.01, 0.3, LANES) / np.abs(errors[:, :2]).max(axis=1))[:, np.newaxis]
+    errors *= (rng.uniform(0.01, 0.3, LANES) / np.abs(errors[:, POSITION]).max(axis=1))[:, np.newaxis]
     many = simulate(loop, where, errors, NOTHING, DECAY_DURATION)
     return {
         "observed": float(min(one.rate.min(), many.rate.min())),
         "observed_random": float(many.rate.min()),
         "lyapunov": -slowest.value,
-        "pole": -search(loop, lambda F, G, omega: -pole_rate(F)).value,
+        "pole": -find_worst_point(loop, lambda F, G, omega: -pole_rate(F)).value,
     }
 
 
 def gain(loop: RigidLoop) -> dict[str, Any]:
     """Return the largest gains [rad/(N m)] in rollouts and of frozen loops, and the share of the supply used."""
     alpha, gamma = loop.controller.alpha, loop.controller.gamma
-    at_rest = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
+    at_rest = find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
     posture = Uniform(0.98 * at_rest.q[np.newaxis], np.zeros((1, 2)))
     runs = [disturbed(loop, motion) for motion in (JointReference(), posture)]
     (library_gain, probe), (worst, _) = (max(run[key] for run in runs) for key in ("library", "worst"))
@@ -66,8 +67,8 @@ def gain(loop: RigidLoop) -> dict[str, Any]:
         "observed_library": library_gain,
         "library_probe": probe,
         "supply_used": max(run["used"] for run in runs),
-        "frozen": search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
-        "frozen_shifted": search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
+        "frozen": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
+        "frozen_shifted": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
         "certified": gamma,
     }
 

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from learned_comparison import training_cells
+from learned_tables import training_cells
 
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.ranking import leaderboard, markdown

@@ -21,8 +21,8 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
-from fuzzyarm.synthesis.design import PAPER_WEIGHT
 from fuzzyarm.synthesis.error_model import paper_form
+from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
 __all__ = [
     "INTEGRAL",

@@ -8,7 +8,7 @@ from html import escape
 from fuzzyarm.eval.report.chart import Axis, Bound, chart, figure
 from fuzzyarm.eval.report.observed import Observed
 from fuzzyarm.eval.report.stored import StoredEvaluation
-from fuzzyarm.fuzzy_policy.proof.statement import NOT_COVERED
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 
 SCOPE = (
     "A certificate is proven for the rigid arm in continuous time, as long as it stays inside the box, and not for the "

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, search, slowest_error
+from fuzzyarm.eval.certified.frozen import find_worst_point, freeze, gain_at, lyapunov_rate, slowest_error
 from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 from fuzzyarm.policies import resolve
 
 STEP = 1e-3  # [s] of the rollouts, an order below the fastest time constant of the shipped loops
@@ -46,7 +47,7 @@ def observe(loop: RigidLoop, reference: JointReference) -> Observed:
     library of torques and the worst torque found by power iteration, along the reference and at the held posture of
     largest frozen gain.
     """
-    at_rest = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
+    at_rest = find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
     posture = Uniform(0.98 * at_rest.q[np.newaxis], np.zeros((1, 2)))
     gain, probe = max(_gain(loop, motion, reference.duration) for motion in (reference, posture))
     return Observed(min(_slowest_decay(loop), _random_decay(loop)), gain, probe)
@@ -55,10 +56,10 @@ def observe(loop: RigidLoop, reference: JointReference) -> Observed:
 def _slowest_decay(loop: RigidLoop) -> float:
     """Start where V decays slowest in the box, a promille inside it, and along that error."""
     P = loop.controller.P
-    slowest = search(loop, lambda F, G, omega: -lyapunov_rate(F, P))
+    slowest = find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P))
     q, dq = 0.999 * slowest.q[np.newaxis], 0.999 * slowest.dq[np.newaxis]
-    error = 1e-4 * slowest_error(frozen(loop, q, dq)[0], P)
-    run = simulate(loop, Uniform(q - error[:, :2], dq - error[:, 2:4]), error, NOTHING, 0.01, step=2e-5)
+    error = 1e-4 * slowest_error(freeze(loop, q, dq)[0], P)
+    run = simulate(loop, Uniform(q - error[:, POSITION], dq - error[:, VELOCITY]), error, NOTHING, 0.01, step=2e-5)
     return float(run.rate.min())
 
 
@@ -66,7 +67,7 @@ def _random_decay(loop: RigidLoop) -> float:
     P, limits, rng = loop.controller.P, loop.controller.model.parameters, np.random.default_rng(0)
     inner = [rng.uniform(-0.6, 0.6, (LANES, 2)) * limit for limit in (limits.joint_limit, limits.velocity_limit)]
     errors = rng.normal(size=(LANES, loop.states)) @ np.linalg.cholesky(P).T
-    errors *= (rng.uniform(0.01, 0.3, LANES) / np.abs(errors[:, :2]).max(axis=1))[:, np.newaxis]
+    errors *= (rng.uniform(0.01, 0.3, LANES) / np.abs(errors[:, POSITION]).max(axis=1))[:, np.newaxis]
     return float(simulate(loop, Uniform(*inner), errors, NOTHING, DECAY_DURATION, step=STEP).rate.min())
 
 
