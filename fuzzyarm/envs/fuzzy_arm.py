@@ -93,6 +93,14 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     Raises:
         ValueError: a value is unknown or out of range; the message names it and the choices.
         gymnasium.error.ResetNeeded: `step` before `reset` or after the end of an episode.
+
+    Examples:
+        >>> env = FuzzyArmEnv(case="machining")
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(np.zeros(2))
+        >>> observation.shape, terminated, truncated
+        ((10,), False, False)
+        >>> env.close()
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012  Gymnasium's own name and type

@@ -29,6 +29,7 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
     assert not [name for name in names if name.endswith(".part")]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_evaluate_json_is_the_results_file(tmp_path, capsys):
     assert main([*QUICK, "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "results.json").read_text())
@@ -87,6 +88,7 @@ def test_an_interrupt_leaves_whole_files_and_one_line(tmp_path, capsys, monkeypa
     json.loads((tmp_path / "results.json").read_text())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_another_arm_runs_computed_torque_and_refuses_the_shipped_controller(tmp_path, capsys):
     robot = tmp_path / "arm.toml"
     robot.write_text("mass = [12, 8]\n")
@@ -98,6 +100,7 @@ def test_another_arm_runs_computed_torque_and_refuses_the_shipped_controller(tmp
     assert "designed for another robot (mass differ)" in one_line_error(capsys)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_episode_that_fails_gives_exit_code_1(tmp_path, capsys):
     robot = tmp_path / "arm.toml"
     robot.write_text("velocity_limit = [3.4, 4.42]\n")  # the reference just fits, the payload rings
@@ -115,6 +118,7 @@ def test_an_episode_that_fails_gives_exit_code_1(tmp_path, capsys):
     assert "left the domain (25)" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_design_writes_a_controller_that_evaluate_takes(tmp_path, capsys):
     path = tmp_path / "mine.json"
     assert main(["design", "--rules", "1", "--no-integral", "--out", str(path)]) == 0

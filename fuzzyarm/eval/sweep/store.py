@@ -27,8 +27,8 @@ from fuzzyarm.policies import Kind, PolicySpec, resolve, resolve_all
 
 __all__ = ["RUN", "SCHEMA", "Store"]
 
-SCHEMA = "fuzzyarm-sweep/2"
-RUN = "run.json"
+SCHEMA = "fuzzyarm-sweep/2"  # of the file of a sweep that tells what is run
+RUN = "run.json"  # its name
 _CHUNKS = "chunks"
 
 
