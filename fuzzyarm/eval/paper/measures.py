@@ -76,7 +76,7 @@ def tip_speed(evidence: Evidence) -> dict[str, float]:
 
 
 def rigid_torque(evidence: Evidence) -> dict[str, float]:
-    """Return the largest |Γ| [N m] of (4), rigid joints, along the reference; viscous and Stribeck friction included."""
+    """Return the largest |Γ| [N m] of (4), rigid joints, along the reference; with viscous and Stribeck friction."""
     reference, parameters = evidence.reference, evidence.reference.parameters
     arm, motion = arm_constants(parameters), reference.sample(_instants(evidence))
     coulomb, static = np.array(parameters.coulomb_friction), np.array(parameters.static_friction)

@@ -53,7 +53,7 @@ def test_no_folder_and_an_empty_one(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["report.txt", "no/such/report.html"])
 def test_a_bad_place_for_the_page(folder, tmp_path, capsys, name):
     assert main(["report", str(folder), "--out", str(tmp_path / name)]) == 2
-    assert "must end in .html" in (err := capsys.readouterr().err) or "does not exist" in err
+    assert "must be a file ending in .html" in (err := capsys.readouterr().err) or "does not exist" in err
     assert list(tmp_path.iterdir()) == []
 
 
