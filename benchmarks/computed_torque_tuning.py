@@ -26,8 +26,8 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -61,8 +61,8 @@ COLUMNS = {
 
 def assess(policy: Predictor, name: str) -> dict[str, Any]:
     """Return one row: the nominal rollout and the margins; None for what an unstable loop does not have."""
-    run = rollout(FuzzyArmEnv("nominal"), policy, policy_name=name, case="nominal", seed=0)
-    measured = metrics(run) if run.completed else {}
+    run = record_rollout(FuzzyArmEnv("nominal"), policy, policy_name=name, case="nominal", seed=0)
+    measured = metrics_of(run) if run.completed else {}
     lower, upper = gain_margin(policy, ARM, control_period=PERIOD)
     row = {
         **measured,

@@ -29,8 +29,8 @@ from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.frozen import frozen
 from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
 from fuzzyarm.fuzzy_policy.controller import Controller
@@ -80,7 +80,7 @@ def judged(controller: Controller) -> dict[str, Any]:
         "gain_margin_upper_1_sample_later": gain_limits(nominal, 1)[1],
     }
     for key, case in CASES.items():
-        measured = metrics(rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
+        measured = metrics_of(record_rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
         for name in ("joint_error_rms_mrad", "circularity_motor_min_mm", "circularity_motor_max_mm"):
             row[f"{key}_{name}"] = measured[name]
     return row

@@ -58,7 +58,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED, estimate
 from fuzzyarm.eval.provenance import provenance
@@ -458,7 +458,7 @@ def worst_tasks(document: Mapping[str, Any], learned: Mapping[str, Sequence[Trai
 def _shown(run: Rollout) -> Shown:
     """Return an episode with what the legend says of it."""
     how, sample = failure(run) or ("", None)
-    label = f"{run.policy}: rms {_number(metrics(run)['tip_error_rms_mm'])} mm"
+    label = f"{run.policy}: rms {_number(metrics_of(run)['tip_error_rms_mm'])} mm"
     return Shown(run, f"{label}, {how}" if how else label, sample)
 
 

@@ -12,8 +12,8 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Rollout, rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.evaluation.ranking import LOST
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
@@ -58,7 +58,7 @@ TASKS = {
 def episode(policy: Predictor, name: str, task: Task) -> Rollout:
     """Run one episode of a task."""
     env = FuzzyArmEnv(task.case, reference=task.reference, control_period=CONTROL_PERIOD)
-    return rollout(env, policy, policy_name=name, case=task.case, seed=0)
+    return record_rollout(env, policy, policy_name=name, case=task.case, seed=0)
 
 
 def failure(run: Rollout) -> tuple[str, int] | None:
@@ -74,7 +74,7 @@ def assess(policy: Predictor, name: str, seed: int | None) -> list[dict[str, Any
     records = []
     for task in TASKS.values():
         run = episode(policy, name, task)
-        measured, failed = metrics(run), failure(run)
+        measured, failed = metrics_of(run), failure(run)
         records.append(
             {
                 "policy": name,

@@ -20,8 +20,8 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
@@ -41,8 +41,8 @@ def tip_error(policy: Predictor, case: str, stiffness: float = 1.0) -> dict[str,
     """Return maximum and rms tip error [mm] of one episode on a plant with `stiffness` times that of Table 1."""
     arm = ArmParameters()
     plant = dataclasses.replace(arm, stiffness=tuple(stiffness * k for k in arm.stiffness))
-    run = rollout(FuzzyArmEnv(case, parameters=plant), policy, policy_name="", case=case, seed=0)
-    values = metrics(run)
+    run = record_rollout(FuzzyArmEnv(case, parameters=plant), policy, policy_name="", case=case, seed=0)
+    values = metrics_of(run)
     return {"max_mm": values["tip_error_max_mm"], "rms_mm": values["tip_error_rms_mm"]}
 
 

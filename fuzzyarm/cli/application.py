@@ -1,8 +1,8 @@
 """The command `fuzzyarm`: its commands in groups, and the exit code and the one line that an error becomes.
 
 A command is a module of this package with a frozen dataclass `Options`, whose fields are its options, and a function
-`run(options)` that returns the exit code. Its docstrings are its help. Only the module of the command that was asked
-for is imported, and what it computes with is imported in `run`.
+`run(options)` that returns the exit code. The docstrings of `Options` and the texts after its fields are the help, in
+Markdown. Only the module of the command that was asked for is imported, and what it computes with is imported in `run`.
 
 Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted, 141 the reader of a pipe has left.
 """
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _run(words)
     except cyclopts.CycloptsError as error:
-        return _fail(f"{command}: {explain(error, command)}", 2)
+        return _fail(f"{command}: {explain(error)}", 2)
     except BrokenPipeError:
         return 141  # what a shell reports for a reader that left, such as head
     except OSError as error:
@@ -70,24 +70,23 @@ def entry_point() -> None:
     sys.exit(main())
 
 
-def application(words: Sequence[str] = ()) -> cyclopts.App:
+def application(words: Sequence[str] | None = None) -> cyclopts.App:
     """Return the parser of the command line.
 
     Args:
-        words: of the command line. The command that they name is described by its docstring instead of by its line
-            in the list of all commands.
+        words: of the command line. Only what these words need is imported; None: everything.
     """
     flags = cyclopts.Group("Options", sort_key=0)
     made = cyclopts.App(
         name="fuzzyarm",
         help="Tracking control of a two-joint robot arm with elastic joints.",
         version=f"fuzzyarm {__version__}",
-        help_format="plaintext",
+        help_format="markdown",
         group_parameters=cyclopts.Group("Options", sort_key=1),
         group_arguments=cyclopts.Group("Arguments", sort_key=0),
         default_parameter=cyclopts.Parameter(
             negative=(),
-            consume_multiple=True,
+            consume_multiple=(1, None),
             name_transform=option_name,
             converter=whole_numbers,
             show_default=shown_default,
@@ -98,14 +97,28 @@ def application(words: Sequence[str] = ()) -> cyclopts.App:
     for order, (heading, commands) in enumerate(GROUPS.items(), start=1):
         group = cyclopts.Group(heading, sort_key=order)
         for place, (name, line) in enumerate(commands.items()):
-            target = "application" if name == "train" else "Options"
-            made.command(f"fuzzyarm.cli.{name}:{target}", name=name, help=line, group=group, sort_key=place)
+            listed = {"help": line, "group": group, "sort_key": place}
+            if name == "train":
+                made.command(cyclopts.App(name=name, **listed))
+            else:
+                made.command(f"fuzzyarm.cli.{name}:Options", name=name, **listed)
     made.register_install_completion_command(help="Install completion for bash, zsh or fish.", group=flags)
     for flag in ("--help", "--version"):
         made[flag].group = flags
-    if words and words[0] in _modules():
-        made[words[0]].help = None
+    for name in _modules() if words is None else words[:1]:
+        if name == "train":
+            importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
+        elif name in _modules():
+            _describe(made[name], name)
     return made
+
+
+def _describe(command: cyclopts.App, name: str) -> None:
+    """Give a command the help that it shows itself: the docstring of its options, and what its arguments are."""
+    command.help = None  # so far the line for the list of all commands
+    arguments = getattr(command.default_command, "arguments", None)
+    if arguments is not None:
+        command.usage = f"Usage: fuzzyarm {name} [OPTIONS] {arguments}"
 
 
 def _modules() -> list[str]:
@@ -114,7 +127,8 @@ def _modules() -> list[str]:
 
 def _run(words: Sequence[str]) -> int:
     """Parse the words and run the command that they name."""
-    command, bound, _ = application(words).parse_args(words)
+    everything = "--install-completion" in words[:1]
+    command, bound, _ = application(None if everything else words).parse_args(words)
     if isinstance(command, type):
         module = importlib.import_module(command.__module__)
         code: int = module.run(command(*bound.args, **bound.kwargs))

@@ -24,8 +24,34 @@ class Options:
     """
 
     lanes_sweep: bool = False
-    """measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, needs --out"""
+    """Measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, needs --out"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
-    """folder for bench.json and the figure (default: none)"""
+    """Folder for bench.json and the figure (default: none)"""
     json: bool = False
-    """print the results as JSON instead of the table"""
+    """Print the results as JSON instead of the table"""
+
+
+def run(options: Options) -> int:
+    """Print the table, and write the file and the figure."""
+    import json
+
+    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.eval.bench.run import bench, write_document
+    from fuzzyarm.eval.bench.speed_table import print_speeds
+
+    config = chosen(options, BenchConfig(sweep=options.lanes_sweep))
+    if config.sweep and options.out is None:
+        raise UsageError("--lanes-sweep draws throughput.png: say where with --out DIR")
+    if options.out is not None:
+        writable_folder(options.out)
+    # The bar is drawn between the turns: nothing else may run while one is timed.
+    with progress("", config.turns(), between_steps=True) as advance:
+        document = bench(config, advance)
+    written = write_document(document, options.out) if options.out is not None else []
+    if options.json:
+        print(json.dumps(document, indent=1))
+        return 0
+    print_speeds(document, output())
+    if written:
+        print(f"\n{', '.join(path.name for path in written)} in {options.out}")
+    return 0

@@ -22,28 +22,28 @@ class Options:
     """Design a fuzzy controller in the consistent-reference form and prove it from its stored gains."""
 
     out: Annotated[Path, Parameter(metavar="FILE")]
-    """controller file to write (.json)"""
+    """Controller file to write (.json)"""
     rules: Annotated[int | None, Parameter(metavar="N")] = None
     """32, 16, 8, 4, 2 or 1 rules (default: 4)"""
     keep: Annotated[str | None, Parameter(metavar="Z,Z")] = None
-    """premises to keep, such as z1,z3, in place of --rules; the others become uncertainty"""
+    """Premises to keep, such as z1,z3, in place of --rules; the others become uncertainty"""
     theorem: Literal["consistent", "paper"] = "consistent"
-    """consistent-reference form, or Theorem 1 or 2 of the paper with the reference model in the loop"""
+    """Consistent-reference form, or Theorem 1 or 2 of the paper with the reference model in the loop"""
     alpha: Annotated[float | Literal["max"], Parameter(metavar="RATE", show_choices=False)] = 20.0
-    """decay rate [1/s], or "max" for the largest"""
+    """Decay rate [1/s], or "max" for the largest"""
     gamma: Annotated[float | Literal["min"] | None, Parameter(metavar="GAIN", show_choices=False)] = None
-    """bound of the L2 gain, in the consistent form in rad/(N m), or "min" for the smallest (default: 2e-4, with
+    """Bound of the L2 gain, in the consistent form in rad/(N m), or "min" for the smallest (default: 2e-4, with
     --theorem paper 1000)"""
     gain_bound: Annotated[float | None, Parameter(metavar="BOUND")] = None
-    """bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units
+    """Bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units
     (default: as small as the rest allows)"""
     fastest_pole: Annotated[float | None, Parameter(metavar="RATE")] = None
-    """bound of the decay rate from above [1/s]: the rigid loop frozen at any state of the box has no pole with a real
+    """Bound of the decay rate from above [1/s]: the rigid loop frozen at any state of the box has no pole with a real
     part below -RATE (default: no bound)"""
     common_multiplier: bool = False
-    """one multiplier for all dropped premises of A, as Theorem 2 prints it (default: one for each)"""
+    """One multiplier for all dropped premises of A, as Theorem 2 prints it (default: one for each)"""
     integral: Annotated[bool, Parameter(negative="--no-integral")] = True
-    """integral action"""
+    """Integral action"""
     robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """TOML file of another arm (default: Table 1 of the paper)"""
 
@@ -74,7 +74,7 @@ def _specification(options: Options) -> Specification:
     from fuzzyarm.synthesis.design import Specification
 
     if options.rules is not None and options.keep is not None:
-        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both say which premises stay: leave out one")
+        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both choose the premises; leave out one")
     rules = 4 if options.rules is None else options.rules
     if rules not in NAMED_RULES:
         raise UsageError(f"--rules {rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")

@@ -21,27 +21,27 @@ __all__ = ["Options", "run"]
 class Options:
     """Run policies on the elastic arm in the paper's cases; print a table, write JSON, CSV and figures."""
 
-    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
-    """fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip to bring
-    the tip to the reference instead of the motors; elastic-observer; ppo-nominal, -robust, -residual or a learned
-    policy's folder; or code of your own as package.module:factory; may be repeated (default: fuzzy-4 and
+    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
+    """Policy: fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip
+    to bring the tip to the reference instead of the motors; elastic-observer; ppo-nominal, -robust, -residual or a
+    learned policy's folder; or code of your own as package.module:factory. May be repeated (default: fuzzy-4 and
     computed-torque, both with and without -tip, elastic-observer and the learned ones)"""
-    case: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
-    """a named case, such as nominal, machining or payload; may be repeated (default: these three)"""
+    case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
+    """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
     seeds: Annotated[int | None, Parameter(metavar="N")] = None
-    """episodes of each policy in each case, seeded 0 to N-1 (default: 1)"""
+    """Episodes of each policy in each case, seeded 0 to N-1 (default: 1)"""
     encoder_noise: Annotated[tuple[float, float] | None, Parameter(metavar="RAD RAD_PER_S")] = None
-    """standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
+    """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
     robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """TOML file of another arm (default: Table 1 of the paper)"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
-    """folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
+    """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
-    """print the results as JSON instead of the table"""
+    """Print the results as JSON instead of the table"""
     check: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """repeat the evaluation of a results.json, or of the folder that holds it, and compare every number but times;
-    write nothing; exit code 1 if one differs. Code of your own that the file names runs only if --policy names it
-    too"""
+    """Repeat the evaluation of a results.json, or of the folder that holds it, and compare every number but times.
+    Nothing is written; the exit code is 1 if a number differs. Code of your own that the file names runs only if
+    --policy names it too"""
 
 
 def run(options: Options) -> int:

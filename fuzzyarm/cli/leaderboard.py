@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from cyclopts import Parameter
 
@@ -18,11 +18,13 @@ class Options:
     Files of different conditions or versions are refused.
     """
 
-    files: Annotated[tuple[Path, ...], Parameter(name="FILE")]
-    """results.json, or folder that fuzzyarm evaluate --out wrote"""
+    arguments: ClassVar[str] = "FILE..."
+
+    files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
+    """File results.json, or the folder that fuzzyarm evaluate --out wrote"""
     _: KW_ONLY
     markdown: bool = False
-    """print the table as Markdown"""
+    """Print the table as Markdown"""
 
 
 def run(options: Options) -> int:

@@ -20,15 +20,15 @@ class Options:
     Print its spectral radius, nominal and with another loop gain, delay, stiffness or payload, and its gain margins.
     """
 
-    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
-    """fuzzy-4, computed-torque, ..., a controller file (.json), a learned policy's folder, or code of your own as
-    package.module:factory, which must act on batches; may be repeated (default: all policies that have a name)"""
+    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
+    """Policy: fuzzy-4, computed-torque, ..., a controller file (.json), a learned policy's folder, or code of your own
+    as package.module:factory, which must act on batches. May be repeated (default: all policies that have a name)"""
     robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """TOML file of another arm (default: Table 1 of the paper)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """results file to write (.json; default: none)"""
+    """Results file to write (.json; default: none)"""
     json: bool = False
-    """print the results as JSON instead of the table"""
+    """Print the results as JSON instead of the table"""
 
 
 def run(options: Options) -> int:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
+import itertools
 import re
+import textwrap
 import types
 import typing
 from collections.abc import Callable, Collection
@@ -32,19 +35,21 @@ def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[typ
     An option that is not given is None: `chosen` takes it from the configuration that the others change.
 
     Args:
-        config: a dataclass. A field's help is its metadata ``help``, or what the docstring says under ``Attributes:``;
-            metadata ``allowed``, if there, is the range that the help ends with.
+        config: a dataclass. The help of an option is the text after the field, or what the docstring of the class says
+            about it under ``Attributes:``.
         without: fields that are no options.
     """
 
     def add(options: type[Options]) -> type[Options]:
-        hints, texts = typing.get_type_hints(config), _attributes(config)
+        hints, texts = typing.get_type_hints(config), _texts(config)
         added = [
             (field.name, _option(field, hints[field.name], texts.get(field.name, "")), dataclasses.field(default=None))
             for field in dataclasses.fields(config)
             if field.name not in without
         ]
-        made = dataclasses.make_dataclass(options.__name__, added, bases=(options,), frozen=True, kw_only=True)
+        settings = dataclasses.make_dataclass(f"{config.__name__}Options", added, frozen=True, kw_only=True)
+        # The settings stand in front of the options that are no settings: fields of the last base come first.
+        made = dataclasses.make_dataclass(options.__name__, [], bases=(options, settings), frozen=True, kw_only=True)
         made.__doc__, made.__module__ = options.__doc__, options.__module__
         return made
 
@@ -82,20 +87,26 @@ def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
     """Return the type of the option that sets a field, with what the help says about it."""
     default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
     shown = "off" if default is False else shown_default(default)
-    allowed = field.metadata.get("allowed")
     parameter = Parameter(
-        help=field.metadata.get("help", text) + (f"; {allowed}" if allowed else ""),
+        help=text,
         show_default=shown or False,
         metavar=None if hint is bool else _placeholder(hint),
         negative=f"--no-{option_name(field.name)}" if hint is bool else (),
+        # A list that is not empty by default may be made empty, if the configuration takes that.
+        consume_multiple=(0 if default else 1, None),
     )
     return Annotated[hint | None, parameter]
 
 
 def _placeholder(hint: Any) -> str:
     """Return what stands for the values of a type in the help, such as ``LOW HIGH`` for a pair with these names."""
+    given_types = [one for one in typing.get_args(hint) if one is not types.NoneType]
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return "|".join(map(_placeholder, given_types))
     if fields := getattr(hint, "_fields", None):
         return " ".join(fields).upper()
+    if typing.get_origin(hint) is typing.Literal:
+        return "CHOICE"
     if typing.get_origin(hint) is tuple:
         parts = typing.get_args(hint)
         if Ellipsis in parts:
@@ -105,10 +116,28 @@ def _placeholder(hint: Any) -> str:
     return {int: "N", float: "X", str: "NAME"}.get(hint, getattr(hint, "__name__", "VALUE").upper())
 
 
-def _attributes(config: type) -> dict[str, str]:
-    """Return what a docstring says about each attribute, in one line."""
-    _, _, section = (inspect.getdoc(config) or "").partition("Attributes:\n")
+def _texts(config: type) -> dict[str, str]:
+    """Return what is written about each field of a dataclass: the text after it, or its entry under ``Attributes:``."""
+    texts: dict[str, str] = {}
+    for base in reversed(config.__mro__):
+        if dataclasses.is_dataclass(base):
+            texts |= _entries(inspect.getdoc(base) or "") | _texts_after_fields(base)
+    plain = {name: " ".join(text.split()).rstrip(".") for name, text in texts.items()}
+    return {name: text[:1].upper() + text[1:] for name, text in plain.items()}
+
+
+def _entries(docstring: str) -> dict[str, str]:
+    _, _, section = docstring.partition("Attributes:\n")
     lines = re.split(r"\n(?=\S)", section, maxsplit=1)[0]
     entries = re.split(r"^    (?=\w)", lines, flags=re.MULTILINE)[1:]
-    pairs = (entry.split(":", 1) for entry in entries if ":" in entry)
-    return {name.strip(): " ".join(text.split()).rstrip(".") for name, text in pairs}
+    return {name: text for name, _, text in (entry.partition(":") for entry in entries)}
+
+
+def _texts_after_fields(config: type) -> dict[str, str]:
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(config))).body
+    texts = {}
+    for field, text in itertools.pairwise(definition.body):  # type: ignore[attr-defined]
+        match field, text:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                texts[name] = words
+    return texts

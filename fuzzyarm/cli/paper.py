@@ -23,13 +23,13 @@ class Options:
     """
 
     out: Annotated[Path, Parameter(metavar="DIR")]
-    """folder for paper.md, paper.json and the figures"""
+    """Folder for paper.md, paper.json and the figures"""
     expected: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """file of stored numbers to compare with (default: the one in the package)"""
+    """File of stored numbers to compare with (default: the one in the package)"""
     renew: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """write the measured numbers to a file for --expected instead of comparing them; the exit code is then 0"""
+    """Write the measured numbers to a file for --expected instead of comparing them; the exit code is then 0"""
     json: bool = False
-    """print the results as JSON instead of the tables"""
+    """Print the results as JSON instead of the tables"""
 
 
 def run(options: Options) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from cyclopts import Parameter
 
@@ -21,11 +21,13 @@ class Options:
     network.
     """
 
-    folder: Annotated[Path, Parameter(name="DIR")]
-    """folder that fuzzyarm evaluate --out wrote"""
+    arguments: ClassVar[str] = "DIR"
+
+    folder: Annotated[Path, Parameter(name="", metavar=arguments)]
+    """Folder that fuzzyarm evaluate --out wrote"""
     _: KW_ONLY
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """page to write (.html; default: DIR/report.html)"""
+    """Page to write (.html; default: DIR/report.html)"""
 
 
 def run(options: Options) -> int:

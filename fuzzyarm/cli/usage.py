@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import tempfile
 import types
 import typing
@@ -66,10 +67,11 @@ def _converted(kind: Any, text: str) -> Any:
         return int(number)
 
 
-def explain(error: cyclopts.CycloptsError, command: str) -> str:
+def explain(error: cyclopts.CycloptsError) -> str:
     """Return one line for an error of the command line: the value, what is allowed, and where to look."""
-    text = _explained(error).rstrip(".")
-    return f"{text}; see {command} --help"
+    command = " ".join(["fuzzyarm", *(error.command_chain or ())])
+    text = _explained(error)
+    return f"{text} See {command} --help" if text.endswith("?") else f"{text}; see {command} --help"
 
 
 def _explained(error: cyclopts.CycloptsError) -> str:
@@ -77,18 +79,29 @@ def _explained(error: cyclopts.CycloptsError) -> str:
         case cyclopts.CoercionError() if error.token is not None and not _choices(error.target_type):
             name = error.token.keyword or _name(error)
             return f"{name} {error.token.value} must be {_in_words(error.target_type)}"
+        case cyclopts.UnknownCommandError() if error.unused_tokens and error.app is not None:
+            names = [name for name in error.app if not name.startswith("-")]
+            nearest = difflib.get_close_matches(error.unused_tokens[0], names, n=1)
+            hint = f"did you mean {nearest[0]}?" if nearest else f"choose from: {', '.join(names)}"
+            return f"unknown command {error.unused_tokens[0]}; {hint}"
         case cyclopts.UnusedCliTokensError():
-            return f"unexpected {' '.join(error.unused_tokens or ())}"
+            return f"{' '.join(error.unused_tokens or ())} belongs to no option"
         case cyclopts.MissingArgumentError() if error.argument is not None:
+            if error.keyword is None and not error.tokens_so_far:
+                return f"{_name(error)} is missing"
             count, _ = error.argument.token_count()
-            values = f"{count} values" if count > 1 else "a value"
-            got = f", not {len(error.tokens_so_far)}" if error.tokens_so_far else ""
-            return f"{error.keyword or _name(error)} needs {values}{got}"
-    return str(error)
+            given = " ".join([error.keyword or _name(error), *error.tokens_so_far])
+            return f"{given} needs {f'{count} values' if count > 1 else 'a value'}"
+        case cyclopts.RepeatArgumentError():
+            return f"{error.token.keyword} {error.token.value} is given twice; leave out one"
+    text = str(error).rstrip(".")
+    return text[:1].lower() + text[1:]
 
 
 def _name(error: cyclopts.CycloptsError) -> str:
-    return error.argument.name if error.argument is not None else "a value"
+    if error.argument is None:
+        return "a value"
+    return error.argument.name or error.argument.parameter.metavar or "an argument"
 
 
 def _choices(kind: Any) -> tuple[Any, ...]:

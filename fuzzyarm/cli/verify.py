@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from cyclopts import Parameter
 
@@ -18,11 +18,13 @@ class Options:
     The exit code is 0 only if all of them are proven.
     """
 
-    files: Annotated[tuple[Path, ...], Parameter(name="FILE")]
-    """controller file (.json)"""
+    arguments: ClassVar[str] = "FILE..."
+
+    files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
+    """Controller file (.json)"""
     _: KW_ONLY
     json: bool = False
-    """print the claims as JSON"""
+    """Print the claims as JSON"""
 
 
 def run(options: Options) -> int:

@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+__all__ = ["choice", "finite_array", "instance", "interval", "is_real", "real", "reals", "shown", "truth", "whole"]
+
 Choice = TypeVar("Choice")
 
 SHOWN = 80  # characters of a value in a message

@@ -1,18 +1,23 @@
 """The terminal: its width, its tables and its progress bars, decided once.
 
-In a terminal a table has lines, headings of one word a line, and keeps its digits; piped, it has plain columns and is
-never folded. Progress is shown on a terminal's standard error alone.
+On a terminal a table has lines, and each word of a heading has a line of its own. Digits are never cut: a table that is
+too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain columns
+of text, neither folded nor split. Progress is shown on the standard error of a terminal only.
 """
 
 from __future__ import annotations
 
 import contextlib
+import copy
+import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+
+__all__ = ["PIPED_WIDTH", "output", "print_paragraphs", "print_table", "progress", "status", "table"]
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
 
@@ -33,14 +38,14 @@ def table(
     title: str | None = None,
     fold: bool = False,
 ) -> Table:
-    """Return an empty table with these headings.
+    """Return an empty table; `print_table` prints it once it has its rows.
 
     Args:
         headings: of the columns.
         left: indices of the columns that are aligned left; the others are aligned right.
         console: where the table will be printed.
         title: stands above the table.
-        fold: whether long cells may be broken into several lines.
+        fold: whether the cells of the columns in `left` are text that may be folded on a terminal.
     """
     from rich import box
     from rich.table import Table
@@ -51,8 +56,54 @@ def table(
     made = Table(title=title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
     for column, heading in enumerate(headings):
         text = heading.replace(" ", "\n") if terminal else heading
-        made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not fold)
+        may_fold = terminal and fold and column in left
+        made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not may_fold)
     return made
+
+
+def print_table(table: Table, console: Console, keys: int = 1) -> None:
+    """Print a table; on a terminal that is too narrow, as several tables below each other.
+
+    Args:
+        table: as `table` makes it, with its rows.
+        console: where it is printed.
+        keys: number of columns on the left that each of these tables repeats.
+    """
+    if not console.is_terminal:
+        console.print(table)
+        return
+    unlimited = console.options.update(max_width=PIPED_WIDTH)
+    _keep_digits(table, console)
+    parts: list[list[int]] = [[*range(min(keys + 1, len(table.columns)))]]
+    for column in range(keys + 1, len(table.columns)):
+        wider = [*parts[-1], column]
+        if console.measure(_part(table, wider), options=unlimited).minimum <= console.width:
+            parts[-1] = wider
+        else:
+            parts.append([*range(keys), column])
+    for number, columns in enumerate(parts):
+        part = _part(table, columns)
+        part.title = table.title if number == 0 else None
+        needed = console.measure(part, options=unlimited).minimum
+        # Where not even one column fits beside the keys, the terminal breaks the lines: no digit is lost.
+        console.print(part, width=needed if needed > console.width else None, crop=False)
+
+
+def _keep_digits(table: Table, console: Console) -> None:
+    """Give each column that may not be folded the width of its widest cell."""
+    unlimited = console.options.update(max_width=PIPED_WIDTH)
+    for number, column in enumerate(table.columns):
+        if column.no_wrap:
+            alone = _part(table, [number])
+            alone.box, alone.title = None, None
+            column.min_width = console.measure(alone, options=unlimited).maximum
+
+
+def _part(table: Table, columns: Sequence[int]) -> Table:
+    """Return the table of some of the columns."""
+    part = copy.copy(table)
+    part.columns = [dataclasses.replace(table.columns[column], _index=place) for place, column in enumerate(columns)]
+    return part
 
 
 def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
@@ -62,25 +113,39 @@ def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
 
 
 @contextlib.contextmanager
-def progress(description: str, total: int | None) -> Iterator[Callable[..., None]]:
+def progress(description: str, total: int | None, *, between_steps: bool = False) -> Iterator[Callable[..., None]]:
     """Show a bar with the time left while the block runs; what it yields advances it by one.
 
     The arguments of that function are all optional: ``next_description`` replaces the description, ``completed`` says
     how much is done in place of one more, and ``line`` is printed above the bar, without a terminal too.
+
+    Args:
+        description: stands in front of the bar.
+        total: number of steps; None: unknown.
+        between_steps: draw only when the bar advances, so that nothing else runs while a step is timed.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     stderr = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=stderr, disable=not stderr.is_terminal, transient=True) as bar:
+    shown = Progress(
+        *columns, console=stderr, disable=not stderr.is_terminal, transient=True, auto_refresh=not between_steps
+    )
+    with shown as bar:
         task = bar.add_task(description, total=total)
 
         def advance(
             next_description: str | None = None, *, completed: int | None = None, line: str | None = None
         ) -> None:
-            step = {"advance": 1} if completed is None else {"completed": completed}
-            bar.update(task, description=next_description or description, **step)
+            step = 1 if completed is None else None
+            bar.update(
+                task,
+                advance=step,
+                completed=completed,
+                description=next_description or description,
+                refresh=between_steps,
+            )
             if line is not None:
                 stderr.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 

@@ -19,6 +19,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+__all__ = ["DEEPEST", "LARGEST", "DocumentError", "check_schema", "parse_json", "read_json", "read_toml", "record"]
+
 Record = TypeVar("Record")
 
 LARGEST = 64 * 2**20  # bytes of a document, if not said otherwise

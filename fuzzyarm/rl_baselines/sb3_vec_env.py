@@ -120,7 +120,7 @@ class StableBaselinesVecEnv(VecEnv):
         raise NotImplementedError(f"cannot call {method_name!r}: there is no environment object per lane")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
-        """Return whether the lanes are wrapped: as if in `Monitor`, whose ``episode`` infos they have, and nothing else."""
+        """Return whether the lanes are wrapped: in `Monitor`, whose ``episode`` infos they have, and no other."""
         return [issubclass(Monitor, wrapper_class)] * len(self._chosen(indices))
 
     def get_images(self) -> Sequence[np.ndarray | None]:

@@ -6,9 +6,7 @@ import contextlib
 import dataclasses
 import datetime
 import gc
-import itertools
 import json
-import math
 import os
 import statistics
 import tracemalloc
@@ -20,79 +18,15 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch, own_batches, own_single
-from fuzzyarm.eval.bench.peers import batch_peers, gymnasium_peers
+from fuzzyarm.eval.bench.config import BenchConfig
+from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch
 from fuzzyarm.eval.provenance import provenance
 
 SCHEMA = "fuzzyarm-bench/1"
 PEER_LIBRARIES = ("envpool", "mujoco", "torch")
-SWEEP_LANES = tuple(4**power for power in range(10))
-MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
 WARM_UP = 0.1  # s, after whatever the first step compiles
 MEMORY_LANES = (1024, 5120)
 """Two sizes of the batch; the memory of a lane is the difference between them."""
-
-
-@dataclasses.dataclass(frozen=True)
-class BenchConfig:
-    """What is measured, and for how long.
-
-    Attributes:
-        seconds: wall time of each entry in each round [s].
-        rounds: odd, so that the median is one of them, and at least 5.
-        lanes: sizes of the batches in the table.
-        threads: CPU threads that a batch may use.
-        sweep: also measure this project's batches over `SWEEP_LANES`.
-    """
-
-    seconds: float = 0.5
-    rounds: int = 5
-    lanes: tuple[int, ...] = (64, 1024, 65536)
-    threads: int = dataclasses.field(default_factory=lambda: os.cpu_count() or 1)
-    sweep: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the numbers before anything runs."""
-        cores = os.cpu_count() or 1
-        if not (math.isfinite(self.seconds) and self.seconds > 0.0):
-            raise ValueError(f"seconds = {self.seconds} is out of range; allowed: (0, inf)")
-        if self.rounds < 5 or self.rounds % 2 == 0:
-            raise ValueError(f"rounds = {self.rounds} must be odd and at least 5: the median is one of the rounds")
-        if not 1 <= self.threads <= cores:
-            raise ValueError(f"threads = {self.threads} is out of range; this machine allows [1, {cores}]")
-        if not self.lanes or len(set(self.lanes)) != len(self.lanes) or min(self.lanes) < 1:
-            raise ValueError(f"lanes = {list(self.lanes)} must be one or more different whole numbers from 1")
-
-    def groups(self) -> dict[str, list[Entry]]:
-        """Return the entries by heading; those under one heading take turns."""
-        groups = {"one environment": [own_single(), *gymnasium_peers()]}
-        for lanes in self.lanes:
-            peers = batch_peers(lanes, self.threads) if lanes <= MOST_PEER_LANES else []
-            groups[f"{lanes} lanes"] = own_batches(lanes, self.threads) + peers
-        return groups
-
-    def sweep_groups(self) -> dict[str, list[Entry]]:
-        """Return this project's batches by number of lanes, if they are to be measured."""
-        if not self.sweep:
-            return {}
-        # In torch the fastest only: each number of lanes is compiled anew, which takes a minute.
-        return {
-            f"sweep, {lanes} lanes": [
-                one for one in own_batches(lanes, self.threads) if one.dtype == "float32" or "torch" not in one.name
-            ]
-            for lanes in SWEEP_LANES
-        }
-
-    def turns(self) -> int:
-        """Return how often `bench` reports progress."""
-        groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
-        return sum(map(len, groups)) * (self.rounds + 1) + 2
-
-    def command(self) -> str:
-        """Return the command line of this configuration."""
-        lanes = " ".join(map(str, self.lanes))
-        text = f"fuzzyarm bench --seconds {self.seconds:g} --rounds {self.rounds} --lanes {lanes}"
-        return f"{text} --threads {self.threads}{' --lanes-sweep' if self.sweep else ''}"
 
 
 def bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:

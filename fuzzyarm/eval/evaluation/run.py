@@ -18,8 +18,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Rollout, rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.policies import COMPARED, resolve_all
@@ -134,14 +134,14 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         for name, policy in policies.items():
             for seed in range(config.seeds):
                 try:
-                    rollouts.append(rollout(env, policy, policy_name=name, case=case, seed=seed))
+                    rollouts.append(record_rollout(env, policy, policy_name=name, case=case, seed=seed))
                 except ValueError as error:  # its action was refused, or it failed
                     raise ValueError(f"policy {name} in case {case}, seed {seed}: {error}") from error
                 if progress:
                     progress()
     rows = [
         {"case": run.case, "policy": run.policy, "seed": run.seed, "completed": run.completed, "reason": run.reason}
-        | metrics(run)
+        | metrics_of(run)
         for run in rollouts
     ]
     proofs = {name: policy.certificate(reference) for name, policy in policies.items()}

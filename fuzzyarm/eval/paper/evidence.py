@@ -12,7 +12,7 @@ from fuzzyarm.common.bisection import last_that_works
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.rollout import Rollout, rollout
+from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.paper.controllers import FEW, PAPERS_OWN, SWAPPED, TITLES, compared_policies, key_of
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
@@ -65,7 +65,7 @@ def gather(progress: Callable[[], None] | None = None) -> Evidence:
     for case in PAPER_CASES:
         env = FuzzyArmEnv(case=case, reference=reference)
         for key, policy in policies.items():
-            rollouts[key, case] = rollout(env, policy, policy_name=key, case=case, seed=0)
+            rollouts[key, case] = record_rollout(env, policy, policy_name=key, case=case, seed=0)
             step()
     witnesses, proven = prove_witnesses(step)
     controllers = {key: policy.controller for key, policy in policies.items()}

@@ -140,7 +140,7 @@ function wrapped(context, text, width) {
   return lines;
 }
 
-/** Return the magnification of deviations: the chosen one, or one that keeps three of four policies near the reference. */
+/** Return the magnification of deviations: the chosen one, or one that keeps most policies near the reference. */
 function magnification() {
   if ($("magnification").value !== "auto") return Number($("magnification").value);
   const peaks = state.scene.runs.map((run) => run.peak).sort((a, b) => a - b);

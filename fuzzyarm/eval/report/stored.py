@@ -9,7 +9,7 @@ from typing import Any
 
 from fuzzyarm import __version__
 from fuzzyarm.common import checks, documents
-from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import NAME, digest, read_rollouts
 from fuzzyarm.eval.evaluation import results_file
@@ -125,7 +125,9 @@ def _bounds(claimed: Any) -> dict[str, Any] | None:
 
 def _check_row(run: Rollout, row: dict[str, Any]) -> None:
     """Raise ValueError unless a row of results is that of a rollout; its metrics are computed again."""
-    expected = {name: getattr(run, name) for name in ("case", "policy", "seed", "completed", "reason")} | metrics(run)
+    expected = {name: getattr(run, name) for name in ("case", "policy", "seed", "completed", "reason")} | metrics_of(
+        run
+    )
     for key, value in expected.items():
         stored = row.get(key)
         number = isinstance(value, float) and checks.is_real(stored)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Generator, Mapping
 from typing import NamedTuple
 
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -51,19 +51,14 @@ def run_chunk(config: SweepConfig, policies: Mapping[str, Predictor], number: in
 
 
 def run_missing(
-    store: Store,
-    policies: Mapping[str, Predictor],
-    engine: Engine,
-    progress: Callable[[int, Chunk], None] = lambda number, chunk: None,
-    report: Report = lambda text: None,
-) -> None:
-    """Run the chunks that the folder lacks, and write each as soon as it is done.
+    store: Store, policies: Mapping[str, Predictor], engine: Engine, report: Report = lambda text: None
+) -> Generator[tuple[int, Chunk]]:
+    """Run the chunks that the folder lacks; yield the number of each and the chunk as soon as it is written.
 
     Args:
         store: the folder.
         policies: by label; they travel to the workers, which need none of their files.
         engine: what runs them.
-        progress: called after each chunk is written.
         report: called with a line when something failed that is repeated.
 
     Raises:
@@ -81,4 +76,4 @@ def run_missing(
                     "and change no source while it runs"
                 )
             store.save(number, chunk.results)
-            progress(number, chunk)
+            yield number, chunk

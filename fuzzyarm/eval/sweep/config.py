@@ -77,13 +77,14 @@ class SweepConfig:
             have plants in common.
         distribution: what the plants are drawn from: nominal, plants, loads (plants with payload and tip force) or all
             (loads with encoder noise and delay).
-        ranges: quantities that are drawn uniformly from another range than the distribution's.
-        grid: none or two axes; their quantities are set, the others are drawn.
+        ranges: draw a quantity uniformly from this range instead of the distribution's; may be repeated.
+        grid: set a quantity to COUNT values from LOW to HIGH, in all joints alike; given twice, for the two axes of a
+            grid. The other quantities are drawn.
         chunk: plants in a chunk, which one worker runs and one file holds.
         bound: an episode succeeds if it lasts to the end with tip errors below this bound [mm].
         worst: number of worst plants listed for replay, of each policy in each case.
-        map: the two columns that the heat maps of a sweep without a grid are over; empty: stiffness_1 and payload, or
-            the first two columns that vary.
+        map: the two columns, such as payload and stiffness_1, that the heat maps of a sweep without a grid are over
+            (default: stiffness_1 and payload, or the first two that vary).
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -199,6 +200,12 @@ class SweepConfig:
         """Return all fields as JSON has them."""
         plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {name: _as_lists(value) for name, value in plain.items()} | {"robot": self.robot.to_dict()}
+
+    @classmethod
+    def of(cls, given: dict[str, Any]) -> SweepConfig:
+        """Return the configuration with some fields given; with a grid, the others vary nothing by default."""
+        grid = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
+        return cls(**grid | given)
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> SweepConfig:

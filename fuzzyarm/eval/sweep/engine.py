@@ -16,8 +16,8 @@ from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
+import cloudpickle
 from joblib import Parallel, delayed, parallel_config
-from joblib.externals import cloudpickle
 
 from fuzzyarm.common.checks import choice, whole
 
@@ -40,9 +40,10 @@ class Engine:
 
     Attributes:
         backend: local (processes of this machine) or ray.
-        jobs: number of workers; None: one per core, or all CPUs of the cluster. With the local backend, 1 runs
+        jobs: number of workers (default: one per core, or all CPUs of the cluster). With the local backend, 1 runs
             everything in this process.
-        address: of a Ray cluster: auto on one of its machines, or HOST:PORT; None: Ray is started on this machine.
+        address: address of a Ray cluster: auto on one of its machines, or HOST:PORT (default: Ray is started on this
+            machine).
 
     Raises:
         TypeError: a value is of the wrong type.

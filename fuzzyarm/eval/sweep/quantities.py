@@ -102,8 +102,5 @@ def column_label(name: str, *, both_joints: bool = False) -> str:
     """
     column = COLUMNS[name]
     quantity = QUANTITIES[column.quantity]
-    if column.joint is None:
-        joint = ""
-    else:
-        joint = ", both joints" if both_joints else f", joint {column.joint + 1}"
+    joint = "" if column.joint is None else ", both joints" if both_joints else f", joint {column.joint + 1}"
     return f"{quantity.label}{joint} [{quantity.unit}]"

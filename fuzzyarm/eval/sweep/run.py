@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.sweep.chunks import load_policies, run_missing
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine, Report
@@ -49,7 +50,7 @@ class Replay:
         folder: where they were written, with their figures.
     """
 
-    rollout: Any
+    rollout: Rollout
     folder: Path
 
 
@@ -87,23 +88,18 @@ class Sweep:
         store = Store.open(folder, given)
         return cls(store, load_policies(store))
 
-    def run(
-        self, engine: Engine, progress: Callable[[int], None] = lambda plants: None, report: Report = lambda text: None
-    ) -> None:
-        """Run the chunks that are missing; each is kept as soon as it is done.
+    def run(self, engine: Engine, report: Report = lambda text: None) -> Iterator[int]:
+        """Run the chunks that are missing, each kept as soon as it is done, and yield the number of its plants.
 
         Args:
             engine: what runs them.
-            progress: called with the number of plants after each chunk.
             report: called with a line when a worker was lost, whose chunk is repeated.
 
         Raises:
             ValueError, OSError, engine.WorkersLost: see `chunks.run_missing`.
         """
-        config = self.store.config
-        run_missing(
-            self.store, self.policies, engine, lambda number, _: progress(len(config.members(number))), report
-        )
+        for number, _ in run_missing(self.store, self.policies, engine, report):
+            yield len(self.store.config.members(number))
 
     @property
     def remaining(self) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.console import print_paragraphs, table
+from fuzzyarm.common.console import print_paragraphs, print_table, table
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.sweep.summary import QUANTILES
 
@@ -36,7 +36,7 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
                 cells = [_cell(success, "{:.2f}", terminal)]
                 cells += [_cell(row[metric][level], "{:#.3g}", terminal) for metric, _, level in _SHOWN]
                 rows.add_row(Text(row["policy"]), *cells)
-    console.print(rows)
+    print_table(rows, console)
     note = (
         f"{document['method']['plants']} plants, the same for every policy and case. In brackets, confidence "
         f"intervals of 95 %. '{_ENDED_EARLY}' counts as larger than any error."

@@ -1,7 +1,7 @@
-"""Any fixed law, told to bring the tip rather than the motors to the reference.
+"""Any fixed law, with a reference that brings the tip rather than the motors to the path.
 
-The law tracks θ_d of `elastic_target` in place of q_d, and its own feedforward, which is what it answers at zero error,
-makes way for u_ff:
+The law tracks θ_d of `elastic_target` in place of q_d. Its own feedforward, which is what it answers at zero error, is
+replaced by u_ff:
 
     u = law(q_a, q̇_a, x_I; θ_d, θ̇_d, θ̈_d) - law(θ_d, θ̇_d, 0; θ_d, θ̇_d, θ̈_d) + u_ff.
 
@@ -16,6 +16,7 @@ import dataclasses
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS, MEASURED, REFERENCE, START
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -23,9 +24,19 @@ from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate
 
+__all__ = ["TipPolicy", "tip_statement"]
+
+DESIRED = slice(START.q_reference, START.dq_reference + JOINTS)  # (q_d, q̇_d) in an observation, as `MEASURED` is (q, q̇)
+
 
 class TipPolicy(Policy):
-    """A fixed law that tracks θ_d; see the module. Its memory is that of the law and that of `ElasticTarget`."""
+    """A fixed law that tracks θ_d; see the module's docstring. It remembers what the law does, then `ElasticTarget`.
+
+    Attributes:
+        law: the policy that is told to track θ_d.
+        friction: whether the feedforward holds the dry friction.
+        average: whether the feedforward is that of the middle of the coming hold.
+    """
 
     def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
         """Wrap a law.
@@ -55,15 +66,16 @@ class TipPolicy(Policy):
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
-        own = self.law.memory_size
+        law_memory, target_memory = memory[:, : self.law.memory_size], memory[:, self.law.memory_size :]
         seen, resting = np.empty_like(observation), np.empty_like(observation)
         own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
-        self._target.advance(observation, memory[:, own:], seen[:, 4:], feedforward)
-        seen[:, :4] = observation[:, :4]
-        resting[:, 4:] = seen[:, 4:]
-        resting[:, :4] = seen[:, 4:8]
-        self.law.act(resting, np.zeros((len(memory), own)), own_feedforward)
-        self.law.act(seen, memory[:, :own], torque)
+        self._target.advance(observation, target_memory, seen[:, REFERENCE], feedforward)
+        seen[:, MEASURED] = observation[:, MEASURED]
+        # What the law answers where the motors are on θ_d and its memory is empty: its own feedforward.
+        resting[:, REFERENCE] = seen[:, REFERENCE]
+        resting[:, MEASURED] = seen[:, DESIRED]
+        self.law.act(resting, np.zeros(law_memory.shape), own_feedforward)
+        self.law.act(seen, law_memory, torque)
         torque += feedforward - own_feedforward
 
 

@@ -10,8 +10,8 @@ import pytest
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.evaluation.result_table import markdown_table, table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -107,8 +107,8 @@ def test_the_tip_follows_a_hundred_times_closer_without_load(evaluation, policy)
 def test_a_stiffness_known_to_five_percent_costs_a_quarter_millimetre(policy, factor):
     arm = ArmParameters()
     plant = dataclasses.replace(arm, stiffness=tuple(factor * k for k in arm.stiffness))
-    run = rollout(FuzzyArmEnv(parameters=plant), load_policy(policy), policy_name=policy, case="nominal", seed=0)
-    assert 0.1 < metrics(run)["tip_error_max_mm"] < 0.25
+    run = record_rollout(FuzzyArmEnv(parameters=plant), load_policy(policy), policy_name=policy, case="nominal", seed=0)
+    assert 0.1 < metrics_of(run)["tip_error_max_mm"] < 0.25
 
 
 def test_results_file_holds_what_a_rerun_needs(evaluation, tmp_path):
@@ -166,9 +166,9 @@ def test_link_side_measurement_is_unstable_where_motor_side_is_not():
     """Why the motors are measured: 30 rad/s, half the shipped bandwidth, chatters at the torque limits."""
     env = FuzzyArmEnv()
     runs = [
-        rollout(env, policy, policy_name="", case="nominal", seed=0)
+        record_rollout(env, policy, policy_name="", case="nominal", seed=0)
         for policy in (ComputedTorquePolicy(bandwidth=30.0), LinkSide(env, 30.0))
     ]
-    motor_side, link_side = (metrics(run) for run in runs)
+    motor_side, link_side = (metrics_of(run) for run in runs)
     assert motor_side["torque_rate_rms"] < 1e3
     assert link_side["torque_rate_rms"] > 1e4
