@@ -14,6 +14,7 @@ from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, searc
 from fuzzyarm.eval.certified.probes import Uniform, joined
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import STEP, Motion, Run, simulate
+from fuzzyarm.fuzzy_policy.ts_model import POSITION, VELOCITY
 
 __all__ = ["DecayRates", "decay_rates", "disturbed_run", "worst_posture"]
 
@@ -49,7 +50,7 @@ def decay_rates(loop: RigidLoop, step: float = STEP) -> DecayRates:
     # The rollout starts slightly inside the box, so that it does not leave the box at once.
     q, dq = 0.999 * worst.q[np.newaxis], 0.999 * worst.dq[np.newaxis]
     error = 1e-4 * slowest_error(frozen(loop, q, dq)[0], P)
-    motion = Uniform(q - error[:, :2], dq - error[:, 2:4])
+    motion = Uniform(q - error[:, POSITION], dq - error[:, VELOCITY])
     slowest = simulate(loop, motion, error, _UNDISTURBED, SLOWEST_DURATION, step=SLOWEST_STEP)
     return DecayRates(_random_decay(loop, step), float(slowest.rate.min()), -worst.value)
 
@@ -83,5 +84,5 @@ def _random_decay(loop: RigidLoop, step: float) -> float:
     q, dq = (rng.uniform(-0.6, 0.6, (LANES, 2)) * limit for limit in (arm.joint_limit, arm.velocity_limit))
     errors = rng.normal(size=(LANES, loop.states)) @ np.linalg.cholesky(P).T
     largest_angle = rng.uniform(0.01, 0.3, LANES)  # [rad]
-    errors *= (largest_angle / np.abs(errors[:, :2]).max(axis=1))[:, np.newaxis]
+    errors *= (largest_angle / np.abs(errors[:, POSITION]).max(axis=1))[:, np.newaxis]
     return float(simulate(loop, Uniform(q, dq), errors, _UNDISTURBED, DECAY_DURATION, step=step).rate.min())

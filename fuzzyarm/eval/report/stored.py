@@ -130,6 +130,6 @@ def _check_row(run: Rollout, row: dict[str, Any]) -> None:
     )
     for key, value in expected.items():
         stored = row.get(key)
-        number = isinstance(value, float) and checks.is_real(stored)
-        if not (math.isclose(value, stored, rel_tol=1e-9) if number else value == stored):
+        both_real = isinstance(value, float) and isinstance(stored, float | int)
+        if not (math.isclose(value, stored, rel_tol=1e-9) if both_real else value == stored):
             raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored}, its rollout has {value}")
