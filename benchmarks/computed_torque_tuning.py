@@ -4,8 +4,8 @@
 
 Rule: the smallest rms motor-side joint error in the nominal case among the bandwidths 20, 25, ..., 160 rad/s whose
 upper gain margin on the sampled elastic arm is at least 2 (6 dB) and which stay stable with one extra sample of delay.
-Motor-side, because that is what a controller of this kind sees and can reduce; margins as in `fuzzyarm.eval.stability.linearisation`.
-The error includes the start: the motors begin at their static deflection, 1 to 2 mrad from the reference. A run alone
+Motor-side, because that is what a controller of this kind measures and can reduce; margins as in
+`fuzzyarm.eval.stability.linearisation`. The error includes the start: the motors begin at their static deflection, 1 to 2 mrad from the reference. A run alone
 does not show an unstable loop: the torque limits keep it in a small limit cycle and the episode ends regularly.
 Ten seconds.
 """

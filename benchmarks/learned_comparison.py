@@ -14,8 +14,8 @@ eight. A policy of `--preset nominal` has seen the first of them only. Those tra
 seen the paper's circle, under other loads and on other plants, and none of the other motions.
 
 A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.episodes.metrics`; over seeds the
-interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.evaluation.statistics`. An episode has failed if it ended
-early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a policy may lose the path by
+interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.evaluation.statistics`. An episode has failed if
+it ended early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a policy may lose the path by
 a metre and never leave the joints' box, and that says nothing of how well it tracks. How many of the seeds failed is a
 column, and the errors are of the others alone, a dash where there is none. An error says little where seeds failed;
 what each seed did is in the JSON file. The model-based policies have no seed, and nothing is random in these tasks: one

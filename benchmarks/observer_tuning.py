@@ -7,8 +7,8 @@ in mm. The arms follow the paper's circle with masses, motor inertias and stiffn
 within 50 % of what the policy knows, an unknown payload of up to 5 kg, an unknown tip force of up to 200 N in any
 direction from some instant of the first half on, and encoder noise. Cases 2 and 3 play no part; they are only reported.
 
-Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.stability.linearisation` is at most 0.997, so that of a small
-deviation an episode leaves a hundredth. It is active: accuracy is bought with margin.
+Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.stability.linearisation` is at most 0.997, so
+that an episode reduces a small deviation to a hundredth. The constraint is active: more accuracy costs margin.
 
 Search: a Sobol set in the logarithms of `BOX`, then Nelder-Mead from its best points. Seeded; two and a half minutes.
 """

@@ -129,7 +129,7 @@ def _check_row(run: Rollout, row: dict[str, Any]) -> None:
         run
     )
     for key, value in expected.items():
-        stored = row.get(key)
+        stored: Any = row.get(key)
         both_real = isinstance(value, float) and isinstance(stored, float | int)
         if not (math.isclose(value, stored, rel_tol=1e-9) if both_real else value == stored):
             raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored}, its rollout has {value}")
