@@ -1,35 +1,35 @@
-"""Learned policies beside model-based ones: tip errors over the seeds of a training, on eight tasks.
+"""Comparison of learned with model-based policies: tip errors over the seeds of a training, on eight tasks.
 
     python benchmarks/learned_comparison.py [--learned NAME FOLDER [FOLDER ...]] [--learned ...]
                                             [--json FILE] [--figure FILE.png] [--curves FILE.png]
 
-NAME is what one configuration is called, each FOLDER what `fuzzyarm train ppo --out FOLDER` made of it with another
-seed; without --learned it is every folder NAME-SEED of benchmarks/learned. What is run of each is its bundle `policy`,
-the last one. The bundle `best` was picked for the smallest error on the paper's circle, which is what this table
-measures: the smallest of many evaluations says more of luck than the last. All finished seeds belong into the command,
-the bad ones too.
+NAME is the name of a configuration, and each FOLDER the output of `fuzzyarm train ppo --out FOLDER` with another seed;
+without --learned these are all folders NAME-SEED of benchmarks/learned. The bundle that is evaluated is `policy`, the
+last one of a training. The bundle `best` was selected by the error on the paper's circle, which this table measures; the
+smallest of many evaluations is biased by chance, so it is not used. All finished seeds belong into the command, bad ones
+included.
 
-The tasks: the paper's three cases, and without load another radius, two other durations, the other direction and an
-eight. A policy of `--preset nominal` has seen the first of them only. Those trained on the robust distribution have
-seen the paper's circle, under other loads and on other plants, and none of the other motions.
+The tasks are the paper's three cases and, without load, another radius, two other durations, the other direction and a
+lemniscate. A policy of `--preset nominal` was trained on the first of them only. Policies of the robust distribution were
+trained on the paper's circle with other loads and plants, and on none of the other motions.
 
-A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.episodes.metrics`; over seeds the
+A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.episodes.metrics`; over seeds, the
 interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.evaluation.statistics`. An episode has failed if
-it ended early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a policy may lose the path by
-a metre and never leave the joints' box, and that says nothing of how well it tracks. How many of the seeds failed is a
-column, and the errors are of the others alone, a dash where there is none. An error says little where seeds failed;
-what each seed did is in the JSON file. The model-based policies have no seed, and nothing is random in these tasks: one
-episode is all there is.
+it ended early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a policy may lose the
+path by a metre without leaving the joint limits, and its errors then say nothing about tracking. A column counts the
+failed seeds. The errors are those of the other seeds, with a dash if there are none; they say little if many seeds
+failed, and the JSON file has the result of each seed. Model-based policies have no seed and nothing is random in these
+tasks, so they have a single episode.
 
-The median seed, the one to ship, has the median score: the rms in Case 1 of a policy trained on the nominal
-distribution, the mean rms over the three cases of any other, the two rules by which the training itself judges. The
-figure of --figure shows it on the task where it is worst, beside the model-based policy that is best there; that of
---curves shows every seed's rms over the steps of its training.
+The median seed, which is shipped, has the median score. The score is the rms in Case 1 for a policy trained on the
+nominal distribution and the mean rms over the three cases for any other, as in the training itself. The figure of
+--figure shows this seed on its worst task, beside the model-based policy that is best on it; that of --curves shows the
+rms of every seed over the steps of its training.
 
-The second table has the score in the last tenth of the training over that in the tenth before (`plateau`), the median
-over the seeds and their range. A ratio near 1 says that the error no longer fell when the training ended. The learning
-rate falls to nearly nothing by then, so that is weaker than to have trained twice as long and seen no gain. About a
-tenth of a second per episode.
+The second table shows whether a training had reached a plateau: the score in its last tenth divided by that in the tenth
+before (`plateau`), as median and range over the seeds. A ratio near 1 means that the error no longer fell when the
+training ended. The learning rate is almost zero by then, so this is weaker evidence than a training of twice the length
+without improvement. An episode takes about a tenth of a second.
 """
 
 from __future__ import annotations
