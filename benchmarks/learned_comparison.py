@@ -5,31 +5,31 @@
 
 NAME is the name of a configuration, and each FOLDER the output of `fuzzyarm train ppo --out FOLDER` with another seed;
 without --learned these are all folders NAME-SEED of benchmarks/learned. The bundle that is evaluated is `policy`, the
-last one of a training. The bundle `best` was selected by the error on the paper's circle, which this table measures; the
-smallest of many evaluations is biased by chance, so it is not used. All finished seeds belong into the command, bad ones
-included.
+last one of a training. The bundle `best` was selected by the error on the paper's circle, which this table measures;
+the smallest of many evaluations is biased by chance, so it is not used. All finished seeds belong into the command, bad
+ones included.
 
 The tasks are the paper's three cases and, without load, another radius, two other durations, the other direction and a
-lemniscate. A policy of `--preset nominal` was trained on the first of them only. Policies of the robust distribution were
-trained on the paper's circle with other loads and plants, and on none of the other motions.
+lemniscate. A policy of `--preset nominal` was trained on the first of them only. Policies of the robust distribution
+were trained on the paper's circle with other loads and plants, and on none of the other motions.
 
-A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.episodes.metrics`; over seeds, the
-interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.evaluation.statistics`. An episode has failed if
-it ended early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a policy may lose the
-path by a metre without leaving the joint limits, and its errors then say nothing about tracking. A column counts the
-failed seeds. The errors are those of the other seeds, with a dash if there are none; they say little if many seeds
-failed, and the JSON file has the result of each seed. Model-based policies have no seed and nothing is random in these
-tasks, so they have a single episode.
+A row holds the largest and the root mean square tip error at 1 kHz, by `fuzzyarm.eval.episodes.metrics`; over seeds,
+the interquartile mean and its bootstrap interval of 95 % by `fuzzyarm.eval.evaluation.statistics`. An episode has
+failed if it ended early, or if the tip was ever more than 100 mm off, half the radius of the paper's circle: a policy
+may lose the path by a metre without leaving the joint limits, and its errors then say nothing about tracking. A column
+counts the failed seeds. The errors are those of the other seeds, with a dash if there are none; they say little if many
+seeds failed, and the JSON file has the result of each seed. Model-based policies have no seed and nothing is random in
+these tasks, so they have a single episode.
 
 The median seed, which is shipped, has the median score. The score is the rms in Case 1 for a policy trained on the
 nominal distribution and the mean rms over the three cases for any other, as in the training itself. The figure of
 --figure shows this seed on its worst task, beside the model-based policy that is best on it; that of --curves shows the
 rms of every seed over the steps of its training.
 
-The second table shows whether a training had reached a plateau: the score in its last tenth divided by that in the tenth
-before (`plateau`), as median and range over the seeds. A ratio near 1 means that the error no longer fell when the
-training ended. The learning rate is almost zero by then, so this is weaker evidence than a training of twice the length
-without improvement. An episode takes about a tenth of a second.
+The second table shows whether a training had reached a plateau: the score in its last tenth divided by that in the
+tenth before (`plateau`), as median and range over the seeds. A ratio near 1 means that the error no longer fell when
+the training ended. The learning rate is almost zero by then, so this is weaker evidence than a training of twice the
+length without improvement. An episode takes about a tenth of a second.
 """
 
 from __future__ import annotations
