@@ -20,7 +20,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.extremes import decay_rates, disturbed_run, worst_posture
-from fuzzyarm.eval.certified.frozen import gain_at, pole_rate, search
+from fuzzyarm.eval.certified.frozen import find_worst_point, gain_at, pole_rate
 from fuzzyarm.eval.certified.probes import library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion
@@ -38,7 +38,7 @@ def decay(loop: RigidLoop) -> dict[str, float]:
         "observed": rates.observed,
         "observed_random": rates.random,
         "lyapunov": rates.in_box,
-        "pole": -search(loop, lambda F, G, omega: -pole_rate(F)).value,
+        "pole": -find_worst_point(loop, lambda F, G, omega: -pole_rate(F)).value,
     }
 
 
@@ -52,8 +52,8 @@ def gain(loop: RigidLoop) -> dict[str, Any]:
         "observed_library": library_gain,
         "library_probe": probe,
         "supply_used": max(run["used"] for run in runs),
-        "frozen": search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
-        "frozen_shifted": search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
+        "frozen": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
+        "frozen_shifted": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
         "certified": gamma,
     }
 

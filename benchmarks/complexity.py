@@ -43,7 +43,8 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.policies import resolve
-from fuzzyarm.synthesis.design import Design, Specification, design, scaled_gain
+from fuzzyarm.synthesis import Design, Specification, design
+from fuzzyarm.synthesis.search import scaled_gain
 
 COMMAND = "python benchmarks/complexity.py"
 RULES = tuple(sorted(NAMED_RULES))

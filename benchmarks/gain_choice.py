@@ -27,7 +27,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.frozen import frozen
+from fuzzyarm.eval.certified.frozen import freeze
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
@@ -36,7 +36,7 @@ from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, larges
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.synthesis.design import DesignFailed, Specification, design
+from fuzzyarm.synthesis import DesignFailed, Specification, design
 
 RULES = (4, 2, 1)
 GAMMAS = (7e-5, 1e-4, 1.2e-4, 1.4e-4, 1.7e-4, 2e-4, 2.5e-4, 3e-4)  # rad/(N m)
@@ -97,7 +97,7 @@ def rigid_poles(controller: Controller) -> tuple[float, float]:
     """Return the largest and the smallest real part [1/s] of the frozen rigid loop's poles over a grid in the box."""
     p = controller.model.parameters
     steps = np.array(list(itertools.product(*(np.linspace(-1.0, 1.0, n) for n in (9, 17, 5, 5)))))
-    F, _ = frozen(RigidLoop(controller), steps[:, :2] * p.joint_limit, steps[:, 2:] * p.velocity_limit)
+    F, _ = freeze(RigidLoop(controller), steps[:, :2] * p.joint_limit, steps[:, 2:] * p.velocity_limit)
     real = np.linalg.eigvals(F).real
     return float(real.max()), float(real.min())
 

@@ -124,7 +124,7 @@ def mjcf(parameters: ArmParameters, payload: Payload, integrator: str, timestep:
 def link_with_payload(parameters: ArmParameters, payload: Payload) -> tuple[float, float, float]:
     """Return mass [kg], distance of the mass center from joint 2 [m] and inertia about it [kg m²] of link 2."""
     m, r, carried = parameters.mass[1], parameters.mass_center[1], payload.mass
-    at = parameters.length[1] if payload.at == "tip" else r
+    at = payload.radius(parameters)
     center = (m * r + carried * at) / (m + carried)
     return m + carried, center, parameters.inertia[1] + m * (r - center) ** 2 + carried * (at - center) ** 2
 

@@ -37,7 +37,8 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.eval.provenance import provenance
 from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, ObserverWeights
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
 ARM = ArmParameters()
 PERIOD = 1e-3  # s

@@ -1,4 +1,4 @@
-"""The README"s tables of designs and proofs, from stored results."""
+"""The README's tables of designs and proofs, from stored results."""
 
 from __future__ import annotations
 

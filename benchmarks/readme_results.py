@@ -1,4 +1,4 @@
-"""The README"s tables of evaluations, sweeps and speed, from stored results."""
+"""The README's tables of evaluations, sweeps and speed, from stored results."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from learned_comparison import training_cells
+from learned_tables import training_cells
 from readme_markdown import made_with, table
 
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES

@@ -22,7 +22,7 @@ import fuzzyarm.fuzzy_policy.controllers
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.synthesis.design import Specification, design
+from fuzzyarm.synthesis import Specification, design
 
 GAMMA = {True: 1.4e-4, False: 2e-4}  # rad/(N m), by whether z1 is kept
 FASTEST_POLE = {True: 200.0, False: None}  # 1/s

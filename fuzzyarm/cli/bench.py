@@ -15,7 +15,7 @@ from fuzzyarm.eval.bench.config import BenchConfig
 __all__ = ["Options", "run"]
 
 
-@with_fields_of(BenchConfig, without=("sweep",))
+@with_fields_of(BenchConfig, without=("lanes_sweep",))
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Measure environment steps per second, this project's environments and their peers in turns; print a table.
@@ -36,17 +36,17 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import output, progress
-    from fuzzyarm.eval.bench.run import bench, write_document
+    from fuzzyarm.eval.bench.run import run_bench, write_document
     from fuzzyarm.eval.bench.speed_table import print_speeds
 
-    config = chosen(options, BenchConfig(sweep=options.lanes_sweep))
-    if config.sweep and options.out is None:
+    config = chosen(options, BenchConfig())
+    if config.lanes_sweep and options.out is None:
         raise UsageError("--lanes-sweep draws throughput.png: say where with --out DIR")
     if options.out is not None:
         writable_folder(options.out)
     # The bar is drawn between the turns: nothing else may run while one is timed.
     with progress("", config.turns(), between_steps=True) as advance:
-        document = bench(config, advance)
+        document = run_bench(config, advance)
     written = write_document(document, options.out) if options.out is not None else []
     if options.json:
         print(json.dumps(document, indent=1))

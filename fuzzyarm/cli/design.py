@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import UsageError, output_file
 
 if TYPE_CHECKING:
-    from fuzzyarm.synthesis.design import Specification
+    from fuzzyarm.synthesis import Specification
 
 __all__ = ["Options", "run"]
 
@@ -52,7 +52,7 @@ def run(options: Options) -> int:
     """Design, prove and write the controller; return 1 if there is none with these requirements."""
     from fuzzyarm.common.console import status
     from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.synthesis.design import DesignFailed, describe, design
+    from fuzzyarm.synthesis import DesignFailed, describe, design
 
     specification = _specification(options)
     output_file(options.out, ".json")
@@ -71,7 +71,7 @@ def run(options: Options) -> int:
 
 def _specification(options: Options) -> Specification:
     from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-    from fuzzyarm.synthesis.design import Specification
+    from fuzzyarm.synthesis import Specification
 
     if options.rules is not None and options.keep is not None:
         raise UsageError(f"--rules {options.rules} and --keep {options.keep} both choose the premises; leave out one")

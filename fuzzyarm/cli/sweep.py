@@ -50,10 +50,7 @@ def run(options: Options) -> int:
 
     engine = Engine(**given(options, Engine))
     resumed = options.resume or options.replay is not None
-    if resumed:
-        sweep = Sweep.resume(options.out, _given(options))
-    else:
-        sweep = Sweep.begin(options.out, configured(options))
+    sweep = Sweep.resume(options.out, _given(options)) if resumed else Sweep.begin(options.out, configured(options))
     if options.replay is not None:
         _replay(sweep, *options.replay)
         return 0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from fuzzyarm.envs.batch.lanes import MAX_ACCELERATION
+from fuzzyarm.envs.batch.tables import MAX_ACCELERATION
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance

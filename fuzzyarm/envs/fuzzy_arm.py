@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
+from numpy import empty
 
 from fuzzyarm.envs.arguments import (
     action_space,
@@ -17,14 +18,20 @@ from fuzzyarm.envs.arguments import (
     observation_space,
     whole_substeps,
 )
-from fuzzyarm.envs.batch.kernels import INFO, VECTORS, split
+from fuzzyarm.envs.batch import kernels
 from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
+from fuzzyarm.envs.observation import JOINTS, SIZE
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.termination import Termination
+
+# Places of the vectors; plain numbers, for speed.
+_TIP, _TIP_REFERENCE, _Q_MOTOR, _DQ_MOTOR, _Q_LINK, _DQ_LINK, _TORQUE, _FRICTION, _FORCE = range(len(VECTORS))
+_ACTION_SHAPE, _VECTORS_SHAPE = (JOINTS,), (len(VECTORS), PLANAR)
 
 
 class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -151,11 +158,15 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if seeds is not None and seeds[0] < 0:
             seeds = [int(self.np_random.integers(2**63))]
         results = self._lanes.reset(seeds, [scenario] if options else None, initial)
+        self._arm = self._lanes.arrays
         self._begun = True
         self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
         observations, vectors, scalars = split(results)
-        inside = bool(scalars[-1, 0] == 0.0)  # a start outside the box ends with the first step
-        info = dict(zip(INFO, (*vectors[:, 0], *scalars[:6, 0].tolist(), inside, False), strict=True))
+        numbers = dict(zip(SCALARS, scalars[:, 0].tolist(), strict=True))
+        info = dict(zip(VECTORS, vectors[:, 0], strict=True)) | numbers
+        # A start outside the box ends with the first step.
+        info["in_domain"], info["torque_clipped"] = numbers["reason"] == Termination.NONE, False
+        info = {name: info[name] for name in INFO}
         self._ended = False
         if self._extras:
             self._complete(info)
@@ -165,33 +176,38 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Hold the torques `action` [N m] for one control period."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        observation, vectors = np.empty(10), np.empty((9, 2))
+        observation, vectors = empty(SIZE), empty(_VECTORS_SHAPE)
+        values, clock, table, period, substeps = self._arm
+        # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
         try:
             torque1, torque2 = action.tolist()
-            scalars = self._lanes.advance_one(torque1, torque2, observation, vectors)
+            scalars = kernels.advance_one(
+                values, clock, table, period, substeps, torque1, torque2, observation, vectors
+            )
         except (AttributeError, TypeError, ValueError):  # no array of two numbers
             torque1, torque2 = self._two_numbers(action)
-            scalars = self._lanes.advance_one(torque1, torque2, observation, vectors)
-        if scalars[-1] < 0:
+            scalars = kernels.advance_one(
+                values, clock, table, period, substeps, torque1, torque2, observation, vectors
+            )
+        time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
+        if reason < 0:
             limit = list(self.parameters.torque_limit)
             raise ValueError(f"action = {[torque1, torque2]} N m is not finite; allowed: ±{limit} N m")
-        # Written out for speed: this is half of a step's time.
-        time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
         self._ended = truncated or reason > 0
         info = {
             "time": time,
-            "tip": vectors[0],
-            "tip_reference": vectors[1],
+            "tip": vectors[_TIP],
+            "tip_reference": vectors[_TIP_REFERENCE],
             "tip_error": error,
             "circularity_error": circularity,
             "circularity_error_motor": motor,
-            "q_link": vectors[4],
-            "dq_link": vectors[5],
-            "q_motor": vectors[2],
-            "dq_motor": vectors[3],
-            "torque": vectors[6],
-            "friction_torque": vectors[7],
-            "external_force": vectors[8],
+            "q_link": vectors[_Q_LINK],
+            "dq_link": vectors[_DQ_LINK],
+            "q_motor": vectors[_Q_MOTOR],
+            "dq_motor": vectors[_DQ_MOTOR],
+            "torque": vectors[_TORQUE],
+            "friction_torque": vectors[_FRICTION],
+            "external_force": vectors[_FORCE],
             "in_domain": reason == 0,
             "torque_clipped": clipped,
             "reward_tracking": tracking,
@@ -219,9 +235,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @staticmethod
     def _two_numbers(action: Any) -> list[float]:
-        """Return what was given for an action as two numbers, or raise ValueError."""
+        """Return what was given for an action as two floats, or raise ValueError."""
         array = np.asarray(action)
-        if array.shape != (2,):
+        if array.shape != _ACTION_SHAPE:
             raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
         if array.dtype.kind not in "fiub":
             raise ValueError(f"action = {action!r} must be two real numbers, the motor torques [N m]")

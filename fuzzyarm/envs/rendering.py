@@ -11,7 +11,7 @@ import numpy as np
 import pygame
 from numpy.typing import ArrayLike
 
-from fuzzyarm.envs.batch.kernels import VECTORS
+from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics.dynamics import tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -165,7 +165,7 @@ def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, pa
     _paint_arm(canvas, joints, 0.032 * view.scale * sum(length))
     payload = schedule.disturbance.payload
     if payload.mass > 0.0:
-        along = 1.0 if payload.at == "tip" else parameters.mass_center[1] / length[1]
+        along = payload.radius(parameters) / length[1]
         _paint_payload(canvas, joints[1] + along * (joints[2] - joints[1]), payload.mass)
     _paint_force(canvas, joints[2], trace[-1, FORCE_ROW], np.linalg.norm(schedule.forces, axis=1).max())
     errors = view.pixels(magnified(trace))

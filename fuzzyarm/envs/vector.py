@@ -20,8 +20,8 @@ from fuzzyarm.envs.arguments import (
     observation_space,
     whole_substeps,
 )
-from fuzzyarm.envs.batch.kernels import INFO, SCALARS, split
 from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.batch.layout import INFO, SCALARS, split
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation

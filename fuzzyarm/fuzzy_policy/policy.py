@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.scenario.reference import JointReference
-    from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate
+    from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
 __all__ = ["Policy", "Predictor"]
 

@@ -19,20 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants, inertia_and_gravity
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
-    "ERROR_STATES",
-    "INTEGRAL",
+    "DEFAULT_KEPT",
     "NAMED_RULES",
-    "PLANT",
-    "PLANT_STATES",
-    "POSITION",
     "PREMISES",
-    "VELOCITY",
     "Polytope",
     "TSModel",
     "Uncertainty",
@@ -41,21 +36,15 @@ __all__ = [
     "premises",
 ]
 
-POSITION, VELOCITY, INTEGRAL = consecutive(JOINTS, JOINTS, JOINTS)
-"""Where q, q̇ and, with the integral, x_I lie in the states x = (q, q̇) and ē = (e, ė, x_I)."""
-
-PLANT = slice(POSITION.start, VELOCITY.stop)
-"""Where x, or the error of the plant, lies in ē."""
-
-PLANT_STATES, ERROR_STATES = VELOCITY.stop, INTEGRAL.stop
-"""Numbers in x, and in ē with the integral."""
-
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
+DEFAULT_KEPT = ("z1", "z3")
+"""Kept premises where nothing else is said: four rules."""
+
 NAMED_RULES = {
     32: ("z1", "z2", "z3", "z4", "z5"),
     16: ("z1", "z2", "z3", "z4"),
     8: ("z1", "z2", "z3"),
-    4: ("z1", "z3"),
+    4: DEFAULT_KEPT,
     2: ("z3",),
     1: (),
 }
@@ -150,7 +139,7 @@ class TSModel:
     """
 
     parameters: ArmParameters
-    kept: tuple[str, ...] = NAMED_RULES[4]
+    kept: tuple[str, ...] = DEFAULT_KEPT
 
     def __post_init__(self) -> None:
         """Check and sort the kept premises."""

@@ -6,36 +6,16 @@ Nothing here loads Numba, so that the command line can read these definitions qu
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from typing import NamedTuple
 
 from fuzzyarm.common.checks import instance, real, reals, truth, whole
 
-__all__ = ["ActionDefinition", "FeatureDefinition", "FeatureStarts"]
+__all__ = ["ActionDefinition", "FeatureDefinition"]
 
 _JOINTS = 2  # as in `envs.observation`, which loads Numba
+_OF_THE_INSTANT = 5  # features per joint that need no memory: e, ė, q_d, q̇_d, q̈_d
 _MOST_REMEMBERED = 100  # errors or actions
 _LARGEST_SHIFT = 0.5  # rad
-
-
-class FeatureStarts(NamedTuple):
-    """Where each part of the features begins, and how many features there are; see `learned_policy.features`.
-
-    A part that is left out has the length zero. The numbers of a part are sorted by age, the latest first, and then by
-    joint.
-    """
-
-    error: int
-    rate: int
-    q_reference: int
-    dq_reference: int
-    ddq_reference: int
-    past_errors: int
-    past_actions: int
-    integral: int
-    past_excesses: int
-    size: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,24 +66,8 @@ class FeatureDefinition:
     @property
     def size(self) -> int:
         """Number of features."""
-        return self.starts.size
-
-    @property
-    def starts(self) -> FeatureStarts:
-        """Where each part of the features begins."""
-        lengths = FeatureStarts(
-            error=1,
-            rate=1,
-            q_reference=1,
-            dq_reference=1,
-            ddq_reference=1,
-            past_errors=self.past_errors,
-            past_actions=self.past_actions,
-            integral=int(self.integral_time > 0.0),
-            past_excesses=self.past_excesses,
-            size=0,
-        )
-        return FeatureStarts(*itertools.accumulate((_JOINTS * length for length in lengths[:-1]), initial=0))
+        past = self.past_errors + self.past_actions + self.past_excesses
+        return _JOINTS * (_OF_THE_INSTANT + past + (self.integral_time > 0.0))
 
     @property
     def past_excesses(self) -> int:

@@ -19,43 +19,34 @@ torques and the integral x are zero. The training and the shipped policy run the
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.checks import real
-from fuzzyarm.envs.observation import JOINTS, observed
+from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws import elastic_target
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
-from fuzzyarm.learned_policy.definition import FeatureDefinition, FeatureStarts
+from fuzzyarm.learned_policy.definition import FeatureDefinition
 
 __all__ = ["Features"]
 
 
-class _MemoryStarts(NamedTuple):
-    """Where each part of a lane's memory begins, and its size; past values are sorted by age, the latest first."""
+class _Parts(NamedTuple):
+    """Where each feature of the instant begins; the features of the past follow them."""
 
-    past_errors: int
-    past_actions: int
-    integral: int
-    past_excesses: int
-    feedforward: int
-    elastic_target: int
-    size: int
+    error: int
+    rate: int
+    q_reference: int
+    dq_reference: int
+    ddq_reference: int
 
 
-class _Scales(NamedTuple):
-    """The scales of the features, see `FeatureDefinition`; without an integral its scale is 0."""
-
-    error: float
-    rate: float
-    velocity: float
-    acceleration: float
-    integral: float
+_AT = _Parts(*range(0, JOINTS * len(_Parts._fields), JOINTS))
+_PAST = JOINTS * len(_AT)
 
 
 class Features:
@@ -92,14 +83,18 @@ class Features:
         self.definition, self.period, d = definition, real("period", period, "s", above=0.0), definition
         parameters = parameters or ArmParameters()
         self.size = d.size
-        self._starts, self._memory = d.starts, _memory_starts(d)
-        self.memory_size = self._memory.size
+        # The memory: past errors, past actions, integral, past excess torques, u_ff, memory of the elastic target.
+        self._counts = d.past_errors, d.past_actions
+        excess = JOINTS * (d.past_errors + d.past_actions + 1)
+        self._excess = slice(excess, excess + JOINTS * d.past_excesses)
+        self._feedforward = slice(self._excess.stop, self._excess.stop + JOINTS)
         self._target = ElasticTarget(parameters, period, friction=friction) if d.elastic_target else None
+        self.memory_size = excess if self._target is None else self._feedforward.stop + elastic_target.MEMORY_SIZE
         self._limit = np.array(parameters.torque_limit)
         integral_scale = d.integral_scale if d.integral_time > 0.0 else 0.0
         scales = d.error_scale, d.rate_scale, d.velocity_scale, d.acceleration_scale, integral_scale
         # A whole number among them would make Numba compile the kernels once more, for other types.
-        self._scales = _Scales(*map(float, scales))
+        self._scales = tuple(map(float, scales))
         self._leak = math.exp(-period / d.integral_time) if d.integral_time > 0.0 else 0.0
 
     def fill(self, observation: np.ndarray, memory: np.ndarray, features: np.ndarray) -> None:
@@ -110,11 +105,12 @@ class Features:
             memory: (lanes, memory_size).
             features: (lanes, size), filled in place.
         """
-        # The elastic target advances a memory of its own, here that of a copy.
-        aim, _ = self._aim(observation, memory if self._target is None else memory.copy())
+        target = observation[:, REFERENCE]
         if self._target is not None:
-            features[:, self._starts.past_excesses :] = self._past_excesses(memory) / self.definition.excess_scale
-        _fill(observation, *aim, memory, self._starts, self._memory, self._scales, features)
+            target, _ = self._aim(observation, memory.copy())
+            excess = memory[:, self._excess]
+            features[:, self.size - excess.shape[1] :] = excess / self.definition.excess_scale
+        _fill(observation, target, memory, *self._counts, *self._scales, features)
 
     def advance(self, observation: np.ndarray, action: np.ndarray, memory: np.ndarray) -> None:
         """Store the error of an observation and the action taken on it.
@@ -124,12 +120,12 @@ class Features:
             action: (lanes, 2), in [-1, 1].
             memory: (lanes, memory_size), advanced in place.
         """
-        aim, feedforward = self._aim(observation, memory)
-        if feedforward is not None:
-            memory[:, self._feedforward] = feedforward
-            excesses = self._past_excesses(memory)
-            excesses[:, JOINTS:] = excesses[:, :-JOINTS].copy()
-        _advance(observation, *aim, action, self._memory, self.period, self._leak, memory)
+        target = observation[:, REFERENCE]
+        if self._target is not None:
+            target, memory[:, self._feedforward] = self._aim(observation, memory)
+            excess = memory[:, self._excess]
+            excess[:, JOINTS:] = excess[:, :-JOINTS].copy()
+        _advance(observation, target, action, *self._counts, self.period, self._leak, memory)
 
     def command(self, torque: np.ndarray, memory: np.ndarray) -> None:
         """Store the excess of a commanded torque; of several calls between two `advance`, the last one counts.
@@ -138,98 +134,82 @@ class Features:
             torque: (lanes, 2) [N m], not yet clipped to the limits of the robot.
             memory: (lanes, memory_size), changed in place.
         """
-        if self.definition.past_excesses:
+        if self._target is not None and self.definition.past_excesses:
             applied = np.clip(torque, -self._limit, self._limit)
-            self._past_excesses(memory)[:, :JOINTS] = applied - memory[:, self._feedforward]
+            memory[:, self._excess][:, :JOINTS] = applied - memory[:, self._feedforward]
 
-    @property
-    def _feedforward(self) -> slice:
-        return slice(self._memory.feedforward, self._memory.elastic_target)
-
-    def _past_excesses(self, memory: np.ndarray) -> np.ndarray:
-        """Return the past excess torques in a memory as a view (lanes, 2 m)."""
-        return memory[:, self._memory.past_excesses : self._memory.feedforward]
-
-    def _aim(
-        self, observation: np.ndarray, memory: np.ndarray
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray | None]:
-        """Return what errors count from, and u_ff with an elastic target, whose memory advances.
-
-        The first is (q_d, q̇_d), or (θ_d, θ̇_d) with an elastic target; each is (lanes, 2).
-        """
-        if self._target is None:
-            o = observed(observation)
-            return (o.q_reference, o.dq_reference), None
+    def _aim(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return θ_d with derivatives (lanes, 6) and u_ff (lanes, 2), and advance the memory of the elastic target."""
+        assert self._target is not None
         target, feedforward = np.empty((len(observation), 3 * JOINTS)), np.empty((len(observation), JOINTS))
-        self._target.advance(observation, memory[:, self._memory.elastic_target :], target, feedforward)
-        return (target[:, :JOINTS], target[:, JOINTS : 2 * JOINTS]), feedforward
-
-
-def _memory_starts(definition: FeatureDefinition) -> _MemoryStarts:
-    """Return where each part of a lane's memory begins."""
-    lengths = _MemoryStarts(
-        past_errors=JOINTS * definition.past_errors,
-        past_actions=JOINTS * definition.past_actions,
-        integral=JOINTS,
-        past_excesses=JOINTS * definition.past_excesses,
-        feedforward=JOINTS if definition.elastic_target else 0,
-        elastic_target=elastic_target.MEMORY_SIZE if definition.elastic_target else 0,
-        size=0,
-    )
-    return _MemoryStarts(*itertools.accumulate(lengths[:-1], initial=0))
+        self._target.advance(observation, memory[:, self._feedforward.stop :], target, feedforward)
+        return target, feedforward
 
 
 @kernel
 def _fill(
     observation: np.ndarray,
-    q_target: np.ndarray,
-    dq_target: np.ndarray,
+    target: np.ndarray,
     memory: np.ndarray,
-    at: FeatureStarts,
-    stored: _MemoryStarts,
-    scale: _Scales,
+    past_errors: int,
+    past_actions: int,
+    error_scale: float,
+    rate_scale: float,
+    velocity_scale: float,
+    acceleration_scale: float,
+    integral_scale: float,
     features: np.ndarray,
 ) -> None:
-    """Fill everything but the excess torques, see `Features.fill`."""
+    """Fill everything but the excess torques, see `Features.fill`.
+
+    Errors count from the `target`, (lanes, 6) or (lanes, 4): angles, then velocities. An `integral_scale` of 0 means
+    that there is no integral.
+    """
+    actions = JOINTS * past_errors  # where the past actions begin in the memory, and then the integral
+    integral = actions + JOINTS * past_actions
+    o = observed(observation)
     for lane in range(len(observation)):
-        o, past, out = observed(observation[lane]), memory[lane], features[lane]
+        aim, past, out = target[lane], memory[lane], features[lane]
         for joint in range(JOINTS):
-            out[at.error + joint] = np.arcsinh((q_target[lane, joint] - o.q_motor[joint]) / scale.error)
-            out[at.rate + joint] = np.arcsinh((dq_target[lane, joint] - o.dq_motor[joint]) / scale.rate)
-            out[at.q_reference + joint] = o.q_reference[joint]
-            out[at.dq_reference + joint] = o.dq_reference[joint] / scale.velocity
-            out[at.ddq_reference + joint] = o.ddq_reference[joint] / scale.acceleration
-            if scale.integral > 0.0:
-                out[at.integral + joint] = np.arcsinh(past[stored.integral + joint] / scale.integral)
-        for k in range(at.past_actions - at.past_errors):
-            out[at.past_errors + k] = np.arcsinh(past[stored.past_errors + k] / scale.error)
-        for k in range(at.integral - at.past_actions):
-            out[at.past_actions + k] = past[stored.past_actions + k]
+            out[_AT.error + joint] = np.arcsinh((aim[joint] - o.q_motor[lane, joint]) / error_scale)
+            out[_AT.rate + joint] = np.arcsinh((aim[JOINTS + joint] - o.dq_motor[lane, joint]) / rate_scale)
+            out[_AT.q_reference + joint] = o.q_reference[lane, joint]
+            out[_AT.dq_reference + joint] = o.dq_reference[lane, joint] / velocity_scale
+            out[_AT.ddq_reference + joint] = o.ddq_reference[lane, joint] / acceleration_scale
+            if integral_scale > 0.0:
+                out[_PAST + integral + joint] = np.arcsinh(past[integral + joint] / integral_scale)
+        for k in range(actions):
+            out[_PAST + k] = np.arcsinh(past[k] / error_scale)
+        for k in range(actions, integral):
+            out[_PAST + k] = past[k]
 
 
 @kernel
 def _advance(
     observation: np.ndarray,
-    q_target: np.ndarray,
-    dq_target: np.ndarray,
+    target: np.ndarray,
     action: np.ndarray,
-    stored: _MemoryStarts,
+    past_errors: int,
+    past_actions: int,
     period: float,
     leak: float,
     memory: np.ndarray,
 ) -> None:
-    """Advance past errors, past actions and the integral, see `Features.advance`."""
+    """Advance past errors, past actions and the integral, see `Features.advance`; the target as for `_fill`."""
+    actions = JOINTS * past_errors
+    integral = actions + JOINTS * past_actions
+    o = observed(observation)
     for lane in range(len(observation)):
-        o, past = observed(observation[lane]), memory[lane]
+        aim, past = target[lane], memory[lane]
         # Each past value moves to the place of the next older one, the oldest first.
-        for k in range(stored.past_actions - 1, stored.past_errors + JOINTS - 1, -1):
+        for k in range(actions - 1, JOINTS - 1, -1):
             past[k] = past[k - JOINTS]
-        for k in range(stored.integral - 1, stored.past_actions + JOINTS - 1, -1):
+        for k in range(integral - 1, actions + JOINTS - 1, -1):
             past[k] = past[k - JOINTS]
         for joint in range(JOINTS):
-            error = q_target[lane, joint] - o.q_motor[joint]
-            if stored.past_actions > stored.past_errors:
-                past[stored.past_errors + joint] = error
-            if stored.integral > stored.past_actions:
-                past[stored.past_actions + joint] = action[lane, joint]
-            past[stored.integral + joint] = leak * (past[stored.integral + joint] + period * error)
+            error = aim[joint] - o.q_motor[lane, joint]
+            if past_errors > 0:
+                past[joint] = error
+            if past_actions > 0:
+                past[actions + joint] = action[lane, joint]
+            past[integral + joint] = leak * (past[integral + joint] + period * error)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.envs.observation import JOINTS, observed
+from fuzzyarm.envs.observation import JOINTS, START
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -18,6 +18,8 @@ __all__ = ["LearnedPolicy"]
 _PHASE = 0
 _ACTION = 1
 _FEATURES = _ACTION + JOINTS
+
+_MOTORS = slice(START.q_motor, START.q_motor + JOINTS)  # a slice, because `observed` takes as long as a small network
 
 
 class LearnedPolicy(Policy):
@@ -89,23 +91,18 @@ class LearnedPolicy(Policy):
         _hold(memory, self._scale, self.calls_per_action, torque)
         if self.base is not None:
             shifted = observation.copy()
-            q_motor = observed(shifted).q_motor
-            q_motor -= torque  # with a base `_hold` gives the shift of its target [rad]
+            shifted[:, _MOTORS] -= torque  # with a base `_hold` gives the shift of its target [rad]
             self.base.act(shifted, memory[:, self._base_memory :], torque)
-        self._features.command(torque, self._past(memory))
+        self._features.command(torque, memory[:, _FEATURES : self._base_memory])
 
     def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:
         """Compute the next action of every lane and store it in the memory."""
         features, output = np.empty((len(memory), self._features.size)), np.empty((len(memory), JOINTS))
-        action, past = memory[:, _ACTION:_FEATURES], self._past(memory)
+        action, past = memory[:, _ACTION:_FEATURES], memory[:, _FEATURES : self._base_memory]
         self._features.fill(observation, past, features)
         self.bundle.network.act(features, output)
         action[:] = self._smoothing * action + (1.0 - self._smoothing) * output
         self._features.advance(observation, action, past)
-
-    def _past(self, memory: np.ndarray) -> np.ndarray:
-        """Return the memory of the features as a view."""
-        return memory[:, _FEATURES : self._base_memory]
 
 
 @kernel

@@ -29,7 +29,7 @@ from fuzzyarm.envs.arguments import (
 )
 from fuzzyarm.envs.batch import kernels as lane_kernels
 from fuzzyarm.envs.batch import schedule
-from fuzzyarm.envs.batch.lanes import check_reference
+from fuzzyarm.envs.batch.tables import check_reference
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics import integrator

@@ -259,7 +259,7 @@ def quick_bench(monkeypatch):
     entry = dataclasses.replace(own_single(), tip_error=None)
     monkeypatch.setattr(bench, "WARM_UP", 0.0)
     monkeypatch.setattr(bench.BenchConfig, "groups", lambda self: {"one environment": [entry]})
-    monkeypatch.setattr(bench.BenchConfig, "sweep_groups", lambda self: {"sweep": [entry]} if self.sweep else {})
+    monkeypatch.setattr(bench.BenchConfig, "sweep_groups", lambda self: {"sweep": [entry]} if self.lanes_sweep else {})
     monkeypatch.setattr(bench, "memory_per_lane", lambda: {"bytes": 321.0, "reason": None})
     return ["bench", "--seconds", "1e-4"]
 
@@ -289,7 +289,7 @@ def test_bench_json_is_the_file(tmp_path, capsys, quick_bench):
         (["--rounds", "6"], "rounds = 6 must be odd"),
         (["--rounds", "3"], "at least 5"),
         (["--threads", "0"], "threads = 0"),
-        (["--lanes", "64", "0"], "lanes = [64, 0]"),
+        (["--lanes", "64", "0"], "lanes = 0"),
         (["--lanes-sweep"], "say where with --out DIR"),
         (["--out", "file/sub"], "file/sub"),
     ],
@@ -298,7 +298,7 @@ def test_bench_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monk
     def never(*_):
         raise AssertionError("something ran")
 
-    monkeypatch.setattr("fuzzyarm.eval.bench.run.bench", never)
+    monkeypatch.setattr("fuzzyarm.eval.bench.run.run_bench", never)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
     assert main(["bench", *arguments]) == 2

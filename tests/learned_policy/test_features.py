@@ -1,6 +1,5 @@
 """The features against a second writing of their equations, lane by lane and sample by sample."""
 
-import itertools
 import math
 
 import numpy as np
@@ -118,7 +117,3 @@ def test_what_is_out_of_range_is_named(values, message):
 def test_the_definition_counts_the_joints_of_the_observation():
     """It has a number of its own, because the module of the observation loads Numba."""
     assert FeatureDefinition(past_errors=0, past_actions=0, integral_time=0.0).size == JOINTS * len(Observation._fields)
-    starts = FeatureDefinition(past_errors=3, past_actions=1, elastic_target=True).starts
-    assert [end - start for start, end in itertools.pairwise(starts)] == [
-        JOINTS * n for n in (1, 1, 1, 1, 1, 3, 1, 1, 1)
-    ]

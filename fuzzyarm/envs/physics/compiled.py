@@ -1,4 +1,4 @@
-"""Numba compilation with a disk cache that follows every physics source."""
+"""Compilation by Numba, with a cache on disk that follows every source of `envs`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from typing import Any
 
 from numba import njit
 
+__all__ = ["announced_compilation", "kernel"]
+
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile `function` with Numba and cache the machine code on disk.
@@ -26,19 +28,6 @@ def kernel(function: Callable[..., Any]) -> Any:
         return njit(cache=True, error_model="numpy", nogil=True)(function)
     except RuntimeError:
         return njit(error_model="numpy", nogil=True)(function)
-
-
-def direct(kernel: Any) -> Callable[..., Any]:
-    """Return the entry of a kernel that has been compiled, without the dispatch on types; before that the kernel.
-
-    This saves the single environment one part in thirty of its step. Arguments must always be of the types that the
-    kernel was compiled for.
-    """
-    if not kernel.signatures:
-        return kernel  # type: ignore[no-any-return]
-    (compiled,) = kernel.overloads.values()
-    entry: Callable[..., Any] = compiled.entry_point
-    return entry
 
 
 @contextlib.contextmanager

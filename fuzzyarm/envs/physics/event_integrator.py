@@ -126,7 +126,7 @@ class _Plant:
     def __init__(self, parameters: ArmParameters, payload: Payload, torque: np.ndarray, force: TipForce) -> None:
         (m1, m2), (r1, r2), (i1, i2) = parameters.mass, parameters.mass_center, parameters.inertia
         l1, l2 = parameters.length
-        carried = (payload.mass, l2 if payload.at == "tip" else r2)
+        carried = (payload.mass, payload.radius(parameters))
         beyond = ((m2, r2), carried)  # point masses on link 2: mass [kg], distance from joint 2 [m]
         m, mr, mrr = (sum(mass * r**power for mass, r in beyond) for power in range(3))
         self.length = l1, l2

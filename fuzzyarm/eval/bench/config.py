@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 import os
 from typing import TYPE_CHECKING
+
+from fuzzyarm.common.checks import real, whole
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.bench.entries import Entry
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
 __all__ = ["BenchConfig"]
 
 SWEEP_LANES = tuple(4**power for power in range(10))
+"""Sizes of the batches that throughput is drawn over."""
+
+FEWEST_ROUNDS = 5  # quartiles of fewer rounds say little
 MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
 
 
@@ -26,29 +30,35 @@ class BenchConfig:
         rounds: turns of each entry; odd, so that the median is one of them, and at least 5.
         lanes: sizes of the batches in the table; peers are measured up to 4096 lanes, torch from there on.
         threads: CPU threads that a batch may use, at most one per core.
-        sweep: also measure this project's batches over `SWEEP_LANES`.
+        lanes_sweep: measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, and
+            needs a folder.
+
+    Raises:
+        TypeError: a value is no number of its kind.
+        ValueError: a value is out of range; the message names what is allowed.
     """
 
     seconds: float = 0.5
     rounds: int = 5
     lanes: tuple[int, ...] = (64, 1024, 65536)
     threads: int = dataclasses.field(default_factory=lambda: os.cpu_count() or 1)
-    sweep: bool = False
+    lanes_sweep: bool = False
 
     def __post_init__(self) -> None:
         """Check the numbers before anything runs."""
-        cores = os.cpu_count() or 1
-        if not (math.isfinite(self.seconds) and self.seconds > 0.0):
-            raise ValueError(f"seconds = {self.seconds} is out of range; allowed: (0, inf)")
-        if self.rounds < 5 or self.rounds % 2 == 0:
-            raise ValueError(f"rounds = {self.rounds} must be odd and at least 5: the median is one of the rounds")
-        if not 1 <= self.threads <= cores:
-            raise ValueError(f"threads = {self.threads} is out of range; this machine allows [1, {cores}]")
-        if not self.lanes or len(set(self.lanes)) != len(self.lanes) or min(self.lanes) < 1:
+        real("seconds", self.seconds, "s", above=0.0)
+        if whole("rounds", self.rounds) < FEWEST_ROUNDS or self.rounds % 2 == 0:
+            raise ValueError(
+                f"rounds = {self.rounds} must be odd and at least {FEWEST_ROUNDS}: the median is one of the rounds"
+            )
+        whole("threads", self.threads, low=1, high=os.cpu_count() or 1)
+        for lanes in self.lanes:
+            whole("lanes", lanes, low=1)
+        if not self.lanes or len(set(self.lanes)) != len(self.lanes):
             raise ValueError(f"lanes = {list(self.lanes)} must be one or more different whole numbers from 1")
 
     def groups(self) -> dict[str, list[Entry]]:
-        """Return the entries by heading; those under one heading take turns."""
+        """Return the entries of the table by heading; those under one heading take turns."""
         from fuzzyarm.eval.bench.entries import own_batches, own_single
         from fuzzyarm.eval.bench.peers import batch_peers, gymnasium_peers
 
@@ -59,8 +69,8 @@ class BenchConfig:
         return groups
 
     def sweep_groups(self) -> dict[str, list[Entry]]:
-        """Return this project's batches by number of lanes, if they are to be measured."""
-        if not self.sweep:
+        """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""
+        if not self.lanes_sweep:
             return {}
         from fuzzyarm.eval.bench.entries import own_batches
 
@@ -73,7 +83,7 @@ class BenchConfig:
         }
 
     def turns(self) -> int:
-        """Return how often `bench` reports progress."""
+        """Return how often `run.run_bench` reports progress."""
         groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
         return sum(map(len, groups)) * (self.rounds + 1) + 2
 
@@ -81,4 +91,4 @@ class BenchConfig:
         """Return the command line of this configuration."""
         lanes = " ".join(map(str, self.lanes))
         text = f"fuzzyarm bench --seconds {self.seconds:g} --rounds {self.rounds} --lanes {lanes}"
-        return f"{text} --threads {self.threads}{' --lanes-sweep' if self.sweep else ''}"
+        return f"{text} --threads {self.threads}{' --lanes-sweep' if self.lanes_sweep else ''}"

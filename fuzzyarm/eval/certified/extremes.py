@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, search, slowest_error
+from fuzzyarm.eval.certified.frozen import find_worst_point, freeze, gain_at, lyapunov_rate, slowest_error
 from fuzzyarm.eval.certified.probes import Uniform, joined
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import STEP, Motion, Run, simulate
-from fuzzyarm.fuzzy_policy.ts_model import POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 
 __all__ = ["DecayRates", "decay_rates", "disturbed_run", "worst_posture"]
 
@@ -46,10 +46,10 @@ class DecayRates(NamedTuple):
 def decay_rates(loop: RigidLoop, step: float = STEP) -> DecayRates:
     """Return the smallest decay rates of V; `step` is that of the random rollouts [s]."""
     P = loop.controller.P
-    worst = search(loop, lambda F, G, omega: -lyapunov_rate(F, P))
+    worst = find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P))
     # The rollout starts slightly inside the box, so that it does not leave the box at once.
     q, dq = 0.999 * worst.q[np.newaxis], 0.999 * worst.dq[np.newaxis]
-    error = 1e-4 * slowest_error(frozen(loop, q, dq)[0], P)
+    error = 1e-4 * slowest_error(freeze(loop, q, dq)[0], P)
     motion = Uniform(q - error[:, POSITION], dq - error[:, VELOCITY])
     slowest = simulate(loop, motion, error, _UNDISTURBED, SLOWEST_DURATION, step=SLOWEST_STEP)
     return DecayRates(_random_decay(loop, step), float(slowest.rate.min()), -worst.value)
@@ -57,7 +57,7 @@ def decay_rates(loop: RigidLoop, step: float = STEP) -> DecayRates:
 
 def worst_posture(loop: RigidLoop) -> Uniform:
     """Return the held posture with the largest frozen gain, slightly inside the box."""
-    worst = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
+    worst = find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
     return Uniform(0.98 * worst.q[np.newaxis], np.zeros((1, 2)))
 
 

@@ -15,6 +15,8 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify, residual_bound
 
+__all__ = ["Verification", "verify_file"]
+
 LISTED = 20  # claims in the printed report
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from fuzzyarm.envs.batch.kernels import INFO
+from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = ["Step", "Steppable", "Timed", "TipErrors", "episodes"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.batch.kernels import INFO
+from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.parameters import ArmParameters

@@ -18,10 +18,11 @@ from fuzzyarm.eval.paper.controllers import FORMS, RULES, TITLES, key_of
 from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, Evidence
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PLANT, TSModel
+from fuzzyarm.fuzzy_policy.states import PLANT
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
-from fuzzyarm.synthesis.design import PAPER_WEIGHT
 from fuzzyarm.synthesis.error_model import paper_form
+from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
 __all__ = [
     "TABLE_2_RULES",
@@ -127,7 +128,7 @@ def bounded_M(evidence: Evidence) -> dict[str, float]:
 
 
 def largest_gain(columns: slice) -> Measure:
-    """Return the measure of the largest entry of K̄ = [K H] of the printed forms in some columns, see `ts_model`."""
+    """Return the measure of the largest entry of K̄ = [K H] of the printed forms in some columns, see `states`."""
     return lambda evidence: {key: _largest(evidence.controllers[key].gains[..., columns]) for key in _printed()}
 
 

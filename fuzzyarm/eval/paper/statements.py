@@ -5,7 +5,7 @@ from __future__ import annotations
 from fuzzyarm.eval.paper import measures as m
 from fuzzyarm.eval.paper import reasons
 from fuzzyarm.eval.paper.claim import BISECTED, COMPUTED, SIMULATED_MM, Claim
-from fuzzyarm.fuzzy_policy.ts_model import INTEGRAL, POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.states import INTEGRAL, POSITION, VELOCITY
 
 __all__ = ["STATEMENTS"]
 

@@ -10,7 +10,7 @@ from typing import Any
 from fuzzyarm.eval.report.chart import Axis, Bound, draw_chart, figure
 from fuzzyarm.eval.report.observed import Observed
 from fuzzyarm.eval.report.stored import StoredEvaluation
-from fuzzyarm.fuzzy_policy.proof.statement import NOT_COVERED
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 
 __all__ = ["SCOPE", "Observations", "bound_charts", "bound_note", "statements"]
 

@@ -49,18 +49,18 @@ class Axis(NamedTuple):
         quantity: its name.
         low: the first value.
         high: the last value.
-        count: number of values, at least 2.
+        number: number of values, at least 2.
     """
 
     quantity: str
     low: float
     high: float
-    count: int
+    number: int
 
     @property
     def values(self) -> np.ndarray:
-        """The values (count,)."""
-        return np.linspace(self.low, self.high, self.count)
+        """The values (number,)."""
+        return np.linspace(self.low, self.high, self.number)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +78,7 @@ class SweepConfig:
         distribution: what the plants are drawn from: nominal, plants, loads (plants with payload and tip force) or all
             (loads with encoder noise and delay).
         ranges: draw a quantity uniformly from this range instead of the distribution's; may be repeated.
-        grid: set a quantity to COUNT values from LOW to HIGH, in all joints alike; given twice, for the two axes of a
+        grid: set a quantity to NUMBER values from LOW to HIGH, in all joints alike; given twice, for the two axes of a
             grid. The other quantities are drawn.
         chunk: plants in a chunk, which one worker runs and one file holds.
         bound: an episode succeeds if it lasts to the end with tip errors below this bound [mm].
@@ -129,14 +129,14 @@ class SweepConfig:
         names = [axis.quantity for axis in self.grid]
         if len(names) not in (0, 2) or len(set(names)) != len(names):
             raise ValueError(f"a grid is over two different quantities, not over {', '.join(names)}")
-        for name, low, high, count in self.grid:
-            whole(f"number of values of the grid over {name}", count, low=2)
+        for name, low, high, number in self.grid:
+            whole(f"number of values of the grid over {name}", number, low=2)
             Distribution(**{name: (low, high)})
             if not low < high:
                 raise ValueError(f"grid over {name} from {low:g} to {high:g}: low must be below high")
-            values = np.linspace(low, high, count)
+            values = np.linspace(low, high, number)
             if name == "delay" and not np.array_equal(values, np.round(values)):
-                raise ValueError(f"grid over delay: {count} values are no whole control periods")
+                raise ValueError(f"grid over delay: {number} values are no whole control periods")
 
     def _check_map(self) -> None:
         if len(self.map) not in (0, 2) or len(set(self.map)) != len(self.map):
@@ -168,7 +168,7 @@ class SweepConfig:
     @property
     def cells(self) -> int:
         """Number of cells of the grid, 1 without one."""
-        return math.prod(axis.count for axis in self.grid)
+        return math.prod(axis.number for axis in self.grid)
 
     @property
     def total(self) -> int:
@@ -204,8 +204,8 @@ class SweepConfig:
     @classmethod
     def of(cls, given: dict[str, Any]) -> SweepConfig:
         """Return the configuration with some fields given; with a grid, the others vary nothing by default."""
-        grid = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
-        return cls(**grid | given)
+        defaults: dict[str, Any] = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
+        return cls(**defaults | given)
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> SweepConfig:

@@ -16,9 +16,6 @@ from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
-import cloudpickle
-from joblib import Parallel, delayed, parallel_config
-
 from fuzzyarm.common.checks import choice, whole
 
 __all__ = ["BACKENDS", "TRIES", "Engine", "Report", "WorkersLost"]
@@ -40,8 +37,7 @@ class Engine:
 
     Attributes:
         backend: local (processes of this machine) or ray.
-        jobs: number of workers (default: one per core, or all CPUs of the cluster). With the local backend, 1 runs
-            everything in this process.
+        jobs: number of workers (default: one per core, or all CPUs of the cluster); 1 runs everything in this process.
         address: address of a Ray cluster: auto on one of its machines, or HOST:PORT (default: Ray is started on this
             machine).
 
@@ -87,18 +83,22 @@ class Engine:
             WorkersLost: nothing was done between `TRIES` losses of workers, or one piece of work lost as many.
             ValueError: Ray is not installed, its cluster is not found, or `work` cannot be pickled.
         """
+        from joblib import Parallel, delayed  # here, as the command line needs no more of this module than its options
+
         piece = self._piece(work)
         missing, losses = dict.fromkeys(numbers), 0
         with self._workers(report, modules):
             while missing:
-                results = Parallel(
-                    n_jobs=self.jobs or -1, return_as="generator_unordered", batch_size=1, max_nbytes=None
-                )(delayed(piece)(number) for number in list(missing))
                 try:
-                    for number, result in results:
-                        losses = 0
-                        yield number, result
-                        del missing[number]
+                    # Workers that die early break the executor while work is still being submitted.
+                    results = Parallel(
+                        n_jobs=self.jobs or -1, return_as="generator_unordered", batch_size=1, max_nbytes=None
+                    )(delayed(piece)(number) for number in list(missing))
+                    with _closed(results):
+                        for number, result in results:
+                            losses = 0
+                            yield number, result
+                            del missing[number]
                 except BrokenExecutor:
                     losses += 1
                     if losses == TRIES:
@@ -106,14 +106,12 @@ class Engine:
                             f"workers died {TRIES} times in a row; {len(missing)} chunks are left"
                         ) from None
                     report(f"a worker died; {len(missing)} chunks that are not done yet are run again")
-                finally:
-                    with warnings.catch_warnings():
-                        warnings.simplefilter("ignore", UserWarning)  # "... was not consumed"
-                        results.close()
 
     def _piece(self, work: Callable[[int], Result]) -> Callable[[int], tuple[int, Result]]:
         """Return the function that workers call: `work` as it is for this process, otherwise pickled once."""
-        if self.backend == "local" and self.jobs == 1:
+        import cloudpickle  # type: ignore[import-untyped]
+
+        if self.jobs == 1:
             return lambda number: (number, work(number))
         try:
             content = cloudpickle.dumps(work)
@@ -126,6 +124,8 @@ class Engine:
     @contextlib.contextmanager
     def _workers(self, report: Report, modules: Sequence[Path]) -> Iterator[None]:
         """Choose joblib's backend for what is run within."""
+        from joblib import parallel_config
+
         if self.backend == "local":
             with parallel_config(backend="loky", inner_max_num_threads=1):
                 yield
@@ -142,6 +142,17 @@ class Engine:
         connected = ray_backend.cluster(self.address, self.jobs, modules)
         with connected, parallel_config(backend=ray_backend.NAME, report=report):
             yield
+
+
+@contextlib.contextmanager
+def _closed(results: Generator[Any]) -> Iterator[None]:
+    """Close joblib's results after the block, without its warning that some were not consumed."""
+    try:
+        yield
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()
 
 
 @dataclasses.dataclass(frozen=True)

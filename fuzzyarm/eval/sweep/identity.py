@@ -23,8 +23,7 @@ __all__ = ["SOURCES", "difference", "digest_of_identity", "identity", "made_with
 
 _OWN = ("quantities", "distributions", "config", "plants", "episodes", "results")
 SOURCES = (
-    "common/bisection.py",
-    "common/checks.py",
+    "common",
     "envs",
     "fuzzy_policy",
     "learned_policy",
@@ -89,4 +88,5 @@ def _digest_of(paths: Iterable[Path]) -> str:
 
 
 def _short(value: Any) -> str:
-    return str(value)[:12]
+    """Return the first characters of a value: enough to tell digests and versions apart."""
+    return f"{value!s:.20}"

@@ -141,8 +141,8 @@ class Plants:
         first, second = self.config.grid
         cell = np.asarray(self.members) // self.config.plants
         return {
-            first.quantity: first.values[cell // second.count],
-            second.quantity: second.values[cell % second.count],
+            first.quantity: first.values[cell // second.number],
+            second.quantity: second.values[cell % second.number],
         }
 
 

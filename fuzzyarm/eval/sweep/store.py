@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.documents import check_schema, read_json
+from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, identity
 from fuzzyarm.eval.sweep.results import METRICS, SweepResults
@@ -90,10 +91,7 @@ class Store:
         _check_policies(path, config, given.pop("policies", ()))
         shown = {name: given.pop(name) for name in SHOWN if name in given}
         for name, value in given.items():
-            if value != getattr(config, name):
-                raise ValueError(
-                    f"{folder} holds a sweep with {name} = {getattr(config, name)}, not {value}: choose another --out"
-                )
+            _check_same(folder, name, getattr(config, name), value)
         config = dataclasses.replace(config, **shown)
         specs = resolve_all(config.policies, run_code=True)  # every code among them was named by the user
         now = identity(config, specs)
@@ -155,7 +153,11 @@ class Store:
 def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
     """Return the configuration, the identity and its digest from ``run.json``."""
     try:
-        document = check_schema(read_json(path), SCHEMA)
+        content = read_json(path)
+    except DocumentError as error:  # it names the file
+        raise ValueError(f"{error}; begin anew in another folder") from None
+    try:
+        document = check_schema(content, SCHEMA)
         config, digest = SweepConfig.from_dict(document["config"]), document["digest"]
         then = {name: document[name] for name in ("numbers", "policies", "made_with")}
     except (KeyError, TypeError, ValueError) as error:
@@ -163,6 +165,18 @@ def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
     if digest != digest_of_identity(then) or then["numbers"] != config.numbers():
         raise ValueError(f"{path} was changed after the sweep began: begin anew in another folder")
     return config, then, digest
+
+
+def _check_same(folder: Path, name: str, kept: Any, value: Any) -> None:
+    """Check that the user has repeated a field of the configuration as the folder has it."""
+    if value == kept:
+        return
+    if isinstance(kept, ArmParameters):
+        raise ValueError(
+            f"{folder} holds a sweep of another robot ({difference(kept.to_dict(), value.to_dict())}): choose another "
+            "--out"
+        )
+    raise ValueError(f"{folder} holds a sweep with {name} = {kept}, not {value}: choose another --out")
 
 
 def _check_policies(path: Path, config: SweepConfig, named: Sequence[str]) -> None:

@@ -24,8 +24,10 @@ _ENDED_EARLY = "ended early"
 def print_sweep(document: dict[str, Any], console: Console) -> None:
     """Print the rows of a summary, and what they mean."""
     config, terminal = document["config"], console.is_terminal
-    headings = ["policy", f"success, below {config['bound']:g} mm [%]"]
-    headings += [f"{words}, {100 * float(level):g} % [mm]" for _, words, level in _SHOWN]
+    # A terminal has one word of a heading a line; a number stays with its unit.
+    space = "\N{NO-BREAK SPACE}" if terminal else " "
+    headings = ["policy", f"success, below {config['bound']:g}{space}mm [%]"]
+    headings += [f"{words}, {100 * float(level):g}{space}% [mm]" for _, words, level in _SHOWN]
     rows = table(headings, console=console)
     for case in config["cases"]:
         rows.add_section()

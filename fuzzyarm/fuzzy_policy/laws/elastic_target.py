@@ -29,7 +29,6 @@ from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.reference import ReferenceSample
 
 __all__ = ["MEMORY_SIZE", "TARGET", "TARGET_SIZE", "ElasticTarget"]
 
@@ -57,10 +56,19 @@ _PARTS = _Memory(*consecutive(1, JOINTS, JOINTS, JOINTS, JOINTS))
 MEMORY_SIZE = _PARTS.smooth.stop
 """Numbers that a lane remembers."""
 
-TARGET = ReferenceSample(*consecutive(JOINTS, JOINTS, JOINTS))
+
+class _Target(NamedTuple):
+    """Where the parts of a target lie: θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²]."""
+
+    q: slice
+    dq: slice
+    ddq: slice
+
+
+TARGET = _Target(*consecutive(JOINTS, JOINTS, JOINTS))
 """Where θ_d, θ̇_d and θ̈_d lie in a target (lanes, `TARGET_SIZE`); `REFERENCE` of the observation has the same order."""
 
-TARGET_SIZE = TARGET.ddq.stop
+TARGET_SIZE: int = TARGET.ddq.stop
 
 
 class ElasticTarget:

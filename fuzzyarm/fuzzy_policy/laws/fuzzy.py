@@ -17,8 +17,9 @@ from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate, controller_certificate
-from fuzzyarm.fuzzy_policy.ts_model import ERROR_STATES, INTEGRAL, POSITION, PREMISES, VELOCITY
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, controller_certificate
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, INTEGRAL, POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import PREMISES
 
 __all__ = ["FuzzyPolicy"]
 

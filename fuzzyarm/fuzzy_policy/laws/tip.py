@@ -22,7 +22,7 @@ from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticRe
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.fuzzy_policy.proof.statement import PolicyCertificate
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
 __all__ = ["TipPolicy", "tip_statement"]
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+__all__ = ["Block", "he", "identity", "symmetric", "zeros"]
+
 Block = Callable[[list[list[Any]]], Any]
 
 

@@ -7,13 +7,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
 from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
-from fuzzyarm.fuzzy_policy.proof.exact import exact, is_positive_definite, rational, smallest_eigenvalue
-from fuzzyarm.fuzzy_policy.proof.statement import statement
+from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import statement
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
+from fuzzyarm.fuzzy_policy.states import PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
+
+__all__ = ["Certificate", "Claim", "certify", "exact_vertices", "residual_bound"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,12 +75,12 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
 
     families = {"Psi": psi}
     if controller.fastest_pole is not None:
-        beta = rational(controller.fastest_pole)
+        fastest_pole = rational(controller.fastest_pole)
         pole_Q, pole_X, pole_tau = (exact(getattr(controller, name)) for name in POLE_ARRAYS)
 
         def phi(i: int, j: int, k: int, position: int) -> np.ndarray:
             slack = {"Q": pole_Q[position], "X": pole_X[position], "tau": pole_tau[position, k]}
-            return np.asarray(consistent_reference.phi(data, i, k, beta=beta, P=P, M=M[j, k], **slack))
+            return np.asarray(consistent_reference.phi(data, i, k, fastest_pole=fastest_pole, P=P, M=M[j, k], **slack))
 
         families["Phi"] = phi
 
@@ -105,7 +109,7 @@ def exact_vertices(controller: Controller) -> Vertices:
     if controller.weight is None:
         return plain
     A_r, B_r = reference_model()
-    Q_inverse = exact(np.zeros((4, 4)))
+    Q_inverse = exact(np.zeros((PLANT_STATES, PLANT_STATES)))
     for entry, value in enumerate(controller.weight):
         Q_inverse[entry, entry] = 1 / rational(float(value))
     return TrackingVertices(
@@ -122,9 +126,9 @@ def residual_bound(model: TSModel, reference: JointReference) -> np.ndarray:
     """
     motion = reference.sample(np.linspace(0.0, reference.duration, 2001))
     x_r, dx_r = np.hstack([motion.q, motion.dq]), np.hstack([motion.dq, motion.ddq])
-    total = np.zeros((len(x_r), 2))
+    total = np.zeros((len(x_r), JOINTS))
     for u in model.uncertainties:
-        total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, 2:]
+        total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, VELOCITY]
     return np.asarray(total.max(axis=0))
 
 

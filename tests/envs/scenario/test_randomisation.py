@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fuzzyarm.envs.batch.kernels import VECTORS, split
+from fuzzyarm.envs.batch.layout import VECTORS, split
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, plant_of, rigid_inverse_dynamics

@@ -105,7 +105,9 @@ def test_bad_values_are_named_with_what_is_allowed(arguments, expected):
     assert expected in str(caught.value)
 
 
-@pytest.mark.parametrize("change", [{"more": 1}, {"grid": [[1]]}, {"plants": "3"}, {"ranges": [["mass"]]}, {"robot": {"mass": [-1.0, 8.0]}}])
+@pytest.mark.parametrize(
+    "change", [{"more": 1}, {"grid": [[1]]}, {"plants": "3"}, {"ranges": [["mass"]]}, {"robot": {"mass": [-1.0, 8.0]}}]
+)
 def test_a_changed_document_is_refused(change):
     with pytest.raises(ValueError):
         SweepConfig.from_dict(SweepConfig().to_dict() | change)

@@ -88,5 +88,5 @@ def test_work_that_cannot_be_pickled_runs_in_this_process_alone():
             return number
 
     assert dict(Engine(jobs=1).run(locked, [2])) == {2: 2}
-    with pytest.raises(ValueError, match="cannot be sent to other processes .*use --jobs 1"):
+    with pytest.raises(ValueError, match=r"cannot be sent to other processes .*use --jobs 1"):
         list(Engine(jobs=2).run(locked, [2]))

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import MEASURED
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.envs.observation import MEASURED
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
 from fuzzyarm.eval.sweep.episodes import replay, run_plants, steps
 from fuzzyarm.eval.sweep.plants import Plants
 from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE
-from fuzzyarm.eval.sweep.results import METRICS, SweepResults
+from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.policies import load_policy
 
 POLICIES = {name: load_policy(name) for name in ("fuzzy-4", "elastic-observer")}
@@ -93,9 +93,9 @@ def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
 @pytest.mark.parametrize("size", [1, 4])
 def test_no_number_depends_on_the_chunk_it_was_computed_in(whole, size):
     parts = [run_plants(CONFIG, POLICIES, range(6)[start : start + size]) for start in range(0, 6, size)]
-    for name in METRICS:
-        assert np.array_equal(np.concatenate([part[name] for part in parts], axis=-1), whole[name]), name
-    assert np.array_equal(np.concatenate([part["plants"] for part in parts]), whole.plants)
+    joined = SweepResults.joined(parts).arrays()
+    for name, array in whole.arrays().items():
+        assert np.array_equal(joined[name], array), name
 
 
 def test_no_number_depends_on_the_other_policies_and_cases(whole):
@@ -170,7 +170,7 @@ def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(g
     policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
     found = run_plants(config, policies, range(4)).max_mm[0, 0]
     for i, (first, second) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
-        drawn = DomainRandomisation(**{grid[0].name: (first, first), grid[1].name: (second, second)})
+        drawn = DomainRandomisation(**{grid[0].quantity: (first, first), grid[1].quantity: (second, second)})
         errors, _ = tip_errors(FuzzyArmEnv("machining", randomisation=drawn), policies["fuzzy-4"], 0)
         assert found[i] == (1e3 * errors.max() if exact else pytest.approx(1e3 * errors.max(), rel=1e-9))
 

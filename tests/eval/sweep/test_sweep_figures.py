@@ -26,8 +26,8 @@ def made(config, ended=True):
     if config.grid:
         cell = np.arange(config.total) // config.plants
         first, second = config.grid
-        plants["stiffness_1"] = first.values[cell // second.count]
-        plants["delay"] = second.values[cell % second.count]
+        plants["stiffness_1"] = first.values[cell // second.number]
+        plants["delay"] = second.values[cell % second.number]
     shape = len(config.policies), len(config.cases), config.total
     completed = np.ones(shape, dtype=bool)
     if ended:

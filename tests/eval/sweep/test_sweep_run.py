@@ -14,10 +14,10 @@ import pytest
 from support.processes import running, wait_until
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.sweep import run
+from fuzzyarm.eval.sweep import chunks
+from fuzzyarm.eval.sweep.chunks import Chunk, load_policies, run_chunk, run_missing
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.run import Chunk, load_policies, run_chunk, run_missing
 from fuzzyarm.eval.sweep.store import Store
 
 HERE = Path(__file__).parent
@@ -31,8 +31,9 @@ def expected(tmp_path_factory):
 
 def swept(folder, engine, progress=lambda number, chunk: None, report=lambda text: None, config=CONFIG):
     store = Store.create(folder / "sweep", config)
-    run_missing(store, load_policies(config), engine, progress, report)
-    return store.load_all()
+    for number, chunk in run_missing(store, load_policies(store), engine, report):
+        progress(number, chunk)
+    return store.load_all().arrays()
 
 
 def equal(one, other):
@@ -54,7 +55,7 @@ class Killer:
 
     def __init__(self, folder):
         self.folder, self.processes, self.killed = folder, set(), None
-        run.run_chunk = functools.partial(waiting, folder)
+        chunks.run_chunk = functools.partial(waiting, folder)
 
     def __call__(self, number, chunk):
         self.processes.add(chunk.process)
@@ -67,7 +68,7 @@ class Killer:
 
 
 def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected, monkeypatch):
-    monkeypatch.setattr(run, "run_chunk", run_chunk)  # put back after the test
+    monkeypatch.setattr(chunks, "run_chunk", run_chunk)  # put back after the test
     killer, reports = Killer(tmp_path), []
     assert equal(swept(tmp_path, Engine(jobs=2), killer, reports.append), expected)
     assert os.getpid() not in killer.processes and len(killer.processes) > 1
@@ -101,7 +102,7 @@ def test_ray_gives_the_same_numbers_and_a_killed_worker_costs_only_its_chunk(tmp
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""  # is for results
-    assert equal(Store.open(tmp_path / "sweep").load_all(), expected)
+    assert equal(Store.open(tmp_path / "sweep").load_all().arrays(), expected)
     found = json.loads((tmp_path / "found.json").read_text())
     assert len(found["workers"]) > 1 and found["own"] not in found["workers"]
     assert found["reports"] == ["a worker died; the chunk it was at is run again"]
@@ -117,9 +118,9 @@ def test_another_chunk_size_gives_the_same_numbers(tmp_path, expected):
 def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
     def old(config, policies, number):
         chunk = run_chunk(config, policies, number)
-        return Chunk(chunk.arrays, chunk.process, chunk.made_with | {"numpy": "1.0"})
+        return Chunk(chunk.results, chunk.process, chunk.made_with | {"numpy": "1.0"})
 
-    monkeypatch.setattr("fuzzyarm.eval.sweep.run.run_chunk", old)
+    monkeypatch.setattr("fuzzyarm.eval.sweep.chunks.run_chunk", old)
     with pytest.raises(ValueError, match=r"other versions than this process \(numpy 1\.0 and"):
         swept(tmp_path, Engine(jobs=1))
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
@@ -151,18 +152,18 @@ def test_an_interrupted_and_then_a_killed_sweep_goes_on_to_the_same_end(tmp_path
         command = ["sweep", *words, "--jobs", "2", "--out", str(folder)]
         return running(WAITS, str(files), *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
-    def chunks():
+    def done():
         return len(list(folder.glob("chunks/*.npz")))
 
     with started(arguments, 3) as process:
-        wait_until(lambda: chunks() == 3, process)
+        wait_until(lambda: done() == 3, process)
         os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C in a terminal does: everybody gets it
         error = process.communicate()[1]
     assert process.returncode == 130
     assert error.splitlines()[-1].startswith("fuzzyarm sweep: interrupted; what is done is kept: --resume --out")
-    assert chunks() == 3
+    assert done() == 3
     with started(["--resume"], 6) as process:
-        wait_until(lambda: chunks() == 6, process)  # and is killed
+        wait_until(lambda: done() == 6, process)  # and is killed
     kept = {path: path.stat().st_mtime_ns for path in folder.glob("chunks/*.npz")}
     assert len(kept) == 6 and not (folder / "sweep.json").exists()
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0

@@ -1,8 +1,10 @@
+import io
 import math
 import re
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.stats import binom, norm
 
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -97,8 +99,6 @@ def test_the_worst_plants_come_with_what_makes_them():
 
 
 def test_the_table_shows_no_number_without_its_interval():
-    from rich.console import Console
-
     config, results = made(5000)
     results.max_mm[0, 0] = 1.0  # all succeed
     with (console := Console(width=250)).capture() as captured:
@@ -106,6 +106,17 @@ def test_the_table_shows_no_number_without_its_interval():
     lines = [line for line in captured.get().splitlines() if line.startswith("fuzzy-4")]
     assert len(lines) == 2 and all(len(re.findall(r"[\d.]+ \([\d.]+ to [\d.]+\)", line)) == 5 for line in lines)
     assert "100.00 (99.92 to 100.00)" in lines[0]  # Wilson: n/(n + z²) of 5000
+
+
+def test_a_terminal_of_eighty_columns_shows_every_number():
+    document, out = summarise(*made()), io.StringIO()
+    print_sweep(document, Console(file=out, width=80, force_terminal=True, color_system=None))
+    lines = out.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80 and not any("…" in line for line in lines)
+    for row in document["rows"]:
+        for level in ("0.5", "0.9", "0.99"):
+            value = row["max_mm"][level]["value"]
+            assert value is None or any(f"{value:#.3g}" in line for line in lines)
 
 
 def test_the_csv_has_every_number_with_both_ends():

@@ -12,17 +12,17 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import (
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
+from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     GRID,
     LOAD,
     MEASURED,
     STATE,
-    ElasticObserverPolicy,
     ObserverWeights,
     gain_tables,
     sampled_arm,
 )
-from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
 
 ARM = ArmParameters()
 NO_FRICTION = {"static_friction": (0.0, 0.0), "coulomb_friction": (0.0, 0.0)}

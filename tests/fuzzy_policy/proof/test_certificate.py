@@ -9,7 +9,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import premises
-from fuzzyarm.synthesis.design import Specification, design
+from fuzzyarm.synthesis import Specification, design
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
+__all__ = ["exact", "is_positive_definite", "rational", "smallest_eigenvalue"]
+
 
 def rational(value: Any) -> fmpq:
     """Return a float, an integer or a rational as the exact rational it is."""
