@@ -40,6 +40,7 @@ __all__ = [
 MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
 STATE_SIZE = size(State)  # numbers in `initial_state`
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
+"""What the `options` of `reset` may hold."""
 
 
 def whole_substeps(control_period: float, substep: float | None) -> int:
@@ -110,7 +111,7 @@ def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:
 
 
 def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
-    """Return a given start (8,), checked against the box (25)."""
+    """Return a given start (8,), angles [rad] and velocities [rad/s], checked against the box (25)."""
     p, state = parameters, np.array(given, dtype=np.float64)
     high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(STATE_SIZE)
     if state.shape != (STATE_SIZE,) or not np.all(np.abs(state) <= high):

@@ -1,8 +1,8 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action takes four forms on its way to the plant: the array that `FuzzyArmEnv.step` is given, its torques as two numbers, the block
-`layout.Work` of the kernel `kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that `integrator.step`
-advances. The results come back through the same block, as the dictionary `info` and the observation.
+An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as two numbers,
+the block `layout.Work` in the kernel `kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that
+`integrator.step` advances. The results go back through the block into the observation and the dictionary `info`.
 """
 
 from __future__ import annotations
@@ -99,6 +99,14 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range; the message names it and the choices.
         gymnasium.error.ResetNeeded: `step` before `reset` or after the end of an episode.
+
+    Examples:
+        >>> env = FuzzyArmEnv(case="machining")
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(np.zeros(2))
+        >>> observation.shape, terminated, truncated
+        ((10,), False, False)
+        >>> env.close()
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012  Gymnasium's own name and type

@@ -99,9 +99,9 @@ def _drawn(key: np.uint64, ranges: np.ndarray, numbers: np.ndarray) -> Draw:
 @register_jitable
 def _loaded(nominal: Plant, now: Draw, payload: float, radius: float) -> Arm:
     """Return the drawn plant with the case's payload, and the drawn one at the tip."""
-    arm: Arm = loaded(lump(varied(nominal, now)), payload, radius, nominal.gravity)
-    arm = loaded(arm, now.payload, nominal.length[1], nominal.gravity)
-    return arm
+    arm = loaded(lump(varied(nominal, now)), payload, radius, nominal.gravity)
+    both: Arm = loaded(arm, now.payload, nominal.length[1], nominal.gravity)
+    return both
 
 
 @register_jitable

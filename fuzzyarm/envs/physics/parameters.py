@@ -38,6 +38,10 @@ class ArmParameters:
     Raises:
         ValueError: a value is not finite, lies outside its range, or the mass matrix is not positive definite
             for every q2; the message names the field, the value and the range.
+
+    Examples:
+        >>> ArmParameters(mass=(12.0, 8.0)).mass
+        (12.0, 8.0)
     """
 
     length: Pair = _constant((0.5, 0.5), "L_1, L_2", "m", 0.0)

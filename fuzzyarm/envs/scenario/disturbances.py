@@ -119,7 +119,12 @@ class EncoderNoise:
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:
-    """What acts in one episode; compose any of the parts. `None` and the default payload mean: not there."""
+    """What acts in one episode; compose any of the parts. `None` and the default payload mean: not there.
+
+    Examples:
+        >>> Disturbance(tip_force=ConstantForce((0.0, 50.0)), payload=Payload(2.0)).payload.mass
+        2.0
+    """
 
     tip_force: TipForce | None = None
     payload: Payload = Payload()

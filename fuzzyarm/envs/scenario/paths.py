@@ -55,6 +55,11 @@ class Circle:
 
     Raises:
         ValueError: a value is not finite or out of range.
+
+    Examples:
+        >>> position, first, second = Circle().points([0.0, 0.5])
+        >>> position.round(6).tolist()
+        [[0.35, 0.85], [0.35, 0.45]]
     """
 
     center: Point = (0.35, 0.65)

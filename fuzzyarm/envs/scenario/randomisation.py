@@ -101,6 +101,10 @@ class DomainRandomisation:
     Raises:
         TypeError: a range holds no real numbers, or the references are no `JointReference` objects.
         ValueError: a range is no pair low <= high, or leaves what is allowed for it.
+
+    Examples:
+        >>> DomainRandomisation(payload=(0.0, 5.0), stiffness=(0.8, 1.2)).payload
+        (0.0, 5.0)
     """
 
     mass: Range = (1.0, 1.0)

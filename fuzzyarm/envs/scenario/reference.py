@@ -69,6 +69,11 @@ class JointReference:
         TypeError: `path` has no method ``points``.
         ValueError: `duration` or `elbow_sign` is out of range, or the path is out of reach, too close to a singular
             configuration (`SINGULARITY_MARGIN`), or outside the limits of the joints or of their velocities.
+
+    Examples:
+        >>> sample = JointReference(Circle(radius=0.1), duration=2.0).sample(2.0)
+        >>> float(abs(sample.dq).max())
+        0.0
     """
 
     path: TipPath = dataclasses.field(default_factory=Circle)
