@@ -176,9 +176,12 @@ def parts(out: np.ndarray) -> Results:
     return Results(out[: SIZE * n], out[SIZE * n : _BEFORE_SCALARS * n], out[_BEFORE_SCALARS * n :])
 
 
-def split(out: np.ndarray) -> Results:
-    """Return the parts of the results of n lanes in their shapes, as views of one array (`WIDTH` n,)."""
+def split(out: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the `Results` of n lanes in their shapes, as views of one array (`WIDTH` n,).
+
+    A plain tuple: a small batch would notice the time that making a record takes.
+    """
     n = len(out) // WIDTH
     first, second = SIZE * n, _BEFORE_SCALARS * n
     vectors = out[first:second].reshape(_VECTOR_COUNT, n, PLANAR)
-    return Results(out[:first].reshape(n, SIZE), vectors, out[second:].reshape(_SCALAR_COUNT, n))
+    return out[:first].reshape(n, SIZE), vectors, out[second:].reshape(_SCALAR_COUNT, n)
