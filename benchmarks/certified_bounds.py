@@ -25,7 +25,7 @@ from fuzzyarm.eval.certified.frozen import find_worst_point, freeze, gain_at, ly
 from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
 
 RULES = (1, 2, 4, 8, 16, 32)
@@ -121,7 +121,7 @@ def main() -> None:
         cells = (cell(*row.values()).rjust(len(name)) for name, cell in COLUMNS.items())
         print(f"{rules:5}  " + "  ".join(cells), flush=True)
     if options.json:
-        document = {"command": "python benchmarks/certified_bounds.py", **provenance(), "bounds": result}
+        document = {"command": "python benchmarks/certified_bounds.py", **current_provenance(), "bounds": result}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

@@ -29,7 +29,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
@@ -131,7 +131,7 @@ def main() -> None:
     if options.json:
         document = {
             "command": "python benchmarks/computed_torque_tuning.py",
-            **provenance(),
+            **current_provenance(),
             "rule": RULE,
             "chosen_bandwidth": chosen,
             "stability_limit": {"no_extra_delay": limits[0], "one_sample": limits[1]},

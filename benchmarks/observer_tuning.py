@@ -35,8 +35,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
@@ -247,7 +248,7 @@ def main() -> None:
     if options.json:
         document = {
             "command": "python benchmarks/observer_tuning.py",
-            **provenance(),
+            **current_provenance(),
             "weights": dataclasses.asdict(chosen),
             "objective_mm": cost,
             **found,

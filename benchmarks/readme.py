@@ -21,7 +21,7 @@ from typing import Any
 from learned_tables import training_cells
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.evaluation.ranking import leaderboard, markdown
+from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 
@@ -299,7 +299,7 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
 
 def _leaderboard_table() -> str:
     """Return what `fuzzyarm leaderboard --markdown` prints of the stored evaluation, without where each row is from."""
-    lines = markdown(leaderboard([RESULTS / "evaluate.json"])).splitlines()
+    lines = markdown(rank_policies([RESULTS / "evaluate.json"])).splitlines()
     return "\n".join(f"{line.rpartition(' | ')[0]} |" if line.startswith("|") else line for line in lines)
 
 

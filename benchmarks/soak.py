@@ -21,7 +21,7 @@ from rich.progress import track
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, MachiningForce
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 LANES = 4096
 STORED = Path(__file__).parent / "results" / "soak.json"
@@ -36,7 +36,7 @@ def main() -> None:
     if not options.steps >= 10 * LANES:
         parser.error(f"--steps {options.steps:g} is out of range; allowed: {10 * LANES} or more")
     rows = [soak("random torques", random_torques(), options.steps), soak("fuzzy-4", controlled(), options.steps)]
-    document = {"lanes": LANES, "seed": 0, "rows": rows, "provenance": provenance()}
+    document = {"lanes": LANES, "seed": 0, "rows": rows, "provenance": current_provenance()}
     write_atomically(STORED, json.dumps(document, indent=2) + "\n")
     Console().print_json(json.dumps(rows))
 

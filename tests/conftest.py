@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+import pytest
+
 # Read when the libraries are imported. Processes that run side by side would else wait for each other's threads.
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
@@ -27,3 +29,9 @@ def pytest_report_header(config) -> str:
 def pytest_collection_modifyitems(items) -> None:
     """Begin with the commands of the README, the longest test: last, it would keep one process busy on its own."""
     items.sort(key=lambda item: item.path.name != "test_readme.py")
+
+
+@pytest.fixture
+def undrawn(monkeypatch) -> None:
+    """Let `fuzzyarm evaluate` draw no figures, which take longer than the episodes."""
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda rollouts, folder, progress=None: [])

@@ -54,7 +54,9 @@ def callables(name):
         for key, member in vars(found).items():
             function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
             if inspect.isfunction(function) and function.__module__ == name and not key.startswith("_"):
-                yield f"{symbol}.{key}", function, "\n".join([about, found.__doc__ or "", function.__doc__ or ""])
+                bases = [base for base in found.__mro__ if base.__module__.startswith("fuzzyarm")]
+                texts = [text.__doc__ or "" for base in bases for text in (base, vars(base).get(key))]
+                yield f"{symbol}.{key}", function, "\n".join([about, *texts])
 
 
 def annotations(function):
@@ -68,13 +70,18 @@ def assigned(node):
 
 
 def documented_constants(name):
-    """Names that are assigned at the top of a module and explained: by a text below, or a comment before or beside."""
-    lines = inspect.getsource(imported(name)).splitlines()
-    body = tree(name).body
+    """Names that are assigned at the top of a module and explained: by a text below, or a comment above or beside.
+
+    A comment above explains all assignments down to the next empty line.
+    """
+    lines, body = inspect.getsource(imported(name)).splitlines(), tree(name).body
+    explained_line = None  # the last one of the assignment before, if a comment is above it
     for node, following in zip(body, [*body[1:], None], strict=True):
         above, beside = lines[node.lineno - 2].strip(), "\n".join(lines[node.lineno - 1 : node.end_lineno])
         text = isinstance(following, ast.Expr) and isinstance(getattr(following.value, "value", None), str)
-        if text or above.startswith("#") or "  # " in beside:
+        in_group = above.startswith("#") or explained_line == node.lineno - 1
+        explained_line = node.end_lineno if in_group else None
+        if text or in_group or "  # " in beside:
             yield from (target.id for target in assigned(node))
 
 
@@ -87,7 +94,7 @@ def undocumented(name):
         if inspect.isclass(found) or inspect.isroutine(found) or inspect.ismodule(found):
             if not inspect.getdoc(found):
                 yield symbol
-        elif symbol in own - explained:
+        elif symbol in own - explained and not symbol.startswith("__"):
             yield symbol
     yield from (place for place, function, _ in callables(name) if not inspect.getdoc(function))
 
@@ -95,7 +102,8 @@ def undocumented(name):
 def lacking(name, types, pattern):
     """Public callables that take or return one of these types, and whose text has no match of a pattern."""
     for place, function, text in callables(name):
-        if any(types.search(kind) for kind in annotations(function).values()) and not pattern.search(text):
+        kinds = (re.sub(r"\b(dict|Mapping|Callable)\b.*", "", kind) for kind in annotations(function).values())
+        if any(types.search(kind) for kind in kinds) and not pattern.search(text):
             yield place
 
 

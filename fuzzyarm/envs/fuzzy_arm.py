@@ -29,6 +29,8 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.termination import Termination
 
+__all__ = ["FuzzyArmEnv"]
+
 # Places of the vectors; plain numbers, for speed.
 _TIP, _TIP_REFERENCE, _Q_MOTOR, _DQ_MOTOR, _Q_LINK, _DQ_LINK, _TORQUE, _FRICTION, _FORCE = range(len(VECTORS))
 _ACTION_SHAPE, _VECTORS_SHAPE = (JOINTS,), (len(VECTORS), PLANAR)
@@ -91,6 +93,14 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     Raises:
         ValueError: a value is unknown or out of range; the message names it and the choices.
         gymnasium.error.ResetNeeded: `step` before `reset` or after the end of an episode.
+
+    Examples:
+        >>> env = FuzzyArmEnv(case="machining")
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(np.zeros(2))
+        >>> observation.shape, terminated, truncated
+        ((10,), False, False)
+        >>> env.close()
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012  Gymnasium's own name and type

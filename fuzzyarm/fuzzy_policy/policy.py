@@ -29,7 +29,7 @@ class Predictor(Protocol):
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Return the action and the next state."""
+        """Return the action (2,) or (lanes, 2) [N m] and the next state."""
         ...
 
 

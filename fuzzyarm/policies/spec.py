@@ -195,6 +195,13 @@ def load_policy(
     Raises:
         ValueError: unknown name; the file or folder is damaged, not proven, or was designed for another robot.
         OSError: the file cannot be read.
+
+    Examples:
+        >>> import numpy as np
+        >>> policy = load_policy("computed-torque")
+        >>> torque, state = policy.predict(np.zeros(10))
+        >>> torque.shape, state.shape
+        ((2,), (2,))
     """
     # A spec of code that may not be run raises, so what is returned is no `UserPolicy`.
     return resolve(name).load(control_period, robot, allow_unproven)  # type: ignore[return-value]

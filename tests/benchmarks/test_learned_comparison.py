@@ -452,9 +452,7 @@ def test_bad_folder_of_trainings_is_one_line(small, folders, message):
 def test_script_runs_from_anywhere(tmp_path):
     """It finds its neighbour, which this file loads itself."""
     script = ROOT / "benchmarks" / "learned_comparison.py"
-    done = subprocess.run(
-        [sys.executable, script, "--json", tmp_path], cwd=tmp_path, capture_output=True, text=True, timeout=100
-    )
+    done = subprocess.run([sys.executable, script, "--json", tmp_path], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
     assert "make the folder first" in done.stderr
 

@@ -124,7 +124,7 @@ def digest(envs, actions, **reset):
 def python(code, **options):
     """Standard output of a fresh interpreter under the same strict warnings."""
     command = [sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(command, capture_output=True, check=False, timeout=120, **options)
+    done = subprocess.run(command, capture_output=True, check=False, **options)
     assert done.returncode == 0, done.stderr.decode()
     return done.stdout.decode().strip()
 

@@ -75,5 +75,5 @@ class _ExactArm:
 
 
 def max_tip_difference(stepped: np.ndarray, exact: np.ndarray) -> float:
-    """Return the largest distance [m] between two tip paths of equal length."""
+    """Return the largest distance [m] between two tip paths (n, 2) [m]."""
     return float(np.hypot(*(stepped - exact).T).max())

@@ -66,9 +66,9 @@ def episodes(
         env: the environment; a lane of a batch that has ended begins anew by itself and goes on unread, with a policy
             whose memory of it is reset.
         policy: what acts.
-        start: what ``env.reset`` returned.
+        start: what ``env.reset`` returned, with the observation (10,) or (lanes, 10).
         sense: turns observation and info into the observation that the policy gets; default: the observation.
-        actuate: turns the policy's torque into the torque of the step, called once in each; default: the torque.
+        actuate: turns the policy's torque [N m] into the torque of the step, called once in each; default: the torque.
     """
     observation, info = start
     running = np.ones(observation.shape[:-1], dtype=bool)
@@ -93,7 +93,7 @@ def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> t
 
     def merged(name: str) -> np.ndarray:
         rows = ended if info[name].ndim == 1 else ended[:, np.newaxis]
-        return np.where(rows, final[name], info[name])
+        return np.asarray(np.where(rows, final[name], info[name]))
 
     reasons = final.get("reason", np.full(len(ended), None, dtype=object))
     return last, {name: merged(name) for name in INFO} | {"reason": reasons}
@@ -118,7 +118,7 @@ class Timed:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Return what the policy returns."""
+        """Return what the policy returns: an action (2,) or (lanes, 2) [N m], and the next state."""
         begin = time.perf_counter()
         result = self._policy.predict(
             observation, state=state, episode_start=episode_start, deterministic=deterministic

@@ -96,7 +96,7 @@ class Signals:
         parameters: ArmParameters,
         step_time: float = math.nan,
     ) -> Rollout:
-        """Return the episode; arguments as the fields of `Rollout`, `parameters` for the limits of the joints."""
+        """Return the episode; arguments as the fields of `Rollout`, times [s]; `parameters` for the joints' limits."""
         lane, last = self._lane, self._steps[-1]
         signals = {name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS}
         reference = observed(np.array([step.observation for step in self._steps])[:, lane])

@@ -12,3 +12,4 @@ from fuzzyarm.eval.paper.table_2 import TABLE_2
 __all__ = ["CLAIMS", "ROLLOUTS", "STATEMENTS", "TABLE_2"]
 
 CLAIMS = (*STATEMENTS, *TABLE_2, *ROLLOUTS)
+"""All claims of the paper, in the order of the report."""

@@ -34,10 +34,13 @@ __all__ = [
 MANY, FEW = RULES = (32, 4)
 """Numbers of rules of the controllers that the paper compares."""
 FORMS = ("printed", "consistent")
+"""Forms of Theorem 2: as the paper prints it, and with a consistent feedforward."""
 _FILES = {"printed-32": "paper-32-integral.json", "printed-4": "paper-4-integral-common.json"}
 _POLICIES = {"consistent-32": "fuzzy-32", "consistent-4": "fuzzy-4"}
 SWAPPED = "printed-4-swapped"
+"""Key of the printed form's controller with the feedforward of the consistent form."""
 PAPERS_OWN = "papers-gains"
+"""Key of the controller with the gains that the paper prints."""
 TITLES: Mapping[str, str] = {
     "printed-32": "printed form, 32 rules",
     "printed-4": "printed form, 4 rules",

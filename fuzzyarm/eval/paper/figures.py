@@ -32,11 +32,12 @@ __all__ = ["BANDS", "BY_JOINT", "BY_RULES", "COLUMN_TITLES", "draw_figures", "wr
 Look = Mapping[str, Any]
 BLUE: Look = {"color": "#0072B2", "linestyle": (0, (1, 1.2)), "linewidth": 2.0, "zorder": 2.6}
 RED: Look = {"color": "#D55E00", "linestyle": "-", "linewidth": 1.4, "zorder": 2.5}
+# How curves are drawn, and what columns are called.
 BY_RULES: Mapping[int, Look] = {MANY: BLUE, FEW: RED}
-BY_JOINT: Sequence[Look] = (BLUE, RED)
+BY_JOINT: Sequence[Look] = (BLUE, RED)  # joints 1 and 2
 REFERENCE: Look = {"color": "black", "linewidth": 0.9, "zorder": 3.0, "label": "reference"}
 BANDS = ("#E6E6E6", "#CFCFCF")  # of ranges that the paper's text states, the wider range first
-COLUMN_TITLES = {"printed": "printed form, gains bounded by (24)", "consistent": "consistent form"}
+COLUMN_TITLES = {"printed": "printed form, gains bounded by (24)", "consistent": "consistent form"}  # by form
 ZOOM = 0.012  # [m], side of the magnified square of Fig. 2
 SIDES = ("tip", "motors")
 

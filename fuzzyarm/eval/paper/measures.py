@@ -58,6 +58,7 @@ __all__ = [
 ]
 
 Measure = Callable[[Evidence], Mapping[str, float]]
+"""Returns numbers by what they belong to, such as the key of a controller."""
 TABLE_2_RULES = (32, 16, 8, 4)
 """Numbers of rules in Table 2."""
 POSITION, VELOCITY, INTEGRAL = (slice(k * JOINTS, (k + 1) * JOINTS) for k in range(3))
@@ -76,7 +77,7 @@ def tip_speed(evidence: Evidence) -> dict[str, float]:
 
 
 def rigid_torque(evidence: Evidence) -> dict[str, float]:
-    """Return the largest |Γ| [N m] of (4), rigid joints, along the reference; viscous and Stribeck friction included."""
+    """Return the largest |Γ| [N m] of (4), rigid joints, along the reference, with viscous and Stribeck friction."""
     reference, parameters = evidence.reference, evidence.reference.parameters
     arm, motion = arm_constants(parameters), reference.sample(_instants(evidence))
     coulomb, static = np.array(parameters.coulomb_friction), np.array(parameters.static_friction)
@@ -185,7 +186,7 @@ def circularity(case: str, side: str, of: Callable[[np.ndarray], float]) -> Meas
     Args:
         case: the case.
         side: "tip" (links) or "motors", as if the joints were rigid.
-        of: function from the errors over time to one number: `smallest`, `largest` or `peak`.
+        of: function from the errors (n,) over time to one number: `smallest`, `largest` or `peak`.
     """
     return _by_controller(case, lambda run: of(1e3 * circularity_of(run, side)))
 
@@ -196,17 +197,17 @@ def circularity_of(run: Rollout, side: str) -> np.ndarray:
 
 
 def peak(values: np.ndarray) -> float:
-    """Return the largest absolute value."""
+    """Return the largest absolute value of an array of any shape."""
     return float(np.abs(values).max())
 
 
 def smallest(values: np.ndarray) -> float:
-    """Return the smallest value."""
+    """Return the smallest value of an array of any shape."""
     return float(values.min())
 
 
 def largest(values: np.ndarray) -> float:
-    """Return the largest value."""
+    """Return the largest value of an array of any shape."""
     return float(values.max())
 
 

@@ -46,6 +46,7 @@ def _circularity(
 _ABOUT = "maximal deviation about 1.3 mm for the two controllers"
 _BETWEEN = "the trajectory radius evolves between -2.3 and 4.4 mm"
 
+# What the paper says of its simulations.
 ROLLOUTS: tuple[Claim, ...] = (
     *_circularity(1, "nominal", "tip", _ABOUT, {"largest": 1.3}, reasons.CIRCLE),
     *_circularity(1, "nominal", "motors", _ABOUT, {"largest": 1.3}, reasons.CIRCLE),

@@ -8,6 +8,7 @@ from fuzzyarm.eval.paper.claim import BISECTED, COMPUTED, SIMULATED_MM, Claim
 
 __all__ = ["STATEMENTS"]
 
+# What the paper says of the robot, its model and its controllers.
 STATEMENTS: tuple[Claim, ...] = (
     Claim(
         key="tip-speed",

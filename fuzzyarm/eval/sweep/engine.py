@@ -22,7 +22,9 @@ __all__ = ["BACKENDS", "TRIES", "Engine", "Report", "WorkersLost"]
 
 Result = TypeVar("Result")
 Report = Callable[[str], None]
+"""Takes a line about something that went wrong and was put right."""
 BACKENDS = ("local", "ray")
+"""Where work can be done: processes of this machine, or tasks of Ray."""
 TRIES = 3
 """How often workers may be lost at a piece of work, or in a row, until it is given up."""
 

@@ -43,7 +43,7 @@ class Cells:
     Attributes:
         columns: the two columns of the plants that span it, across and up.
         edges: of the cells along each, (across + 1,) and (up + 1,).
-        places: (n, 2) the cell of each plant, across and up.
+        places: (n, 2) the cell of each plant, a number across and one up.
     """
 
     columns: tuple[str, str]
@@ -69,7 +69,7 @@ class Cells:
         return cls((first, second), (edges[0], edges[1]), np.stack(places, axis=1))
 
     def medians(self, errors: np.ndarray) -> np.ndarray:
-        """Return the median error of each cell (up, across); inf where half ended early, nan in an empty cell."""
+        """Return the median error [mm] of each cell (up, across); inf where half ended early, nan in an empty cell."""
         across, up = (len(edges) - 1 for edges in self.edges)
         flat, order = self.places[:, 1] * across + self.places[:, 0], np.argsort(errors, kind="stable")
         found = np.full(up * across, np.nan)

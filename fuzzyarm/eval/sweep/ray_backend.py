@@ -32,6 +32,7 @@ from fuzzyarm.eval.sweep.engine import TRIES, WorkersLost
 __all__ = ["NAME", "RayTasks", "cluster"]
 
 NAME = "fuzzyarm-ray"
+"""What joblib knows the backend by."""
 _LOST = (LocalRayletDiedError, NodeDiedError, OutOfMemoryError, WorkerCrashedError)
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE
 from fuzzyarm.eval.sweep.results import SweepResults
@@ -30,7 +30,7 @@ from fuzzyarm.eval.sweep.store import SCHEMA
 
 __all__ = ["QUANTILES", "quantile_ranks", "quantiles", "summarise", "worst"]
 
-QUANTILES = (0.5, 0.9, 0.99)
+QUANTILES = (0.5, 0.9, 0.99)  # of the errors over the plants
 LEVEL = 0.95
 RESAMPLES = 2000
 SEED = 0  # of the resampling: the same errors give the same interval
@@ -58,7 +58,7 @@ def summarise(config: SweepConfig, results: SweepResults) -> dict[str, Any]:
         "schema": SCHEMA,
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **provenance(),
+        **current_provenance(),
         "config": config.to_dict(),
         "method": {
             "plants": config.total,
@@ -97,7 +97,7 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
 
 
 def worst(episodes: SweepResults, count: int) -> np.ndarray:
-    """Return the numbers of the worst plants of one policy in one case.
+    """Return the numbers (count,) of the worst plants of one policy in one case.
 
     Plants whose episode ended early come first, the earliest end first; then the others by falling error.
     """
@@ -122,7 +122,10 @@ def quantiles(values: np.ndarray) -> dict[str, dict[str, Number]]:
 
 @functools.cache
 def quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ranks of `QUANTILES` among `count` values, and of the ends of their intervals; 0 is the smallest."""
+    """Return the ranks of `QUANTILES` among `count` values, and of both ends of their intervals; 0 is the smallest.
+
+    Each is an array of the shape of `QUANTILES`.
+    """
     ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in QUANTILES])
     if count == 1:
         return ranks, ranks, ranks

@@ -9,6 +9,7 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 
 __all__ = ["NOT_COVERED", "PolicyCertificate", "controller_certificate", "statement"]
 
+# What every certificate says of its limits.
 NOT_COVERED = (
     "Not covered: the elastic joints, sampling and hold, measurement noise, torque limits, and any motion that leaves "
     "the box; those are measured, not proven."
