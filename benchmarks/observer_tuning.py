@@ -8,7 +8,7 @@ within 50 % of what the policy knows, an unknown payload of up to 5 kg, an unkno
 direction from some instant of the first half on, and encoder noise. Cases 2 and 3 play no part; they are only reported.
 
 Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.stability.linearisation` is at most 0.997, so
-that a small deviation shrinks to a hundredth within an episode. The constraint is active: more accuracy costs margin.
+that an episode reduces a small deviation to a hundredth. The constraint is active: more accuracy costs margin.
 
 Search: a Sobol set in the logarithms of `BOX`, then Nelder-Mead from its best points. Seeded; two and a half minutes.
 """

@@ -1,7 +1,7 @@
 """Soak: 1e8 env-steps of random and as many of controlled actions, without a number that is not finite.
 
-Every episode draws its plant, load, start and reference (randomisation "robust", machining force), sensors are noisy, and
-lanes begin anew by themselves. Memory is read along the way: it has to stay flat. `python benchmarks/soak.py`
+Every episode draws its plant, load, start and reference (randomisation "robust", machining force). Sensors are noisy,
+and lanes reset themselves. The memory in use is recorded and must not grow. `python benchmarks/soak.py`
 """
 
 from __future__ import annotations
