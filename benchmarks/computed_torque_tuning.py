@@ -1,10 +1,11 @@
-"""The bandwidth of the computed-torque policy: as fast as is fair, by a rule that looks at the nominal case only.
+"""The bandwidth of the computed-torque policy, chosen by a rule that looks at the nominal case only.
 
     python benchmarks/computed_torque_tuning.py [--json FILE]
 
 Rule: the smallest rms motor-side joint error in the nominal case among the bandwidths 20, 25, ..., 160 rad/s whose
 upper gain margin on the sampled elastic arm is at least 2 (6 dB) and which stay stable with one extra sample of delay.
-Motor-side, because that is what a controller of this kind sees and can reduce; margins as in `fuzzyarm.eval.stability.linearisation`.
+Motor-side, because that is what a controller of this kind sees and can reduce; margins as in
+`fuzzyarm.eval.stability.linearisation`.
 The error includes the start: the motors begin at their static deflection, 1 to 2 mrad from the reference. A run alone
 does not show an unstable loop: the torque limits keep it in a small limit cycle and the episode ends regularly.
 Ten seconds.

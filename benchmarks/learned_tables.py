@@ -81,11 +81,8 @@ def _median(values: Sequence[float | None], form: str) -> str:
 
 def _spread(mean: float, low: float | None, high: float | None) -> str:
     """Return a mean with its interval, if there is one."""
-    return (
-        three_digits(mean)
-        if low is None or high is None
-        else f"{three_digits(mean)} ({three_digits(low)} to {three_digits(high)})"
-    )
+    interval = "" if low is None or high is None else f" ({three_digits(low)} to {three_digits(high)})"
+    return three_digits(mean) + interval
 
 
 def three_digits(value: float) -> str:

@@ -19,7 +19,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import provenance
@@ -54,7 +54,7 @@ def assess(law: str, variant: str) -> dict[str, Any]:
     return {
         "law": law,
         "variant": variant,
-        **{case: tip_error(policy, case) for case in CASES},
+        **{case: tip_error(policy, case) for case in PAPER_CASES},
         "stiffness_wrong": max(wrong, key=lambda errors: errors["max_mm"]),
     }
 
@@ -69,7 +69,8 @@ def main() -> None:
         for variant in VARIANTS:
             rows.append(row := assess(law, variant))
             cells = [
-                f"{key} {row[key]['max_mm']:.3g} / {row[key]['rms_mm']:.3g}" for key in (*CASES, "stiffness_wrong")
+                f"{key} {row[key]['max_mm']:.3g} / {row[key]['rms_mm']:.3g}"
+                for key in (*PAPER_CASES, "stiffness_wrong")
             ]
             print(f"{law:16} {variant:18} max / rms [mm]: {', '.join(cells)}", flush=True)
     if options.json:

@@ -82,10 +82,11 @@ def reals(name: str, values: Any, count: int, unit: str = "", **bounds: float) -
         TypeError: the values are no sequence, or one of them is no real number.
         ValueError: there are more or fewer of them, or one is out of range.
     """
+    needed = f"must be {count} real numbers{_bracketed(unit)}; {_allowed(unit, **bounds)}"
     if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
-        raise TypeError(f"{name} = {shown(values)} must be {count} real numbers{_bracketed(unit)}")
-    if np.ndim(values) != 1 or len(values) != count:
-        raise ValueError(f"{name} = {shown(values)} must be {count} real numbers{_bracketed(unit)}")
+        raise TypeError(f"{name} = {shown(values)} {needed}")
+    if len(values) != count or (isinstance(values, np.ndarray) and values.ndim != 1):
+        raise ValueError(f"{name} = {shown(values)} {needed}")
     return tuple(real(f"{name}[{k}]", value, unit, **bounds) for k, value in enumerate(values))
 
 
@@ -156,7 +157,13 @@ def shown(value: Any) -> str:
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 
-def _allowed(unit: str, above: float, low: float, high: float, below: float) -> str:
+def _allowed(
+    unit: str,
+    above: float = -math.inf,
+    low: float = -math.inf,
+    high: float = math.inf,
+    below: float = math.inf,
+) -> str:
     lower = f"({above:g}" if above >= low else f"[{low:g}"
     upper = f"{below:g})" if below <= high else f"{high:g}]"
     return f"allowed: {lower}, {upper}{_spaced(unit)}"

@@ -9,8 +9,13 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from fuzzyarm.common import checks
+from fuzzyarm.envs.batch.block import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.tables import MAX_ACCELERATION
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import State
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import size
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
@@ -20,8 +25,10 @@ from fuzzyarm.envs.scenario.scenario import Scenario
 __all__ = [
     "MAX_DEFAULT_SUBSTEP",
     "RESET_OPTIONS",
+    "STATE_SIZE",
     "action_space",
     "check_options",
+    "checked_arm",
     "chosen_disturbance",
     "chosen_reference",
     "chosen_scenario",
@@ -31,6 +38,7 @@ __all__ = [
 ]
 
 MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
+STATE_SIZE = size(State)  # numbers in `initial_state`
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
 """What the `options` of `reset` may hold."""
 
@@ -61,8 +69,7 @@ def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbanc
     """Return the disturbance itself, or that of the named case."""
     if disturbance is None:
         return find_case(case).disturbance
-    if not isinstance(disturbance, Disturbance):
-        raise ValueError(f"disturbance = {disturbance!r} must be a fuzzyarm.envs.scenario.disturbances.Disturbance")
+    checks.instance("disturbance", disturbance, Disturbance)
     if case != "nominal":
         raise ValueError(f"give either case = {case!r} or a disturbance, not both")
     return disturbance
@@ -74,11 +81,15 @@ def chosen_reference(
     """Return the reference itself, the paper's circle for this arm, or None where each episode draws its own."""
     if reference is None:
         return None if randomisation.references else JointReference(parameters=parameters)
-    if not isinstance(reference, JointReference):
-        raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.scenario.reference.JointReference")
+    checks.instance("reference", reference, JointReference)
     if randomisation.references:
         raise ValueError("give either a reference or a randomisation that draws references, not both")
     return reference
+
+
+def checked_arm(parameters: Any) -> ArmParameters:
+    """Return the arm; TypeError if it is none."""
+    return checks.instance("parameters", parameters, ArmParameters)
 
 
 def check_options(options: dict[str, Any]) -> None:
@@ -95,17 +106,15 @@ def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:
     if "case" in options or "disturbance" in options:
         disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"))
     if "reference" in options:
-        reference = options["reference"]
-        if not isinstance(reference, JointReference):
-            raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.scenario.reference.JointReference")
+        reference = checks.instance("reference", options["reference"], JointReference)
     return Scenario(disturbance, reference)
 
 
 def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
     """Return a given start (8,), angles [rad] and velocities [rad/s], checked against the box (25)."""
     p, state = parameters, np.array(given, dtype=np.float64)
-    high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(8)
-    if state.shape != (8,) or not np.all(np.abs(state) <= high):
+    high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(STATE_SIZE)
+    if state.shape != (STATE_SIZE,) or not np.all(np.abs(state) <= high):
         raise ValueError(
             f"initial_state = {np.asarray(given).tolist()} must be 8 finite numbers: motor angles, link angles "
             f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= {p.velocity_limit} rad/s)"
@@ -124,5 +133,5 @@ def observation_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
     q = np.max([arm.joint_limit for arm in parameters], axis=0)
     dq = np.max([arm.velocity_limit for arm in parameters], axis=0)
     # Motor readings get room beyond the box (25): the observation that ends an episode lies outside it.
-    high = np.concatenate([2.0 * q, 10.0 * dq, q, dq, np.full(2, MAX_ACCELERATION)])
+    high = np.concatenate([ANGLE_ROOM * q, VELOCITY_ROOM * dq, q, dq, np.full(JOINTS, MAX_ACCELERATION)])
     return spaces.Box(-high, high, dtype=np.float64)

@@ -29,6 +29,8 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.termination import Termination
 
+__all__ = ["FuzzyArmEnv"]
+
 # Places of the vectors; plain numbers, for speed.
 _TIP, _TIP_REFERENCE, _Q_MOTOR, _DQ_MOTOR, _Q_LINK, _DQ_LINK, _TORQUE, _FRICTION, _FORCE = range(len(VECTORS))
 _ACTION_SHAPE, _VECTORS_SHAPE = (JOINTS,), (len(VECTORS), PLANAR)

@@ -10,9 +10,12 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
+    STATE_SIZE,
     action_space,
     check_options,
+    checked_arm,
     chosen_disturbance,
     chosen_reference,
     chosen_scenario,
@@ -22,12 +25,15 @@ from fuzzyarm.envs.arguments import (
 )
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS, split
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.termination import Termination
+
+__all__ = ["FuzzyArmVectorEnv"]
 
 REWARD, CLIPPED, OVER, REASON = map(SCALARS.index, ("reward", "torque_clipped", "truncated", "reason"))
 REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
@@ -73,15 +79,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs!r} is out of range; allowed: 1, 2, 3, ...")
-        if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
-            raise ValueError(f"threads = {threads!r} is out of range; allowed: 1, 2, 3, ... or None")
+        if threads is not None:
+            checks.whole("threads", threads, low=1)
         if render_mode is not None:
             raise ValueError(f"render_mode = {render_mode!r}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)")
-        self.num_envs = int(num_envs)
+        self.num_envs = checks.whole("num_envs", num_envs, low=1)
         self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
-        plants = _each(_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
+        plants = _each(checked_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = _each(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
@@ -124,8 +128,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
         torque = np.array(actions, dtype=np.float64, order="C")
-        if torque.shape != (self.num_envs, 2):
-            raise ValueError(f"actions have shape {torque.shape}; needed: {(self.num_envs, 2)}, motor torques [N m]")
+        if torque.shape != (self.num_envs, JOINTS):
+            needed = (self.num_envs, JOINTS)
+            raise ValueError(f"actions have shape {torque.shape}; needed: {needed}, motor torques [N m]")
         observation, vectors, scalars = split(self._lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
@@ -237,8 +242,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _initial_states(self, given: Any) -> np.ndarray:
         """Return checked starts (num_envs, 8) from one (8,) or one per lane."""
         states = np.array(given, dtype=np.float64)
-        if states.shape not in ((8,), (self.num_envs, 8)):
-            raise ValueError(f"initial_state has shape {states.shape}; allowed: (8,) or {(self.num_envs, 8)}")
+        one, all_lanes = (STATE_SIZE,), (self.num_envs, STATE_SIZE)
+        if states.shape not in (one, all_lanes):
+            raise ValueError(f"initial_state has shape {states.shape}; allowed: {one} or {all_lanes}")
         rows = [states] if states.ndim == 1 else list(states)
         checked = _each(initial_state, rows, self._plants)
         return np.array(checked * self.num_envs if len(checked) == 1 else checked)
@@ -259,7 +265,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 def _each(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     """Return make(*row) for each lane's row of the columns; a column of one entry is for all lanes.
 
-    A ValueError names its lane, if there are several.
+    An error names its lane, if there are several.
     """
     count = max(map(len, columns))
     rows = zip(*(list(column) * count if len(column) == 1 else column for column in columns), strict=True)
@@ -267,23 +273,13 @@ def _each(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     for lane, row in enumerate(rows):
         try:
             made.append(make(*row))
-        except ValueError as error:
-            raise ValueError(f"lane {lane}: {error}" if count > 1 else str(error)) from None
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"lane {lane}: {error}" if count > 1 else str(error)) from None
     return made
 
 
-def _arm(given: Any) -> ArmParameters:
-    if not isinstance(given, ArmParameters):
-        raise ValueError(f"parameters = {given!r} must be a fuzzyarm.envs.physics.parameters.ArmParameters")
-    return given
-
-
 def _seed(given: Any) -> Any:
-    if given is None:
-        return None
-    if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 0:
-        raise ValueError(f"seed = {given!r} is out of range; allowed: 0, 1, 2, ...")
-    return int(given)
+    return None if given is None else checks.whole("seed", given)
 
 
 def _values(vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:

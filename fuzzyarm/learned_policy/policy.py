@@ -79,7 +79,13 @@ class LearnedPolicy(Policy):
         return LearnedPolicy(self.bundle, self.control_period, self.parameters, base, friction=False)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
+        """Evaluate the law, see `Policy.act`.
+
+        Args:
+            observation: (lanes, 10).
+            memory: (lanes, memory_size), advanced in place.
+            torque: (lanes, 2) [N m], filled in place.
+        """
         due = _count_due(memory)
         if due == len(memory):
             self._choose(observation, memory)

@@ -31,7 +31,8 @@ class Algorithm(Protocol):
         """Collect experience and learn from it once.
 
         Returns:
-            What goes into the curve, by the columns of `AlgorithmSpec.columns`; a column may be missing.
+            Numbers for the curve, by the columns of `AlgorithmSpec.columns` and ``episode_reward``, ``episode_length``
+            [steps]; a column may be missing.
         """
 
     def network(self) -> Network:

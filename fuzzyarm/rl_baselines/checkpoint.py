@@ -52,7 +52,11 @@ def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
     try:
         write_atomically(path, _SCHEMA + b" " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
     except OSError as error:
-        kept = "the previous checkpoint is intact: free some space and resume" if path.exists() else "nothing was kept"
+        kept = (
+            "the previous checkpoint is intact: free some space and resume"
+            if path.exists()
+            else "there is no checkpoint yet"
+        )
         raise OSError(error.errno, f"{error.strerror or error}; {kept}", str(path)) from None
 
 
@@ -77,7 +81,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError, KeyError) as error:
         reason = str(error).split("\n", maxsplit=1)[0][:_SHOWN]
-        raise CheckpointError(f"{path} holds what no checkpoint holds: {reason}; start the training anew") from None
+        raise CheckpointError(
+            f"{path} holds something else than tensors, numbers and text: {reason}; start the training anew"
+        ) from None
     if not isinstance(loaded, dict):
         raise CheckpointError(f"{path} holds no mapping; start the training anew")
     return loaded

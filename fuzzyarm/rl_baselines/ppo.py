@@ -149,7 +149,10 @@ class PPOAlgorithm:
         return int(self.model.num_timesteps)
 
     def update(self) -> dict[str, float]:
-        """Collect `n_steps` steps in every lane and learn from them; see `Algorithm.update`."""
+        """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve.
+
+        See `Algorithm.update`.
+        """
         model = self.model
         model.collect_rollouts(model.env, self._callback, model.rollout_buffer, n_rollout_steps=self._config.n_steps)
         model._update_current_progress_remaining(model.num_timesteps, self._config.total_timesteps)

@@ -11,6 +11,8 @@ from torch import Tensor
 from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.physics.elementwise import root, sine_cosine
 
+__all__ = ["Angle", "Table", "normal_pair", "uniform", "word"]
+
 
 class Angle:
     """An angle [rad] in float32, and beside it what float32 could not hold of it (Kahan's compensated sum).

@@ -13,6 +13,7 @@ import io
 import json
 import math
 import shutil
+import textwrap
 import time
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
@@ -41,7 +42,8 @@ from fuzzyarm.rl_baselines.learning_env import learning_envs
 __all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
 
 CHECKPOINT = "checkpoint.pt"
-"""Name of the checkpoint in the folder of a training."""
+"""File of the last checkpoint in the folder of a training."""
+
 _CURVE, _LAST, _BEST, _TENSORBOARD = "curve.csv", "policy", "best", "tensorboard"
 _TIMES = "run.json"  # apart from the bundles, which are the same for every run with the same seed
 _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which policies are compared
@@ -103,7 +105,7 @@ class Training:
             training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
             set_random_state(generators)
         except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
-            reason = " ".join(str(error).split())[:200]
+            reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
                 f"the checkpoint does not fit this training ({reason}); start the training anew"
             ) from None

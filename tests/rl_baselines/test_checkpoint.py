@@ -65,7 +65,7 @@ def foreign(path):
         (lambda path: path.write_bytes(b"fuzzyarm-checkpoint/1 0\n"), "is no checkpoint of this version"),
         (lambda path: write_checkpoint(path, {"config": {}}), "is of another version"),
         (lambda path: write_checkpoint(path, {"config": [1]}), "is of another version"),
-        (foreign, "holds what no checkpoint holds"),
+        (foreign, "holds something else than tensors, numbers and text"),
     ],
     ids=["gone", "truncated", "a byte", "foreign", "older", "empty", "a list", "code"],
 )

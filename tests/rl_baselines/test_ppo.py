@@ -13,7 +13,7 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.rl_baselines import config as common_settings
-from fuzzyarm.rl_baselines import ppo
+from fuzzyarm.rl_baselines import ppo, progress
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.ppo import PRESETS, PPOConfig
 
@@ -93,7 +93,70 @@ def test_what_is_wrong_is_named_with_what_is_allowed(values, message):
         PPOConfig(**values)
 
 
+FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
+
+
+def texts(value):
+    """A value as words of a command line."""
+    return [str(one) for one in (value if isinstance(value, tuple) else (value,))]
+
+
+def other(field):
+    """A value of a field that is not its default, and that fits the others."""
+    value = field.default
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, str):
+        return {"distribution": "robust", "base": "fuzzy-4"}[field.name]
+    if isinstance(value, tuple):
+        return tuple(2 * one for one in value)
+    if isinstance(value, int):
+        return 2 * value or 1
+    return value + 1.0 if value == 0.0 else value / 2.0
+
+
+@pytest.fixture
+def chosen(monkeypatch, tmp_path):
+    """What a command line asks for; nothing is trained."""
+    found = []
+    monkeypatch.setattr(progress, "train_with_progress", lambda config, _: found.append(config))
+
+    def call(*words):
+        assert main(["train", "ppo", *map(str, words), "--out", str(tmp_path)]) == 0
+        return found[-1]
+
+    return call
+
+
+def test_without_options_a_training_has_the_first_preset(chosen):
+    assert chosen() == PRESETS["nominal"]
+    assert {name: chosen("--preset", name) for name in PRESETS} == PRESETS
+    assert chosen("--resume") is None
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_setting_is_an_option(name, chosen):
+    value, more = other(FIELDS[name]), {"scale": (0.01, 0.02)} if name == "base" else {}  # actions are angles then
+    flag = name.replace("_", "-")
+    words = (
+        [f"--{flag}" if value is True else f"--no-{flag}"] if isinstance(value, bool) else [f"--{flag}", *texts(value)]
+    )
+    for other_name, other_value in more.items():
+        words += [f"--{other_name}", *texts(other_value)]
+    assert chosen(*words) == dataclasses.replace(PPOConfig(), **{name: value} | more)
+    assert chosen("--preset", "robust", "--seed", 5) == dataclasses.replace(PRESETS["robust"], seed=5)
+
+
+def test_large_numbers_may_be_written_shortly(chosen):
+    assert chosen("--total-timesteps", "4e6").total_timesteps == 4_000_000
+    assert chosen("--total-timesteps", "4_000_000").total_timesteps == 4_000_000
+
+
 BAD = {
+    "--total-timesteps 4.5": "--total-timesteps 4.5 must be a whole number",
+    "--scale x 0": "--scale x must be a number",
+    "--distribution other": '"nominal", "robust"',
+    "--preset other": "--preset other is unknown; choose from: nominal, robust, residual",
     "--lanes -1": r"lanes = -1 is out of range; allowed: 1 to 65536",
     "--batch-size 100": "batch_size = 100 must divide lanes times n_steps = 4096",
     "--base fuzzy-5 --scale 0.1 0.1": "unknown policy 'fuzzy-5'",

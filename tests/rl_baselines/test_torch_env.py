@@ -26,8 +26,9 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.task import Assessment
 from fuzzyarm.envs.termination import Termination
-from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm, _reason
+from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 from fuzzyarm.rl_baselines.torch_numbers import Angle, normal_pair, uniform, word
+from fuzzyarm.rl_baselines.torch_step import _reason
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 SHORT = JointReference(Line((0.4, 0.5), (0.402, 0.5)), duration=0.02)  # 20 steps
@@ -225,7 +226,7 @@ def test_of_several_reasons_the_first_counts_and_not_finite_before_all():
     angles, velocities, sound = (
         torch.tensor(list(flags)) for flags in zip(*itertools.product([0.0, 1.0], repeat=3), strict=True)
     )
-    found = Assessment(*[torch.zeros(8)] * 10, angles, velocities)
+    found = Assessment(*[torch.zeros(8)] * 8, angles, velocities)
     expected = [
         3 if not s else 1 if not a else 2 if not v else 0 for a, v, s in zip(angles, velocities, sound, strict=True)
     ]
@@ -499,8 +500,8 @@ def test_many_compiled_batches_at_once():
 
 SMALLEST = """
 import torch
-from fuzzyarm.rl_baselines.torch_env import _compiled
-_compiled(lambda x: x.sin())(torch.zeros(100))
+from fuzzyarm.rl_baselines.torch_compile import compile_step
+compile_step(lambda x: x.sin())(torch.zeros(100))
 """
 WHOLE = """
 import torch

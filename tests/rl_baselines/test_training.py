@@ -257,7 +257,7 @@ def test_a_real_limit_of_the_file_size_stops_with_one_line(tmp_path, capsys):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     message = capsys.readouterr().err.strip()
     assert code == 2 and len(message.splitlines()) == 1
-    assert message.endswith("checkpoint.pt: File too large; nothing was kept")
+    assert message.endswith("checkpoint.pt: File too large; there is no checkpoint yet")
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["curve.csv"]
 
 

@@ -222,8 +222,9 @@ class Lanes:
                 for member in self.randomisation.references if reference is None else (reference,):
                     check_reference(member, self.parameters[plant])
         tables = Tables.build(kinds, self.randomisation.references, self.period)
+        payloads = [disturbance.payload for disturbance, _ in kinds]
         places = zip(scenario_of.tolist(), self._plant_of.tolist(), strict=True)
-        radius = [kinds[number].disturbance.payload.radius(self.parameters[plant]) for number, plant in places]
+        radius = [payloads[number].radius(self.parameters[plant]) for number, plant in places]
         return tables, tables.firsts[scenario_of], np.array(radius)
 
     def _return_to_own(self) -> None:

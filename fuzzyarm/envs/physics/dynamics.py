@@ -16,6 +16,27 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
 
+__all__ = [
+    "Arm",
+    "Payload",
+    "Plant",
+    "State",
+    "arm_constants",
+    "coriolis_torque",
+    "gravity_torque",
+    "inertia_and_gravity",
+    "joint_torque",
+    "loaded",
+    "lump",
+    "mass_matrix",
+    "plant_of",
+    "rigid_inverse_dynamics",
+    "solve_mass_matrix",
+    "tip_force_torque",
+    "tip_jacobian",
+    "tip_position",
+]
+
 PLACES = ("tip", "link")
 
 

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
+__all__ = ["Circle", "Lemniscate", "Line", "Point", "Spline", "TipPath"]
+
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 

@@ -21,6 +21,18 @@ from fuzzyarm.envs.physics.records import JOINTS, PerJoint, columns, size, times
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, TipPath
 from fuzzyarm.envs.scenario.reference import JointReference
 
+__all__ = [
+    "ALLOWED",
+    "RANDOMISATIONS",
+    "DomainRandomisation",
+    "Draw",
+    "Range",
+    "by_quantity",
+    "find_randomisation",
+    "reference_family",
+    "varied",
+]
+
 Range = tuple[float, float]
 FAMILY = 32  # references in the family of "robust"
 FAMILY_SEED = 2022
@@ -120,7 +132,7 @@ class DomainRandomisation:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Low and high of every number of `Draw`, one row each; those of the reference are [0, number of references)."""
+        """Low and high of every number of `Draw`, one row each; the reference's are [0, number of references)."""
         table = np.empty((size(Draw), 2))
         for name, where in columns(Draw)._asdict().items():
             table[where] = (0.0, len(self.references)) if name == "reference" else getattr(self, name)

@@ -39,7 +39,7 @@ class Store:
     Attributes:
         folder: where it is.
         config: of the sweep.
-        specs: its policies by label; code that may not be run is never among them.
+        specs: its policies by label; those that are the user's code may run it.
         digest: of its identity.
     """
 
@@ -88,12 +88,16 @@ class Store:
             raise ValueError(f"{folder} holds no sweep to go on with: {RUN} is missing; begin one without --resume")
         config, then, digest = _read_run(path)
         given = dict(given or {})
-        _check_policies(path, config, given.pop("policies", ()))
+        named = given.pop("policies", ())
+        _check_policies(path, config, named)
         shown = {name: given.pop(name) for name in SHOWN if name in given}
         for name, value in given.items():
             _check_same(folder, name, getattr(config, name), value)
         config = dataclasses.replace(config, **shown)
-        specs = resolve_all(config.policies, run_code=True)  # every code among them was named by the user
+        specs = {
+            label: resolve(spec.name, run_code=spec.name in named)
+            for label, spec in resolve_all(config.policies).items()
+        }
         now = identity(config, specs)
         for name, what in (("made_with", "versions"), ("policies", "policy files")):
             if found := difference(then[name], now[name]):

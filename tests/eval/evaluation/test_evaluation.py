@@ -158,7 +158,7 @@ class LinkSide:
         self.env, self.policy = env, ComputedTorquePolicy(bandwidth=bandwidth)
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        link = np.concatenate([self.env._lanes._values[2:4, 0], self.env._lanes._values[6:8, 0]])
+        link = np.concatenate([self.env._lanes.values[2:4, 0], self.env._lanes.values[6:8, 0]])
         return self.policy.predict(np.concatenate([link, observation[4:]]), state)
 
 
