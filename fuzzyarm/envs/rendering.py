@@ -123,7 +123,7 @@ class Renderer:
 
 
 class Canvas:
-    """Antialiased discs, lines, arrows and text, in pixels of the finished picture."""
+    """Antialiased discs, lines, arrows and text; places (2,) and lengths in units of pixels of the finished picture."""
 
     def __init__(self) -> None:
         """Make a surface in memory and load pygame's own font."""
@@ -172,7 +172,7 @@ class Canvas:
 
 
 def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, parameters: ArmParameters) -> None:
-    """Paint the whole picture; arguments as in `Renderer.draw`."""
+    """Paint the whole picture; arguments in the shapes and units of `Renderer.draw`."""
     length = parameters.length
     q = np.concatenate([schedule.references[:, :2], trace[:, LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)

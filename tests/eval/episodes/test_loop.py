@@ -1,4 +1,4 @@
-"""The episode loop, single and batched: the same signals for the same arm, and where episodes end at different times."""
+"""The episode loop, single and batched: the same signals for the same arm, also if episodes end at other times."""
 
 import dataclasses
 
