@@ -15,7 +15,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 SUBSTEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
 
@@ -32,7 +32,7 @@ def main() -> None:
         cells = "  ".join(f"h = {h} s: {error:8.4f} µm" for h, error in result[case].items())
         print(f"{case:10}  {cells}", flush=True)
     if options.json:
-        document = {"command": "python benchmarks/accuracy.py", **provenance(), "max_tip_difference_um": result}
+        document = {"command": "python benchmarks/accuracy.py", **current_provenance(), "max_tip_difference_um": result}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

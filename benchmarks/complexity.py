@@ -37,7 +37,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
@@ -160,7 +160,7 @@ def measure() -> dict[str, Any]:
     ]
     return {
         "command": COMMAND,
-        **provenance(),
+        **current_provenance(),
         "alpha": COMMON.alpha,
         "equal_gamma": COMMON.gamma,
         "equal_gain_bound": bound,

@@ -31,8 +31,9 @@ from fuzzyarm.eval.certified.frozen import freeze
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
@@ -133,7 +134,12 @@ def main() -> None:
         pole = "none" if best["fastest_pole"] is None else f"{best['fastest_pole']:g} 1/s"
         print(f"chosen for {rules} rules: gamma = {best['gamma']:g} rad/(N m), fastest pole {pole}", flush=True)
     if options.json:
-        document = {"command": "python benchmarks/gain_choice.py", **provenance(), "chosen": chosen, "rows": rows}
+        document = {
+            "command": "python benchmarks/gain_choice.py",
+            **current_provenance(),
+            "chosen": chosen,
+            "rows": rows,
+        }
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

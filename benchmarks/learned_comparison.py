@@ -60,7 +60,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.learned_policy.bundle import WEIGHTS
 
 SCHEMA = "fuzzyarm-learned-comparison/1"
@@ -88,7 +88,7 @@ def compare(
     return {
         "schema": SCHEMA,
         "command": command,
-        **provenance(),
+        **current_provenance(),
         "method": {
             "control_period": CONTROL_PERIOD,
             "mean": "interquartile",

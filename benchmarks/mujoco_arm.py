@@ -44,7 +44,7 @@ from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 PERIOD = 1e-3  # s, one control step
 OURS = 5  # sub-steps of our default, 0.2 ms
@@ -325,7 +325,7 @@ def main() -> None:
     default = Path(__file__).parent / "results" / "mujoco_arm.json"
     parser.add_argument("--json", type=Path, default=default, metavar="FILE", help="where to write the result")
     options, console = parser.parse_args(), Console()
-    result = {"command": "python benchmarks/mujoco_arm.py", **provenance()}
+    result = {"command": "python benchmarks/mujoco_arm.py", **current_provenance()}
     result["versions"]["mujoco"] = mujoco.__version__
     for name, parameters in ARMS.items():
         ours, rows = 1e6 * tip_error(our_advance(parameters, OURS), parameters), measure(parameters)

@@ -8,7 +8,7 @@ within 50 % of what the policy knows, an unknown payload of up to 5 kg, an unkno
 direction from some instant of the first half on, and encoder noise. Cases 2 and 3 play no part; they are only reported.
 
 Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.stability.linearisation` is at most 0.997, so
-that a small deviation shrinks to a hundredth within an episode. The constraint is active: more accuracy costs margin.
+that an episode reduces a small deviation to a hundredth. The constraint is active: more accuracy costs margin.
 
 Search: a Sobol set in the logarithms of `BOX`, then Nelder-Mead from its best points. Seeded; two and a half minutes.
 """
@@ -35,8 +35,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
@@ -247,7 +248,7 @@ def main() -> None:
     if options.json:
         document = {
             "command": "python benchmarks/observer_tuning.py",
-            **provenance(),
+            **current_provenance(),
             "weights": dataclasses.asdict(chosen),
             "objective_mm": cost,
             **found,

@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from fuzzyarm import load_policy
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import NAMES
 
 LANES, CALLS, REPEATS = 1024, 300, 7
@@ -35,7 +35,7 @@ def main() -> None:
     for name in NAMES:
         single, batch = seconds_per_call(name, observations[0]), seconds_per_call(name, observations)
         print(f"{name:16} one: {1e6 * single:5.1f} µs   batch of {LANES}: {1e6 * batch / LANES:6.3f} µs per lane")
-    print(provenance()["machine"])
+    print(current_provenance()["machine"])
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ from rich.table import Table
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.proof.block_matrix import he, symmetric
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
@@ -283,7 +283,7 @@ def main() -> int:
         rows.append(measure(form, rules, repeats))
         print(f"{rules} rules, {TITLE[form]}: done", file=sys.stderr, flush=True)
     print_tables(rows)
-    made_on = {**provenance(), "threads": 1, "load_average_before": load, "load_average_after": os.getloadavg()}
+    made_on = {**current_provenance(), "threads": 1, "load_average_before": load, "load_average_after": os.getloadavg()}
     machine = made_on["machine"]
     for row in rows:
         if (row["status"], row["cvxpy_status"]) != ("Solved", "Solved"):

@@ -22,7 +22,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
@@ -74,7 +74,12 @@ def main() -> None:
             ]
             print(f"{law:16} {variant:18} max / rms [mm]: {', '.join(cells)}", flush=True)
     if options.json:
-        document = {"command": "python benchmarks/tip_feedforward.py", **provenance(), "wrong": WRONG, "rows": rows}
+        document = {
+            "command": "python benchmarks/tip_feedforward.py",
+            **current_provenance(),
+            "wrong": WRONG,
+            "rows": rows,
+        }
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

@@ -9,15 +9,19 @@ Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted, 141 the
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import cyclopts
 
 from fuzzyarm import __version__
 from fuzzyarm.cli.options import option_name, shown_default
 from fuzzyarm.cli.usage import UsageError, explain, whole_numbers
+from fuzzyarm.common.console import output
 
 __all__ = ["GROUPS", "application", "entry_point", "main"]
 
@@ -55,7 +59,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except cyclopts.CycloptsError as error:
         return _fail(f"{command}: {explain(error)}", 2)
     except BrokenPipeError:
-        return 141  # what a shell reports for a reader that left, such as head
+        # The reader, such as head, has left. What is still buffered must go nowhere, or Python complains at its end.
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141  # what a shell reports for it
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(f"{command}: {where}{error.strerror or error}", 2)
@@ -91,13 +98,14 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
             converter=whole_numbers,
             show_default=shown_default,
         ),
+        console=output(piped_width=None),
         exit_on_error=False,
         print_error=False,
     )
     for order, (heading, commands) in enumerate(GROUPS.items(), start=1):
         group = cyclopts.Group(heading, sort_key=order)
         for place, (name, line) in enumerate(commands.items()):
-            listed = {"help": line, "group": group, "sort_key": place}
+            listed: dict[str, Any] = {"help": line, "group": group, "sort_key": place}
             if name == "train":
                 made.command(cyclopts.App(name=name, **listed))
             else:
@@ -105,11 +113,10 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
     made.register_install_completion_command(help="Install completion for bash, zsh or fish.", group=flags)
     for flag in ("--help", "--version"):
         made[flag].group = flags
-    for name in _modules() if words is None else words[:1]:
-        if name == "train":
-            importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
-        elif name in _modules():
-            _describe(made[name], name)
+    if words is None or "train" in words[:1]:
+        importlib.import_module("fuzzyarm.cli.train").add_algorithms(made["train"])
+    elif words and words[0] in _modules():
+        _describe(made[words[0]], words[0])
     return made
 
 

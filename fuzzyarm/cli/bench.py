@@ -15,7 +15,7 @@ from fuzzyarm.eval.bench.config import BenchConfig
 __all__ = ["Options", "run"]
 
 
-@with_fields_of(BenchConfig, without=("lanes_sweep",))
+@with_fields_of(BenchConfig)
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Measure environment steps per second, this project's environments and their peers in turns; print a table.
@@ -23,8 +23,6 @@ class Options:
     It takes about two minutes. The peers are installed by: pip install 'fuzzyarm[bench]', torch by 'fuzzyarm[rl]'.
     """
 
-    lanes_sweep: bool = False
-    """Measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, needs --out"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for bench.json and the figure (default: none)"""
     json: bool = False

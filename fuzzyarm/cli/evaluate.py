@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -51,7 +51,7 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import output, print_paragraphs, progress
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import print_table
+    from fuzzyarm.eval.evaluation.result_table import print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
 
     config = _config(options)
@@ -67,7 +67,7 @@ def run(options: Options) -> int:
         _print_json(evaluation)
     else:
         console = output()
-        print_table(evaluation.rows, console)
+        print_results(evaluation.rows, console)
         print_paragraphs(console, [*_certificates(evaluation), f"{len(written)} files in {out}"])
     for rollout in evaluation.rollouts:
         if not rollout.completed:
@@ -80,7 +80,7 @@ def _config(options: Options) -> EvaluationConfig:
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.eval.evaluation.run import EvaluationConfig
 
-    given = {
+    given: dict[str, Any] = {
         "policies": options.policy or None,
         "cases": options.case or None,
         "seeds": options.seeds,
@@ -106,7 +106,7 @@ def _certificates(evaluation: Evaluation) -> list[str]:
 def _repeat(options: Options, recorded: Path) -> int:
     """Repeat a recorded evaluation and compare; only `policy` may be given beside it."""
     from fuzzyarm.common.console import output, progress
-    from fuzzyarm.eval.evaluation.recheck import check, print_check
+    from fuzzyarm.eval.evaluation.recheck import print_comparison, recheck_results
     from fuzzyarm.eval.evaluation.results_file import read_results
 
     for field in fields(options):
@@ -115,6 +115,6 @@ def _repeat(options: Options, recorded: Path) -> int:
             raise UsageError(f"--check repeats what the file says and writes nothing: leave out {option}")
     results = read_results(recorded)
     with progress("episodes", len(results.rows)) as advance:
-        found = check(results, options.policy, advance)
-    print_check(found, output())
+        found = recheck_results(results, options.policy, advance)
+    print_comparison(found, output())
     return 1 if found.differences else 0

@@ -30,9 +30,9 @@ class Options:
 def run(options: Options) -> int:
     """Print the table."""
     from fuzzyarm.common.console import output
-    from fuzzyarm.eval.evaluation.ranking import leaderboard, markdown, print_leaderboard
+    from fuzzyarm.eval.evaluation.ranking import markdown, print_leaderboard, rank_policies
 
-    board = leaderboard(options.files)
+    board = rank_policies(options.files)
     if options.markdown:
         print(markdown(board))
     else:

@@ -37,14 +37,14 @@ def run(options: Options) -> int:
 
     from fuzzyarm.common.console import output, progress
     from fuzzyarm.common.files import write_atomically
-    from fuzzyarm.eval.stability.margins import MarginsConfig, margins, print_margins
-    from fuzzyarm.policies.registry import NAMES
+    from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, print_margins
+    from fuzzyarm.policies import NAMES
 
     if options.out is not None:
         output_file(options.out, ".json")
     config = MarginsConfig(policies=options.policy or NAMES, robot=options.robot)
     with progress("policies", len(config.policies)) as advance:
-        document = margins(config, advance)
+        document = measure_margins(config, advance)
     text = json.dumps(document, indent=1)
     if options.out is not None:
         write_atomically(options.out, text + "\n")

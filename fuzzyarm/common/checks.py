@@ -15,7 +15,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-__all__ = ["choice", "finite_array", "instance", "interval", "is_real", "real", "reals", "shown", "truth", "whole"]
+__all__ = [
+    "choice",
+    "distinct",
+    "finite_array",
+    "instance",
+    "interval",
+    "is_real",
+    "real",
+    "reals",
+    "shown",
+    "truth",
+    "whole",
+]
 
 Choice = TypeVar("Choice")
 
@@ -116,6 +128,13 @@ def choice(name: str, value: Any, choices: Collection[Choice]) -> Choice:
         if type(one) is type(value) and one == value:
             return one
     raise ValueError(f"{name} = {shown(value)} is unknown; choose from: {', '.join(map(str, choices))}")
+
+
+def distinct(name: str, values: Sequence[Choice]) -> Sequence[Choice]:
+    """Return one or more values that all differ; ValueError otherwise."""
+    if not values or len(set(values)) != len(values):
+        raise ValueError(f"{name} = {shown(list(values))} must be one or more different names")
+    return values
 
 
 def instance(name: str, value: Any, kind: type[Choice]) -> Choice:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -20,14 +21,25 @@ if TYPE_CHECKING:
 __all__ = ["PIPED_WIDTH", "output", "print_paragraphs", "print_table", "progress", "status", "table"]
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
+_BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
 
 
-def output() -> Console:
-    """Return the console of standard output, wide where that is no terminal."""
+def output(piped_width: int | None = PIPED_WIDTH) -> Console:
+    """Return the console of standard output.
+
+    Args:
+        piped_width: width where that is no terminal; None: the width of a terminal.
+    """
     from rich.console import Console
 
-    console = Console()
-    return console if console.is_terminal else Console(width=PIPED_WIDTH)
+    class Output(Console):
+        """A console that says if the reader of the pipe has left; rich itself would exit with code 1."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    console = Output()
+    return console if console.is_terminal or piped_width is None else Output(width=piped_width)
 
 
 def table(
@@ -41,7 +53,7 @@ def table(
     """Return an empty table; `print_table` prints it once it has its rows.
 
     Args:
-        headings: of the columns.
+        headings: of the columns; one that has several lines keeps them.
         left: indices of the columns that are aligned left; the others are aligned right.
         console: where the table will be printed.
         title: stands above the table.
@@ -55,7 +67,8 @@ def table(
     lines = box.SIMPLE_HEAD if terminal else None
     made = Table(title=title, title_justify="left", box=lines, pad_edge=False, padding=(0, 1, 0, 0))
     for column, heading in enumerate(headings):
-        text = heading.replace(" ", "\n") if terminal else heading
+        # A heading that has several lines already keeps them.
+        text = _BETWEEN_WORDS.sub("\n", heading) if terminal and "\n" not in heading else heading
         may_fold = terminal and fold and column in left
         made.add_column(Text(text), justify="left" if column in left else "right", no_wrap=not may_fold)
     return made
@@ -72,31 +85,45 @@ def print_table(table: Table, console: Console, keys: int = 1) -> None:
     if not console.is_terminal:
         console.print(table)
         return
-    unlimited = console.options.update(max_width=PIPED_WIDTH)
-    _keep_digits(table, console)
-    parts: list[list[int]] = [[*range(min(keys + 1, len(table.columns)))]]
+    _measure_columns(table, console)
+    parts = [[*range(min(keys + 1, len(table.columns)))]]
     for column in range(keys + 1, len(table.columns)):
         wider = [*parts[-1], column]
-        if console.measure(_part(table, wider), options=unlimited).minimum <= console.width:
+        if _least_width(_part(table, wider), console) <= console.width:
             parts[-1] = wider
         else:
             parts.append([*range(keys), column])
     for number, columns in enumerate(parts):
         part = _part(table, columns)
         part.title = table.title if number == 0 else None
-        needed = console.measure(part, options=unlimited).minimum
-        # Where not even one column fits beside the keys, the terminal breaks the lines: no digit is lost.
-        console.print(part, width=needed if needed > console.width else None, crop=False)
+        least = _least_width(part, console)
+        _spread(part, console.width - least)
+        if least > console.width:
+            # Not even one column fits beside the keys: the terminal breaks the lines, and no digit is lost.
+            part.width = least
+        console.print(part, crop=False)
 
 
-def _keep_digits(table: Table, console: Console) -> None:
-    """Give each column that may not be folded the width of its widest cell."""
-    unlimited = console.options.update(max_width=PIPED_WIDTH)
+def _measure_columns(table: Table, console: Console) -> None:
+    """Set the least and the largest width of each column: a widest cell, or a longest word if cells may be folded."""
     for number, column in enumerate(table.columns):
-        if column.no_wrap:
-            alone = _part(table, [number])
-            alone.box, alone.title = None, None
-            column.min_width = console.measure(alone, options=unlimited).maximum
+        alone = _part(table, [number])
+        alone.box, alone.title = None, None
+        width = console.measure(alone, options=console.options.update(max_width=PIPED_WIDTH))
+        column.min_width = width.maximum if column.no_wrap else width.minimum
+        column.max_width = width.maximum
+
+
+def _least_width(table: Table, console: Console) -> int:
+    return console.measure(table, options=console.options.update(max_width=PIPED_WIDTH)).minimum
+
+
+def _spread(table: Table, room: int) -> None:
+    """Divide the room that is left among the columns, in proportion to what each lacks of its largest width."""
+    widths = [(column.min_width or 0, column.max_width or 0) for column in table.columns]
+    lacking = sum(largest - least for least, largest in widths)
+    for column, (least, largest) in zip(table.columns, widths, strict=True):
+        column.width = least + (largest - least) * min(max(room, 0), lacking) // max(lacking, 1)
 
 
 def _part(table: Table, columns: Sequence[int]) -> Table:

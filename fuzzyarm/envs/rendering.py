@@ -54,6 +54,7 @@ INK, STEEL, REFERENCE = (38, 50, 62), (178, 194, 208), (156, 166, 176)
 TRACE, FORCE, PAYLOAD = (213, 94, 0), (0, 114, 178), (240, 228, 66)
 SMALL, LARGE = 22, 34  # font heights
 
+# Columns of the trace.
 TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["COMPARED", "LEARNED", "NAMES", "POLICIES", "TIP", "Kind", "NamedPolicy", "add_policy"]
+__all__ = ["COMPARED", "LEARNED", "NAMES", "POLICIES", "TIP", "Kind", "NamedPolicy", "add_policy", "known_names"]
 
 TIP = "-tip"
 """Ending of a policy's name that wraps its law in `fuzzy_policy.laws.tip.TipPolicy`, which leads the tip along the

@@ -166,3 +166,10 @@ def test_an_array_is_a_new_one_of_floats():
 def test_other_arrays_are_refused(values, error, message):
     with pytest.raises(error, match=message):
         checks.finite_array("action", values, (2,), "N m")
+
+
+@pytest.mark.parametrize("wrong", [[], ("a", "a"), ("a", "b", "a")])
+def test_names_that_are_not_distinct_are_refused(wrong):
+    with pytest.raises(ValueError, match=r"^policies = .* must be one or more different names$"):
+        checks.distinct("policies", wrong)
+    assert checks.distinct("policies", ("b", "a")) == ("b", "a")

@@ -11,7 +11,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.stability.linearisation import spectral_radius
-from fuzzyarm.eval.stability.margins import MarginsConfig, margins
+from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 from fuzzyarm.policies import Kind, resolve
 
 ROOT = Path(__file__).parent.parent.parent
@@ -190,7 +190,7 @@ def test_lists_are_torques_too(module):
 def test_margins_name_a_law_that_does_not(module):
     """Every cell is without a number, and the reason is there."""
     name = f"{module(PREDICT.format('return np.zeros(2), None'))}:Law"
-    row = margins(MarginsConfig((name,)))["rows"][0]
+    row = measure_margins(MarginsConfig((name,)))["rows"][0]
     assert set(row["spectral_radius"].values()) == {None}
     assert f"{name}: predict returned an action of shape (2,)" in row["reasons"]["nominal"]
 
@@ -198,7 +198,7 @@ def test_margins_name_a_law_that_does_not(module):
 def test_margins_heed_the_time_an_action_is_held(module):
     source = TORQUE.replace("return", "law =") + "    law.action_period = 4e-3\n    return law\n"
     assert loaded(f"{module(source)}:factory").action_period == 4e-3
-    row = margins(MarginsConfig((f"{module(source)}:factory",)))["rows"][0]
+    row = measure_margins(MarginsConfig((f"{module(source)}:factory",)))["rows"][0]
     assert row["control_period"] == 4e-3
 
 

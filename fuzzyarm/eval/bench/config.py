@@ -31,7 +31,7 @@ class BenchConfig:
         lanes: sizes of the batches in the table; peers are measured up to 4096 lanes, torch from there on.
         threads: CPU threads that a batch may use, at most one per core.
         lanes_sweep: measure batches of 1, 4, 16, ... 262144 lanes too and draw throughput.png; takes a few minutes, and
-            needs a folder.
+            needs --out.
 
     Raises:
         TypeError: a value is no number of its kind.

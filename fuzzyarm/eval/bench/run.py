@@ -20,7 +20,7 @@ import numpy as np
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.bench.config import BenchConfig
 from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 __all__ = ["Row", "memory_per_lane", "race", "run_bench", "spread", "write_document"]
 
@@ -51,7 +51,7 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     progress("accuracy")
     _add_tip_errors([*rows, *sweep])
     progress("memory")
-    made_with = provenance()
+    made_with = current_provenance()
     made_with["versions"] |= _versions(PEER_LIBRARIES)
     return {
         "schema": SCHEMA,

@@ -93,7 +93,7 @@ def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> t
 
     def merged(name: str) -> np.ndarray:
         rows = ended if info[name].ndim == 1 else ended[:, np.newaxis]
-        return np.where(rows, final[name], info[name])
+        return np.asarray(np.where(rows, final[name], info[name]))
 
     reasons = final.get("reason", np.full(len(ended), None, dtype=object))
     return last, {name: merged(name) for name in INFO} | {"reason": reasons}

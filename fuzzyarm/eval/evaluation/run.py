@@ -12,32 +12,35 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common.checks import distinct, real, whole
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, find_case
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import COMPARED, resolve_all
+
+__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"
 
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationConfig:
-    """What is run.
+    """What an evaluation runs.
 
     Attributes:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
         cases: names of cases.
         seeds: number of episodes of each policy in each case, seeded 0, 1, ...
         encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
-        control_period: [s].
-        parameters: the arm, of the plant and of the policies' models.
+        control_period: time between two actions [s].
+        parameters: the arm, for the plant and for the policies' models.
     """
 
     policies: tuple[str, ...] = COMPARED
@@ -51,12 +54,11 @@ class EvaluationConfig:
         """Check names and numbers before anything runs."""
         for case in self.cases:
             find_case(case)
-        for name in ("policies", "cases"):
-            given = getattr(self, name)
-            if not given or len(set(given)) != len(given):
-                raise ValueError(f"{name} = {list(given)} must be one or more different names")
-        if self.seeds < 1:
-            raise ValueError(f"seeds = {self.seeds} is out of range; allowed: [1, inf)")
+        distinct("policies", self.policies)
+        distinct("cases", self.cases)
+        whole("seeds", self.seeds, low=1)
+        EncoderNoise(*self.encoder_noise)
+        real("control_period", self.control_period, "s", above=0.0)
         if self.seeds > 1 and not any(self.encoder_noise):
             raise ValueError(
                 f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"
@@ -126,7 +128,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     rollouts = []
     for case in config.cases:
         env = FuzzyArmEnv(
-            disturbance=dataclasses.replace(CASES[case].disturbance, encoder_noise=noise),
+            disturbance=dataclasses.replace(find_case(case).disturbance, encoder_noise=noise),
             reference=reference,
             parameters=config.parameters,
             control_period=config.control_period,
@@ -150,7 +152,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     made_with = {
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **provenance(),
+        **current_provenance(),
         "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with)

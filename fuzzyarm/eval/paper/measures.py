@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
@@ -19,16 +18,14 @@ from fuzzyarm.eval.paper.controllers import FORMS, RULES, TITLES, key_of
 from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, Evidence
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.states import PLANT
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
 from fuzzyarm.synthesis.error_model import paper_form
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
 __all__ = [
-    "INTEGRAL",
-    "POSITION",
     "TABLE_2_RULES",
-    "VELOCITY",
     "Measure",
     "bounded_M",
     "circularity",
@@ -61,9 +58,6 @@ Measure = Callable[[Evidence], Mapping[str, float]]
 """Returns numbers by what they belong to, such as the key of a controller."""
 TABLE_2_RULES = (32, 16, 8, 4)
 """Numbers of rules in Table 2."""
-POSITION, VELOCITY, INTEGRAL = (slice(k * JOINTS, (k + 1) * JOINTS) for k in range(3))
-"""Columns of the gains [K H]: those of the position error, of the velocity error, and of the error's integral."""
-_K = slice(POSITION.start, VELOCITY.stop)
 _INSTANTS = 3001  # evenly spaced along the reference; one of them is the middle, where the reference is fastest
 
 
@@ -77,7 +71,7 @@ def tip_speed(evidence: Evidence) -> dict[str, float]:
 
 
 def rigid_torque(evidence: Evidence) -> dict[str, float]:
-    """Return the largest |Γ| [N m] of (4), rigid joints, along the reference, with viscous and Stribeck friction."""
+    """Return the largest |Γ| [N m] of (4), rigid joints, along the reference; with viscous and Stribeck friction."""
     reference, parameters = evidence.reference, evidence.reference.parameters
     arm, motion = arm_constants(parameters), reference.sample(_instants(evidence))
     coulomb, static = np.array(parameters.coulomb_friction), np.array(parameters.static_friction)
@@ -120,7 +114,7 @@ def fewest_rules(evidence: Evidence) -> dict[str, float]:
 def unbounded_gain(evidence: Evidence) -> dict[str, float]:
     """Return the largest entry of K of the design without the bound (24); 0 if its file is not proven."""
     proven = HIGH_GAIN in evidence.proven
-    return {"4 rules": _largest(evidence.witnesses[HIGH_GAIN].gains[..., _K]) if proven else 0.0}
+    return {"4 rules": _largest(evidence.witnesses[HIGH_GAIN].gains[..., PLANT]) if proven else 0.0}
 
 
 def bounded_M(evidence: Evidence) -> dict[str, float]:
@@ -135,7 +129,7 @@ def bounded_M(evidence: Evidence) -> dict[str, float]:
 
 
 def largest_gain(columns: slice) -> Measure:
-    """Return the measure of the largest entry of [K H] of the printed forms, in the columns of one kind of error."""
+    """Return the measure of the largest entry of K̄ = [K H] of the printed forms in some columns, see `states`."""
     return lambda evidence: {key: _largest(evidence.controllers[key].gains[..., columns]) for key in _printed()}
 
 

@@ -18,7 +18,7 @@ from fuzzyarm.eval.paper.claim import Claim
 from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2
 from fuzzyarm.eval.paper.controllers import TITLES
 from fuzzyarm.eval.paper.evidence import Evidence
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 __all__ = ["Comparison", "compare", "print_report", "renewed", "write_report"]
 
@@ -85,7 +85,7 @@ class Comparison:
 def compare(evidence: Evidence, stored: drift.Numbers) -> Comparison:
     """Measure every claim and compare it with the stored numbers."""
     measured = {claim.key: dict(claim.measure(evidence)) for claim in CLAIMS}
-    return Comparison(measured, stored, drift.find_drift(CLAIMS, measured, stored), provenance())
+    return Comparison(measured, stored, drift.find_drift(CLAIMS, measured, stored), current_provenance())
 
 
 def renewed(comparison: Comparison) -> Comparison:
@@ -121,7 +121,7 @@ def print_report(comparison: Comparison, console: Console) -> None:
         table = terminal.table(shown.headings, shown.text_columns, console=console, title=shown.title, fold=narrow)
         for row in shown.rows:
             table.add_row(*map(escape, row))
-        console.print(table)
+        terminal.print_table(table, console)
     console.print(LEGEND, highlight=False, markup=False)
     for reason, number in _reason_numbers().items():
         console.print(f"({number}) {reason}", highlight=False, markup=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fuzzyarm.eval.paper import measures as m
 from fuzzyarm.eval.paper import reasons
 from fuzzyarm.eval.paper.claim import BISECTED, COMPUTED, SIMULATED_MM, Claim
+from fuzzyarm.fuzzy_policy.states import INTEGRAL, POSITION, VELOCITY
 
 __all__ = ["STATEMENTS"]
 
@@ -127,7 +128,7 @@ STATEMENTS: tuple[Claim, ...] = (
         unit="N m/rad",
         paper=6.513e4,
         comparison="order",
-        measure=m.largest_gain(m.POSITION),
+        measure=m.largest_gain(POSITION),
         reason=reasons.GAINS,
         tolerance=COMPUTED,
     ),
@@ -139,7 +140,7 @@ STATEMENTS: tuple[Claim, ...] = (
         unit="N m s/rad",
         paper=978.0,
         comparison="order",
-        measure=m.largest_gain(m.VELOCITY),
+        measure=m.largest_gain(VELOCITY),
         reason=reasons.GAINS,
         tolerance=COMPUTED,
     ),
@@ -151,7 +152,7 @@ STATEMENTS: tuple[Claim, ...] = (
         unit="N m/(rad s)",
         paper=4.62e4,
         comparison="order",
-        measure=m.largest_gain(m.INTEGRAL),
+        measure=m.largest_gain(INTEGRAL),
         reason=reasons.INTEGRAL_GAIN,
         tolerance=COMPUTED,
     ),

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE
 from fuzzyarm.eval.sweep.results import SweepResults
@@ -58,7 +58,7 @@ def summarise(config: SweepConfig, results: SweepResults) -> dict[str, Any]:
         "schema": SCHEMA,
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **provenance(),
+        **current_provenance(),
         "config": config.to_dict(),
         "method": {
             "plants": config.total,

@@ -11,6 +11,7 @@ from scipy.integrate import cumulative_simpson
 
 from fuzzyarm.envs.physics.dynamics import rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
+from fuzzyarm.eval.certified.extremes import worst_posture
 from fuzzyarm.eval.certified.frozen import find_worst_point, freeze, gain_at, lyapunov_rate, pole_rate, slowest_error
 from fuzzyarm.eval.certified.probes import HELD, Uniform, _discrete, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
@@ -63,12 +64,6 @@ def disturbed(loop: RigidLoop, motion: Motion, duration: float, *, total: bool =
     stacked = AMPLITUDE * np.stack(torques, axis=1)
     start = np.zeros((len(torques), loop.states))
     return simulate(loop, motion, start, joined(stacked, STEP), duration, total=total, step=STEP)
-
-
-def worst_posture(loop: RigidLoop) -> Uniform:
-    """The held posture of largest frozen gain, a little inside the box."""
-    found = find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
-    return Uniform(0.98 * found.q[np.newaxis], np.zeros((1, 2)))
 
 
 # (e) the model

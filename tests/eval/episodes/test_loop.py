@@ -1,4 +1,4 @@
-"""The episode loop, single and batched: the same signals for the same arm, also if episodes end at other times."""
+"""The episode loop, single and batched: the same signals for the same arm, and lanes that end at different times."""
 
 import dataclasses
 
