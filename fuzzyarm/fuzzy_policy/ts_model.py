@@ -37,6 +37,7 @@ __all__ = [
 ]
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
+"""Names of the premises, in the order of the paper."""
 DEFAULT_KEPT = ("z1", "z3")
 """Kept premises where nothing else is said: four rules."""
 

@@ -65,7 +65,7 @@ def lyapunov_rate(F: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 
 def slowest_error(F: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return the error ē (lanes, n_e), V = 1, at which V decays at `lyapunov_rate`."""
+    """Return the error ē (lanes, n_e) [rad, rad/s, rad s], V = 1, at which V decays at `lyapunov_rate`."""
     root = np.linalg.cholesky(P)
     scaled = np.linalg.solve(root, F @ root)
     return np.asarray(np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))[1][:, :, -1] @ root.T)

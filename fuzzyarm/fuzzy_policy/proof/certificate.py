@@ -55,7 +55,7 @@ class Certificate:
 
     @property
     def proof_margin(self) -> float:
-        """The smallest proof margin of all inequalities."""
+        """The smallest proof margin of all inequalities, a number without unit."""
         return min(claim.proof_margin for claim in self.claims)
 
 
