@@ -107,7 +107,7 @@ class Lanes:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, int]:
-        """The first arguments of `kernels.advance` and `kernels.advance_one`."""
+        """The first arguments of `kernels.advance` and `kernels.advance_one`, with their shapes."""
         return self.values, self.clock, self._tables.table, self.period, self.substeps
 
     def close(self) -> None:
