@@ -66,7 +66,8 @@ def annotations(function):
 
 def assigned(node):
     targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
-    return [target for target in targets if isinstance(target, ast.Name)]
+    names = [part for target in targets if target is not None for part in ast.walk(target)]
+    return [part for part in names if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)]
 
 
 def documented_constants(name):
@@ -92,7 +93,7 @@ def undocumented(name):
     for symbol in module.__all__:
         found = getattr(module, symbol)
         if inspect.isclass(found) or inspect.isroutine(found) or inspect.ismodule(found):
-            if not inspect.getdoc(found):
+            if not inspect.getdoc(found) and symbol not in explained:
                 yield symbol
         elif symbol in own - explained and not symbol.startswith("__"):
             yield symbol

@@ -18,26 +18,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 
-__all__ = [
-    "FOOTER",
-    "FORCE",
-    "HEADER",
-    "HEIGHT",
-    "INK",
-    "MAGNIFICATION",
-    "PAYLOAD",
-    "REFERENCE",
-    "TIP",
-    "TRACE",
-    "WIDTH",
-    "Canvas",
-    "Renderer",
-    "View",
-    "case_title",
-    "magnified",
-    "paint",
-    "thinned",
-]
+__all__ = ["Canvas", "Renderer", "View", "case_title", "magnified", "paint", "thinned"]
 
 MAGNIFICATION = 25  # of the tip error in the trace: a millimetre would be less than a pixel
 
@@ -54,6 +35,7 @@ INK, STEEL, REFERENCE = (38, 50, 62), (178, 194, 208), (156, 166, 176)
 TRACE, FORCE, PAYLOAD = (213, 94, 0), (0, 114, 178), (240, 228, 66)
 SMALL, LARGE = 22, 34  # font heights
 
+# Columns of the trace.
 TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
 
 
@@ -123,7 +105,7 @@ class Renderer:
 
 
 class Canvas:
-    """Antialiased discs, lines, arrows and text, in pixels of the finished picture."""
+    """Antialiased discs, lines, arrows and text; places (2,) and lengths in units of pixels of the finished picture."""
 
     def __init__(self) -> None:
         """Make a surface in memory and load pygame's own font."""
@@ -172,7 +154,7 @@ class Canvas:
 
 
 def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, parameters: ArmParameters) -> None:
-    """Paint the whole picture; arguments as in `Renderer.draw`."""
+    """Paint the whole picture; arguments in the shapes and units of `Renderer.draw`."""
     length = parameters.length
     q = np.concatenate([schedule.references[:, :2], trace[:, LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)

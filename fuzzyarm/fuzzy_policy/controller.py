@@ -26,9 +26,9 @@ from fuzzyarm.fuzzy_policy.ts_model import TSModel
 __all__ = ["FORMS", "POLE_ARRAYS", "Controller", "ControllerFileError"]
 
 SCHEMA = "fuzzyarm-controller/1"
-FORMS = ("consistent", "paper")
+FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
 ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
-POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")
+POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
 OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # not in the file where there is none
 MAX_BYTES = 64 * 1024 * 1024  # far above the file of the largest model
 

@@ -41,7 +41,7 @@ __all__ = [
     "write",
 ]
 
-STATE_SIZE = size(State)
+STATE_SIZE = size(State)  # how many numbers the state of an arm is
 ANGLES = STATE_SIZE // 2  # of motors and links; the other half are their velocities
 
 # Counters of an episode's random stream as plain integers, which torch.compile takes for constants.
@@ -110,7 +110,8 @@ class Shared:
     def nominal(self) -> Plant:
         """Return the plant in tensors of shape ()."""
         number = self.rows.number
-        return Plant(*(PerJoint(*map(number, v)) if isinstance(v, tuple) else number(v) for v in self.plant))
+        tensors: list[Any] = [PerJoint(*map(number, v)) if isinstance(v, tuple) else number(v) for v in self.plant]
+        return Plant(*tensors)
 
 
 def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
@@ -193,7 +194,7 @@ def _numbers(state: State, dtype: torch.dtype) -> tuple[Tensor, ...]:
 
 
 def observed(shared: Shared, lanes: Lanes, reference: ReferenceRow) -> list[Tensor]:
-    """Return the ten rows of the observation: motors, with noise if there is any, then the reference."""
+    """Return the ten rows (lanes,) of the observation: motors, with noise if there is any, then the reference."""
     state, limits = State(*lanes.numbers[:STATE_SIZE]), _limits(shared.nominal())
     motors = [motor_angles(state), motor_velocities(state)]
     if max(shared.noise) > 0.0:
@@ -248,6 +249,9 @@ def stacked(rows: Sequence[Tensor]) -> Tensor:
 
 
 def by_step(table: np.ndarray) -> np.ndarray:
-    """Return a row per control step: reference and target at its end, force and bias during it."""
+    """Return a row per control step, in the units of `Row`: reference and target at its end, force and bias during it.
+
+    `table` has the shape (steps + 1, columns), the result one row less.
+    """
     first_of_step = COLUMNS.force.start
     return np.concatenate([table[1:, :first_of_step], table[:-1, first_of_step:]], axis=-1)

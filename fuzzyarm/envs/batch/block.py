@@ -1,7 +1,7 @@
 """One control step of a block of lanes: its numbers are gathered into `work`, advanced, assessed and reported.
 
-`work` is a small array of `BLOCK` lanes, see `layout.Work`. The physics and the assessment run over it as SIMD code
-(`integrator.hold_block`). No lane sees another, so its numbers do not depend on how many others there are.
+`work` is a flat array of shape (rows of `layout.Work` times `BLOCK`,). The physics and the assessment run over it as
+SIMD code (`integrator.hold_block`). No lane sees another, so its numbers do not depend on how many others there are.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ __all__ = [
 # What the observation space allows beyond the box (25): the observation that ends an episode lies outside the box.
 ANGLE_ROOM, VELOCITY_ROOM = 2.0, 10.0
 
+# Readers and writers of records in `work`, at a lane of the block.
 _read_arm = reader(Arm, in_block, WORK.hold.arm)
 _read_state, _write_state = reader(State, in_block, WORK.hold.state), writer(State, in_block, WORK.hold.state)
 _read_before, _write_before = reader(State, in_block, WORK.before), writer(State, in_block, WORK.before)

@@ -157,6 +157,7 @@ class Results(NamedTuple):
     scalars: np.ndarray
 
 
+# Where each number of a record lies in its array, and the names of the results.
 LANE, CLOCK, START, WORK = places(Lane), places(Clock), places(Start), places(Work)
 PLANAR = 2  # numbers in each of the vectors
 VECTORS, SCALARS = Vectors._fields, Scalars._fields

@@ -75,7 +75,10 @@ class Tables:
 
 
 def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]:
-    """Return the distinct items, by identity, and the place of each lane's among them; one item is for all lanes."""
+    """Return the distinct items, by identity, and the number (count,) of each lane's among them.
+
+    A single item is for all lanes.
+    """
     if len(items) == 1:
         return list(items), np.zeros(count, dtype=np.int64)
     places: dict[object, int] = {}

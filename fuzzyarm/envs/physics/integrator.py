@@ -141,7 +141,7 @@ def step(state: State, torque1: Any, torque2: Any, force_x: Any, force_y: Any, a
 
 
 def held(state: State, torque: Sequence[Any], force: Sequence[Any], arm: Arm, h: float, substeps: int) -> State:
-    """Advance arrays or tensors of lanes over one control step; arguments as in `hold`, each a row of lanes."""
+    """Advance arrays or tensors of lanes over one control step; arguments in units of `hold`, each a row of lanes."""
     mean_x, mean_y, change_x, change_y = force
     for substep in range(substeps):
         share = (substep + 0.5) / substeps - 0.5
@@ -153,7 +153,7 @@ def held(state: State, torque: Sequence[Any], force: Sequence[Any], arm: Arm, h:
 def hold_numpy(
     state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarray, h: float, substeps: int
 ) -> np.ndarray:
-    """Plain NumPy twin of `hold`, the reference back end of the tests: returns the new states."""
+    """Plain NumPy twin of `hold`, with the same units: the reference back end of the tests. Return the new states."""
     return np.stack(held(State(*state), tuple(torque), tuple(force), Arm(*arm), h, substeps))
 
 

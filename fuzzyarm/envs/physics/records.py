@@ -60,6 +60,7 @@ class Point(NamedTuple):
 
 
 JOINTS = len(PerJoint._fields)
+"""How many joints the arm has."""
 
 
 @register_jitable(forceinline=True)

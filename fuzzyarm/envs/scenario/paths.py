@@ -20,6 +20,7 @@ __all__ = ["Circle", "Lemniscate", "Line", "Point", "Spline", "TipPath"]
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
+# A point (x, y) [m], and p, dp/ds and d²p/ds² of a curve.
 Point = tuple[float, float]
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 

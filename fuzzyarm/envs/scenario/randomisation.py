@@ -34,6 +34,8 @@ __all__ = [
 ]
 
 Range = tuple[float, float]
+"""Low and high end of what is drawn."""
+
 FAMILY = 32  # references in the family of "robust"
 FAMILY_SEED = 2022
 
@@ -226,6 +228,7 @@ def _robust(parameters: ArmParameters) -> DomainRandomisation:
     )
 
 
+# What is drawn, by name.
 RANDOMISATIONS: dict[str, Callable[[ArmParameters], DomainRandomisation]] = {
     "nominal": lambda parameters: DomainRandomisation(),
     "plants": _plants,

@@ -151,7 +151,7 @@ def draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: fl
 
 @contextlib.contextmanager
 def single_environment(name: str, scale: float) -> Iterator[Measure]:
-    """Open an environment of Gymnasium's registry; actions are drawn from its action space times `scale`."""
+    """Open an environment of Gymnasium's registry; actions are drawn from its action space times the factor `scale`."""
     env = gym.make(name)
     try:
         actions = list(draw_actions(env.action_space, 64, (), scale))

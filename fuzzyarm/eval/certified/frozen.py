@@ -1,4 +1,4 @@
-"""The rigid loop with its premises frozen at a state of the box: a linear system, and the worst ones in the box.
+"""The rigid loop with its premises frozen at a state of the box, a linear system, and a search for the worst one.
 
     ē' = F ē + G w,      F = Ē(z)⁻¹ (Ā(z) + B̄ K̄_hv),      G = Ē(z)⁻¹ B̄,      z from (q, q̇).
 
@@ -65,7 +65,7 @@ def lyapunov_rate(F: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 
 def slowest_error(F: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return the error ē (lanes, n_e), V = 1, at which V decays at `lyapunov_rate`."""
+    """Return the error ē (lanes, n_e) [rad, rad/s, rad s], V = 1, at which V decays at `lyapunov_rate`."""
     root = np.linalg.cholesky(P)
     scaled = np.linalg.solve(root, F @ root)
     return np.asarray(np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))[1][:, :, -1] @ root.T)

@@ -24,7 +24,7 @@ from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = ["EPISODES", "SUMMARY", "TABLE", "Replay", "Summary", "Sweep"]
 
-EPISODES, SUMMARY, TABLE = "episodes.npz", "sweep.json", "sweep.csv"
+EPISODES, SUMMARY, TABLE = "episodes.npz", "sweep.json", "sweep.csv"  # files that a finished sweep adds
 _EPISODE = "episode.npz"  # of one plant
 
 

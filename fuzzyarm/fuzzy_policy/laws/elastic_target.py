@@ -69,6 +69,7 @@ TARGET = _Target(*consecutive(JOINTS, JOINTS, JOINTS))
 """Where θ_d, θ̇_d and θ̈_d lie in a target (lanes, `TARGET_SIZE`); `REFERENCE` of the observation has the same order."""
 
 TARGET_SIZE: int = TARGET.ddq.stop
+"""How many numbers a target has."""
 
 
 class ElasticTarget:

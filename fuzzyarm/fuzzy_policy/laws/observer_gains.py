@@ -58,6 +58,7 @@ class Estimate(NamedTuple):
 
 
 *_SIZES, _INPUT = consecutive(*[JOINTS] * (len(Estimate._fields) + 1))
+# Where the parts of (x, d) lie, and which of its numbers are measured.
 ESTIMATE = Estimate(*_SIZES)
 STATE, LOAD = slice(0, ESTIMATE.load.start), ESTIMATE.load  # x in the order of `State`, and d
 STATES, ESTIMATES = STATE.stop, LOAD.stop  # how many numbers x and (x, d) are
@@ -102,7 +103,7 @@ class ObserverWeights:
 
 
 def sampled_arm(parameters: ArmParameters, control_period: float, cos2: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (10, 10) and B (10, 2) of (x, d)⁺ = A (x, d) + B u over one control period, u held, d constant.
+    """Return A (10, 10) and B (10, 2) of (x, d)⁺ = A (x, d) + B u over one control period [s], u held, d constant.
 
     At rest, without gravity and dry friction, at cos q2 = `cos2`:
     I_a θ̈ = u - Γ_t - f_v θ̇,  M_b q̈ = Γ_t + d,  Γ_t = K_t (θ - q) + B_t (θ̇ - q̇).
@@ -123,7 +124,10 @@ def sampled_arm(parameters: ArmParameters, control_period: float, cos2: float) -
 
 
 def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weights: ObserverWeights) -> np.ndarray:
-    """Return K (2, 8) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² of `sampled_arm`, d = 0."""
+    """Return K (2, 8) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² of `sampled_arm`, d = 0.
+
+    Γ_max is `torque_limit` (2,) [N m].
+    """
     a, b = A[STATE, STATE], B[STATE]
     Q = np.diag(np.repeat([0.0, weights.link_angle**-2, 0.0, weights.link_velocity**-2], JOINTS))
     R = np.diag(torque_limit**-2)
@@ -135,7 +139,10 @@ def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weight
 def observer_gain(
     A: np.ndarray, B: np.ndarray, control_period: float, torque_limit: np.ndarray, weights: ObserverWeights
 ) -> np.ndarray:
-    """Return L (10, 4), the stationary Kalman gain of `sampled_arm` that corrects (x̂, d̂) by what is measured now."""
+    """Return L (10, 4), the stationary Kalman gain of `sampled_arm` that corrects (x̂, d̂) by what is measured now.
+
+    `torque_limit` (2,) [N m] and `control_period` [s] scale the weights.
+    """
     C = np.eye(ESTIMATES)[MEASURED]
     Q = B @ np.diag((weights.motor_torque * torque_limit) ** 2) @ B.T / control_period
     Q[LOAD, LOAD] += np.diag((weights.load_walk * torque_limit) ** 2) * control_period
@@ -148,7 +155,7 @@ def observer_gain(
 def gain_tables(
     parameters: ArmParameters, control_period: float, weights: ObserverWeights
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return K (9, 2, 8) and L (9, 10, 4) at cos q2 = `GRID`.
+    """Return K (9, 2, 8) and L (9, 10, 4) at cos q2 = `GRID`, for a control period [s].
 
     Raises:
         ValueError: a Riccati equation has no solution in double precision.
