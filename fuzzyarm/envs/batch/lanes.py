@@ -149,12 +149,11 @@ class Lanes:
             ValueError: a torque is not finite; no lane has moved then.
         """
         results = np.empty(WIDTH * self.count)
-
-        def share(start: int, stop: int) -> int:
-            lane: int = advance(*self.arrays, action, start, stop, results)
-            return lane
-
-        bad = max(self._workers.run(share))
+        arrays = self.arrays
+        if self.threads == 1:
+            bad = advance(*arrays, action, 0, self.count, results)
+        else:
+            bad = max(self._workers.run(lambda start, stop: advance(*arrays, action, start, stop, results)))
         if bad >= 0:
             limit = self.values[_TORQUE_LIMIT, bad].tolist()
             raise ValueError(f"action {action[bad].tolist()} N m of lane {bad} is not finite; allowed: ±{limit} N m")
