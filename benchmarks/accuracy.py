@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.eval.provenance import current_provenance
 
@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
     policy, result = load_policy("computed-torque"), {}
-    for case in CASES:
+    for case in PAPER_CASES:
         exact = exact_tips(policy, case)
         result[case] = {f"{h:g}": 1e6 * max_tip_difference(stepped_tips(policy, case, h), exact) for h in SUBSTEPS}
         cells = "  ".join(f"h = {h} s: {error:8.4f} µm" for h, error in result[case].items())

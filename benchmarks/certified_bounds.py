@@ -24,6 +24,7 @@ from fuzzyarm.eval.certified.frozen import find_worst_point, gain_at, pole_rate
 from fuzzyarm.eval.certified.probes import library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion
+from fuzzyarm.eval.provenance import current_provenance
 
 RULES = (1, 2, 4, 8, 16, 32)
 DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long

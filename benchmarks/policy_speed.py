@@ -11,6 +11,7 @@ import time
 import numpy as np
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.observation import SIZE
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import NAMES
 
@@ -31,7 +32,7 @@ def seconds_per_call(name: str, observation: np.ndarray) -> float:
 
 def main() -> None:
     """Measure and print."""
-    observations = np.random.default_rng(0).normal(size=(LANES, 10))
+    observations = np.random.default_rng(0).normal(size=(LANES, SIZE))
     for name in NAMES:
         single, batch = seconds_per_call(name, observations[0]), seconds_per_call(name, observations)
         print(f"{name:16} one: {1e6 * single:5.1f} µs   batch of {LANES}: {1e6 * batch / LANES:6.3f} µs per lane")

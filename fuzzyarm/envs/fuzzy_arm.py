@@ -1,4 +1,9 @@
-"""The Gymnasium environment ``FuzzyArm-v0``."""
+"""The Gymnasium environment ``FuzzyArm-v0``.
+
+An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as two numbers,
+the block `layout.Work` in the kernel `kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that
+`integrator.step` advances. The results go back through the block into the observation and the dictionary `info`.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +46,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Description
     The plant is equations (1)-(3) of the paper with Table 1: two motors, two links, joint springs and dampers,
-    friction with exact stick. The agent sees the **motor** side of the joints and the reference; what counts is the
-    **tip**, on the link side, which the joints' bending keeps from following the motors exactly.
+    friction with exact stick. The agent observes the **motor** side of the joints and the reference. The reward
+    depends on the **tip**, on the link side: the joints are elastic, so the tip does not follow the motors exactly.
 
     ## Action space
     `Box(2,)`: motor torques Γ [N m] within ±(500, 250). Larger finite torques are clipped and `info` says so; the
@@ -65,13 +70,13 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Starting state
     At rest, the links on the reference at t = 0, the motors at the static deflection under the gravity torque of the
-    *nominal* arm: a payload is felt from the first instant. No randomness unless the disturbance has encoder noise or
-    a randomisation is asked for.
+    *nominal* arm: a payload moves the arm from the first instant. Nothing is random unless the disturbance has encoder
+    noise or a domain randomisation is chosen.
 
     ## Episode end
     Terminated when a joint angle or velocity, motor or link, leaves the box (25) (|q| <= π, |q̇| <= 15 rad/s) or is
-    not finite; `info["reason"]` says which. A state that is not finite is not shown: the one before it is, with reward
-    0. Truncated when the reference ends (1.5 s, 1500 steps).
+    not finite; `info["reason"]` says which, see `Termination`. If the state becomes infinite or nan, the observation
+    and `info` repeat the last finite state, and the reward is 0. Truncated when the reference ends (1.5 s, 1500 steps).
 
     ## Info
     `time` [s], `tip`, `tip_reference` [m], `tip_error` [m], `circularity_error`, `circularity_error_motor` [m]
@@ -91,6 +96,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     `reference`, and `case` or `disturbance`.
 
     Raises:
+        TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range; the message names it and the choices.
         gymnasium.error.ResetNeeded: `step` before `reset` or after the end of an episode.
 
@@ -157,13 +163,13 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; `options` as in the class docstring, unknown ones raise ValueError."""
         super().reset(seed=seed)
-        self._ended = True  # until the end of this method: a reset that raises leaves no half-made episode to step
+        self._ended = True  # until the end of this method: after a reset that raises, step must raise too
         self._trace.clear()
         scenario, initial = chosen_scenario(options or {}, Scenario(self._disturbance, self._reference)), None
         if options and options.get("initial_state") is not None:
             initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
-        # `np_random` is the user's; the episodes draw from a stream of their own with the same seed. A generator that
-        # the user has put in its place has no seed that Gymnasium knows: -1.
+        # `np_random` belongs to the user; the episodes draw from a stream of their own with the same seed. Gymnasium
+        # reports the seed -1 for a generator that the user has put in its place.
         seeds = None if self._begun and seed is None else [self.np_random_seed]
         if seeds is not None and seeds[0] < 0:
             seeds = [int(self.np_random.integers(2**63))]

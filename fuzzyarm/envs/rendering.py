@@ -18,26 +18,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 
-__all__ = [
-    "FOOTER",
-    "FORCE",
-    "HEADER",
-    "HEIGHT",
-    "INK",
-    "MAGNIFICATION",
-    "PAYLOAD",
-    "REFERENCE",
-    "TIP",
-    "TRACE",
-    "WIDTH",
-    "Canvas",
-    "Renderer",
-    "View",
-    "case_title",
-    "magnified",
-    "paint",
-    "thinned",
-]
+__all__ = ["Canvas", "Renderer", "View", "case_title", "magnified", "paint", "thinned"]
 
 MAGNIFICATION = 25  # of the tip error in the trace: a millimetre would be less than a pixel
 

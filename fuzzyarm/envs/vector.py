@@ -57,6 +57,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     go on.
 
     Raises:
+        TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range, or a sequence has not one entry per lane; the message names
             the lane if there are several.
         gymnasium.error.ResetNeeded: `step` before `reset`.
@@ -113,7 +114,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode in every lane; seeds and options as in the class docstring."""
-        self._begun = False  # until the end of this method: a reset that raises leaves no half-made episodes to step
+        self._begun = False  # until the end of this method: after a reset that raises, step must raise too
         options = options or {}
         check_options(options)
         given = options.get("initial_state")

@@ -53,7 +53,7 @@ NAMED_RULES = {
 
 # sinc x = sin x / x has its minimum -0.21723362821122165740... where tan x = x (x = 4.4934...); rounded outwards.
 SINC_MINIMUM = Fraction("-0.2172336282112217")
-# Bounds are widened by this share of their range, far above the rounding of a premise evaluated in floating point.
+# Bounds are widened by this share of their range, far more than a premise loses by rounding in floating point.
 GUARD = Fraction(1, 10**12)
 
 

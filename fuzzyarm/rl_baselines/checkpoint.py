@@ -52,12 +52,9 @@ def write_checkpoint(path: Path, content: dict[str, Any]) -> None:
     try:
         write_atomically(path, _SCHEMA + b" " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
     except OSError as error:
-        kept = (
-            "the previous checkpoint is intact: free some space and resume"
-            if path.exists()
-            else "there is no checkpoint yet"
-        )
-        raise OSError(error.errno, f"{error.strerror or error}; {kept}", str(path)) from None
+        intact = "the previous checkpoint is intact: free some space and resume"
+        left = intact if path.exists() else "there is no checkpoint yet"
+        raise OSError(error.errno, f"{error.strerror or error}; {left}", str(path)) from None
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:

@@ -95,6 +95,7 @@ class TorchFuzzyArm:
         randomisation: what each episode draws: "nominal", "plants", "robust" or a `DomainRandomisation`.
 
     Raises:
+        TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range; the message names it and the choices.
         gymnasium.error.ResetNeeded: `step` before `reset`.
         RuntimeError: the first step finds no compiler.

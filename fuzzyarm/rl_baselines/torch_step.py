@@ -110,7 +110,8 @@ class Shared:
     def nominal(self) -> Plant:
         """Return the plant in tensors of shape ()."""
         number = self.rows.number
-        return Plant(*(PerJoint(*map(number, v)) if isinstance(v, tuple) else number(v) for v in self.plant))
+        tensors: list[Any] = [PerJoint(*map(number, v)) if isinstance(v, tuple) else number(v) for v in self.plant]
+        return Plant(*tensors)
 
 
 def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:

@@ -13,8 +13,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fuzzyarm.synthesis.description import describe
     from fuzzyarm.synthesis.designer import Design, DesignFailed, design
-    from fuzzyarm.synthesis.explanation import describe
     from fuzzyarm.synthesis.specification import Specification
 
 __all__ = ["Design", "DesignFailed", "Specification", "describe", "design"]
@@ -23,7 +23,7 @@ _HOMES = {
     "Design": "designer",
     "DesignFailed": "designer",
     "Specification": "specification",
-    "describe": "explanation",
+    "describe": "description",
     "design": "designer",
 }
 

@@ -1,8 +1,8 @@
 """The design problem as a cone program: minimise qᵀx subject to b - A x in a product of semidefinite cones.
 
-Each matrix inequality is written once, as a function on arrays. It is affine in its own few variables, so its value at
-zero and at their unit vectors is all there is to know; those columns are scattered to the places that the variables
-of each pair (i, j) and vertex k have in x. Nothing is solved here, see `minimise`.
+Each matrix inequality is written once, as a function on arrays. It is affine in its own few variables, so its values at
+zero and at their unit vectors determine it; these columns are scattered to the places that the variables of each pair
+(i, j) and vertex k have in x. Nothing is solved here, see `minimise`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fuzzyarm.synthesis.reduced import ReducedModel, Variables, inequality
 
 __all__ = ["MARGIN", "Problem", "Program", "program", "svec"]
 
-MARGIN = 1e-4  # strictness of the inequalities, in scaled units; far above the solver's rounding
+MARGIN = 1e-4  # strictness of the inequalities, in scaled units; far above the rounding errors of the solver
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,44 +1,12 @@
-"""What came out of a design, or why none did, in words."""
+"""Why there is no solution, and what would have to be relaxed, in words."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.synthesis.search import largest_feasible_alpha, smallest_feasible_pole
 from fuzzyarm.synthesis.specification import Specification
 
-if TYPE_CHECKING:
-    from fuzzyarm.synthesis.designer import Design
-
-__all__ = ["describe", "why_infeasible"]
-
-
-def describe(result: Design) -> str:
-    """Return what was solved and what came out, for a person."""
-    controller, certificate = result.controller, result.certificate
-    model = controller.model
-    kept, dropped = ", ".join(model.kept) or "none", ", ".join(u.premise for u in model.uncertainties) or "none"
-    multipliers = "one multiplier for all of A" if controller.common_multiplier else "one multiplier each"
-    pole = "" if controller.fastest_pole is None else f"fastest pole {controller.fastest_pole:g} 1/s, "
-    names = ["K q1", "K q2", "K dq1", "K dq2"] + (["H q1", "H q2"] if controller.integral else [])
-    lines = [
-        f"{model.rules} rules: kept {kept}; as uncertainty: {dropped}, {multipliers}; {controller.form} form, "
-        f"{'with' if controller.integral else 'without'} integral",
-        f"alpha = {controller.alpha:g} 1/s, gamma = {controller.gamma:.4g}, {pole}{controller.origin['objective']}; "
-        f"{result.variables} variables, {result.rows} cone rows, solved in {result.solve_seconds:.2f} s",
-        f"all {len(certificate.claims)} inequalities proven in exact rational arithmetic from the stored gains in "
-        f"{result.proof_seconds:.2f} s, smallest margin {certificate.proof_margin:.2g}",
-        "",
-        "gains [N m/rad, N m s/rad, N m/(rad s)]:",
-        "vertex  torque " + "".join(f"{name:>12}" for name in names),
-    ]
-    for i, per_k in enumerate(controller.gains):
-        for k, gain in enumerate(per_k):
-            for joint in range(2):
-                head = f"i={i + 1} k={k + 1}   {joint + 1}     " if joint == 0 else f"           {joint + 1}     "
-                lines.append(head + "".join(f"{value:12.1f}" for value in gain[joint]))
-    return "\n".join([*lines, "", certificate.statement])
+__all__ = ["why_infeasible"]
 
 
 def why_infeasible(model: TSModel, specification: Specification) -> str:

@@ -1,4 +1,4 @@
-"""Solve a design problem with Clarabel; an answer counts by its recomputed margin, never by the solver's status."""
+"""Solve a design problem with Clarabel; whether an answer counts is decided by its recomputed margin alone."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Infeasible(ValueError):
     Attributes:
         problem: what was asked.
         program: its cone program.
-        status: the solver's word.
-        margin: of the point the solver ended at, not positive; -inf if it claims that there is none.
+        status: as the solver reports it.
+        margin: of the point the solver ended at, not positive; -inf if the solver claims that no point exists.
         ray: z (n_rows,) in the cones with Aᵀz = 0 and bᵀz < 0, if the solver claims infeasibility, else None.
     """
 
@@ -56,8 +56,8 @@ class Solution:
         gamma: bound of the L2 gain, given or found.
         largest_gain: largest |K_jk|, recomputed from M and P.
         margin: recomputed; the reduced inequalities are <= -margin I.
-        objective: the solver's: g for a bound of K, the bound for M, γ² |weight|, or 0.
-        status: the solver's word.
+        objective: as the solver reports it: g for a bound of K, the bound for M, γ² |weight|, or 0.
+        status: as the solver reports it.
         iterations: of the solver.
         build_time: seconds.
         solve_time: seconds.
@@ -164,7 +164,8 @@ def _clarabel(cone: Program, tolerance: float) -> clarabel.DefaultSolution:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    # Threads only cost; overlapping cliques kept apart leave 40 % of the fill of the compact form (32 rules).
+    # More threads are slower; the decomposition that keeps overlapping cliques apart has 40 % of the fill of the
+    # compact one (32 rules).
     settings.direct_solve_method, settings.max_threads = "faer", 1
     settings.chordal_decomposition_compact = False
     no_quadratic = sparse.csc_matrix((len(cone.q), len(cone.q)))

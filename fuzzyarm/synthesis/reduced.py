@@ -1,6 +1,6 @@
-"""The design inequality without the slack of its trivial rows: same solutions, a quarter of the variables.
+"""The design inequality without the slack variables of its trivial rows: same solutions, a quarter of the variables.
 
-Only the rows b = {2, 3} of E_k ẋ = A_ik x + B u + D_k w depend on a vertex or on the input; the others, a, read
+Only the rows b, those of q̇, of E_k ẋ = A_ik x + B u + D_k w depend on a vertex or on the input; the others, a, read
 ẋ_a = N x + D_a w. Adding S_a times the a-rows of ẋ to the rows of x makes them redundant, and with them most of the
 slack: Q and X (n, n) stay only as Q_b = S_bᵀ (Q + X S_a S_aᵀ) and X_b = S_bᵀ X S_b. The rows left, x, ẋ_b, w, z and
 uncertainties, are negative definite if and only if the full inequality is, with the same P, M, L, τ, for some Q and X:
@@ -119,7 +119,7 @@ class ReducedModel:
             H[:, a], Wd[:, a],
         ]  # fmt: skip
         if any(np.abs(part).max(initial=0.0) > ROUNDING for part in zeros):
-            raise ValueError("rows other than 2 and 3 of the error model must read ẋ = N x + D w at every vertex")
+            raise ValueError("rows other than those of q̇ of the error model must read ẋ = N x + D w at every vertex")
         sizes = [len(u.H) for u in system.uncertainties]
         return cls(
             system=system, S_a=np.eye(n)[:, a], S_b=np.eye(n)[:, b], N=A[0, 0, a], D_a=D[0, a],

@@ -88,7 +88,7 @@ def test_a_controller_file(tmp_path, capsys):
         (["--policy", "broken.json"], "broken.json"),
         (["--policy", "computed-torque"], "must be one or more different names"),
         (["--robot", "missing.toml"], "missing.toml"),
-        (["--robot", "bad.toml"], "mass = (-1, 8) is out of range"),
+        (["--robot", "bad.toml"], "mass[0] = -1 kg is out of range"),
         (["--robot", "short.toml"], "reach"),
         (["--policy", "fuzzy-4", "--robot", "arm.toml"], "designed for another robot (mass differ)"),
         (["--out", "margins.txt"], "margins.txt must be a file ending in .json"),

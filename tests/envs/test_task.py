@@ -131,7 +131,7 @@ def test_measured_tip_and_error_are_the_plants():
     rng = np.random.default_rng(1)
     state, target = rng.uniform(-1.0, 1.0, 8), rng.uniform(0.2, 0.5, 7)
     found, tip = measure(state, (1.0, 2.0), (3.0, 4.0), target), tip_position(state[2:4], TABLE_1.length)
-    np.testing.assert_allclose([found.tip_x, found.tip_y], tip, rtol=0.0, atol=5e-16)
+    np.testing.assert_allclose(found.tip, tip, rtol=0.0, atol=5e-16)
     assert found.tip_error == pytest.approx(np.linalg.norm(tip - target[:2]), rel=1e-14)
 
 

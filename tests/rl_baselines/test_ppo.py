@@ -138,9 +138,7 @@ def test_without_options_a_training_has_the_first_preset(chosen):
 def test_every_setting_is_an_option(name, chosen):
     value, more = other(FIELDS[name]), {"scale": (0.01, 0.02)} if name == "base" else {}  # actions are angles then
     flag = name.replace("_", "-")
-    words = (
-        [f"--{flag}" if value is True else f"--no-{flag}"] if isinstance(value, bool) else [f"--{flag}", *texts(value)]
-    )
+    words = [f"--no-{flag}"] if value is False else [f"--{flag}", *([] if value is True else texts(value))]
     for other_name, other_value in more.items():
         words += [f"--{other_name}", *texts(other_value)]
     assert chosen(*words) == dataclasses.replace(PPOConfig(), **{name: value} | more)

@@ -276,7 +276,7 @@ def test_problems_that_make_no_sense_are_refused():
 
 def test_a_model_of_another_structure_is_refused():
     system, _ = scaled("consistent", True, 4)
-    with pytest.raises(ValueError, match="rows other than 2 and 3"):
+    with pytest.raises(ValueError, match="rows other than those of q̇"):
         ReducedModel.of(dataclasses.replace(system, E=[1.1 * E for E in system.E]))
 
 

@@ -92,14 +92,16 @@ def _drawn(key: np.uint64, ranges: np.ndarray, numbers: np.ndarray) -> Draw:
     for k in range(_DRAW_SIZE):
         numbers[0, k] = ranges[k, 0] + (ranges[k, 1] - ranges[k, 0]) * uniform(key, RANDOMISATION + np.uint64(k))
     numbers[0, _DRAWN_REFERENCE] = np.floor(numbers[0, _DRAWN_REFERENCE])
-    return _read_draw(numbers, 0)
+    now: Draw = _read_draw(numbers, 0)
+    return now
 
 
 @register_jitable
 def _loaded(nominal: Plant, now: Draw, payload: float, radius: float) -> Arm:
     """Return the drawn plant with the case's payload, and the drawn one at the tip."""
     arm = loaded(lump(varied(nominal, now)), payload, radius, nominal.gravity)
-    return loaded(arm, now.payload, nominal.length[1], nominal.gravity)
+    both: Arm = loaded(arm, now.payload, nominal.length[1], nominal.gravity)
+    return both
 
 
 @register_jitable
@@ -109,7 +111,8 @@ def _resting(nominal: Plant, now: Draw, reference: PerJoint) -> State:
     The motors hold the gravity torque of the nominal arm: the drawn plant and the payload move the arm from the start.
     """
     link = PerJoint(reference[0] + now.angle[0], reference[1] + now.angle[1])
-    return at_rest(link, static_deflection(link, nominal), 0.0)
+    state: State = at_rest(link, static_deflection(link, nominal), 0.0)
+    return state
 
 
 @register_jitable(forceinline=True)

@@ -1,8 +1,8 @@
 """The compiled control step: hold the torques in every lane, or in the single arm.
 
-One arm and a quarter of a million run the same code, block by block. From the action to the plant and back it takes
-five forms: the action, the block of numbers `work` (`layout.Work`), its records (`State`, `Arm`, ...) in
-`integrator.step`, the block again, and the `layout.Results`, which the environments hand out.
+One arm and a quarter of a million run the same code, block by block: the actions are written into the block `work`
+(`layout.Work`), `integrator.hold_block` reads its records (`State`, `Arm`, ...) and advances them, and what
+`task.assess` finds goes from the block into the `layout.Results`, which the environments return.
 """
 
 from __future__ import annotations

@@ -208,8 +208,8 @@ class Lanes:
 
     def _digest(self) -> np.ndarray:
         """Return 32 bytes (uint8) that tell lanes apart that are made differently."""
-        parts = (self._plants, self._plant_of, self._ranges, self._own.starts, self._own.table, self._own_start_of)
-        parts += (self._own_radius_of,)
+        own = self._own.starts, self._own.table, self._own_start_of, self._own_radius_of
+        parts = self._plants, self._plant_of, self._ranges, *own
         period = np.array([self.period, self.substeps, self.count], dtype=np.float64)
         content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in (*parts, period)))
         return np.frombuffer(content.digest(), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""The rigid loop with its premises frozen at a state of the box: a linear system, and the worst ones in the box.
+"""The rigid loop with its premises frozen at a state of the box, a linear system, and a search for the worst one.
 
     ē' = F ē + G w,      F = Ē(z)⁻¹ (Ā(z) + B̄ K̄_hv),      G = Ē(z)⁻¹ B̄,      z from (q, q̇).
 

@@ -1,4 +1,4 @@
-"""Motions and disturbance torques that put the rigid loop to the test, a worst one among them."""
+"""Motions and disturbance torques for tests of the rigid loop, among them the worst torque that is found."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""The rigid arm in continuous time under a controller of the consistent form: the loop its certificate speaks of.
+"""The rigid arm in continuous time under a controller of the consistent form: the loop its certificate describes.
 
     (M_b(q) + I_a) q̈ + C(q, q̇) q̇ + f_v q̇ + g(q) = u + d,      u = K_hv e + H_hv x_I + L_hv r,      ẋ_I = q - q_d,
 
-with feedback at every instant and no torque limit. d holds whatever else turns the joints: dry friction, tip forces,
-a payload. Equation (5) and the feedforward make of this, for ē = (e, x_I) and without any approximation,
+with continuous feedback and no torque limit. d holds all other torques on the joints: dry friction, tip forces, a
+payload. Equation (5) and the feedforward make of this, for ē = (e, x_I) and without any approximation,
 
     Ē(z) ē' = (Ā(z) + B̄ K̄_hv) ē + B̄ w,      w = d + ρ,      ρ = [A(z) x_r - E(z) ẋ_r]_3:4 + L_hv r,
 
@@ -31,7 +31,14 @@ __all__ = ["RigidLoop"]
 
 @dataclasses.dataclass(frozen=True)
 class RigidLoop:
-    """The closed loop of the module for states in lanes; the controller's law in plain NumPy."""
+    """The closed loop of the module's docstring, for states in lanes; the controller's law in plain NumPy.
+
+    Attributes:
+        controller: a controller of the consistent form.
+
+    Raises:
+        ValueError: the controller is of the paper's form.
+    """
 
     controller: Controller
 

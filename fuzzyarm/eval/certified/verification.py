@@ -1,4 +1,4 @@
-"""The report of `fuzzyarm verify`: what of a controller file is proven, and what that means."""
+"""The report of `fuzzyarm verify`: which claims of a controller file are proven, and what they mean."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ LISTED = 20  # claims in the printed report
 
 @dataclasses.dataclass(frozen=True)
 class Verification:
-    """The certificate of one file, with what depends on the reference on the paper's circle, where it applies.
+    """The certificate of one file; what depends on the reference is given for the paper's circle.
 
     Attributes:
         path: the file.
-        controller: what it holds.
-        certificate: what of it is proven.
+        controller: its content.
+        certificate: its claims, each proven or not.
         residual: bound (2,) on the feedforward residual [N m].
-        tip: what holds when it is told to bring the tip to the reference.
+        tip: what holds for the policy of this file with the ending -tip.
         seconds: time of the proof.
     """
 

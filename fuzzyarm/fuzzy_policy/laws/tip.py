@@ -6,8 +6,9 @@ replaced by u_ff:
     u = law(q_a, q̇_a, x_I; θ_d, θ̇_d, θ̈_d) - law(θ_d, θ̇_d, 0; θ_d, θ̇_d, θ̈_d) + u_ff.
 
 For the fuzzy law that is K_hv e + H_hv x_I + (L(z) - L(z_d)) r + u_ff, with e, x_I and r of θ_d, and L at the measured
-and at the wanted premises: what L cancels for the kept premises it still cancels. θ_d is as good a reference as q_d, so
-the certificate keeps its words, with other contents of d, see `tip_statement`.
+and at the wanted premises: L still cancels what it cancels for the kept premises. θ_d is a twice differentiable
+reference like q_d, so the inequalities of the certificate hold for it, too; d then holds other torques, see
+`tip_statement`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a controller file claims, proven anew from its stored gains in exact rational arithmetic."""
+"""The claims of a controller file, proven anew from its stored gains in exact rational arithmetic."""
 
 from __future__ import annotations
 
@@ -38,7 +38,12 @@ class Claim:
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """The outcome of `certify`: every inequality, and what they prove together, in words."""
+    """The outcome of `certify`.
+
+    Attributes:
+        claims: every inequality.
+        statement: what they prove together, in words.
+    """
 
     claims: tuple[Claim, ...]
     statement: str

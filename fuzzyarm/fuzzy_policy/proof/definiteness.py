@@ -34,7 +34,8 @@ def exact(array: Any) -> np.ndarray:
 def smallest_eigenvalue(matrix: np.ndarray) -> float:
     """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floating point.
 
-    -inf if the diagonal is not positive. A measure of how far from singular, comparable between units; no proof.
+    -inf if the diagonal is not positive. It measures the distance from a singular matrix, whatever the units; it is no
+    proof.
     """
     numbers = np.array(matrix, dtype=np.float64)
     diagonal = np.diag(numbers)

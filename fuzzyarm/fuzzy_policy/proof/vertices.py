@@ -2,8 +2,8 @@
 
     Ē_k = diag(E_pk, I),   Ā_i = [[A_pi, 0], [C_p, 0]],   B̄ = [B_p; 0],   C_p = [I 0],
 
-act on ē = (e, x_I), ẋ_I = C_p e = q - q_d; without the integral ē = e and the bars do nothing. The entries are floats
-or exact rationals, whatever the matrices are filled with, but never both: numpy's product of such a mixture fails.
+act on ē = (e, x_I), ẋ_I = C_p e = q - q_d; without the integral ē = e and the barred matrices are those of the plant.
+The entries are all floats or all exact rationals, because NumPy cannot multiply a mixture of the two.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class UncertainTerm:
 
 @dataclasses.dataclass(frozen=True)
 class Vertices:
-    """The T-S model as the inequalities use it, in SI units; lists and arrays are not to be changed.
+    """The T-S model as the inequalities use it, in SI units; lists and arrays must not be changed.
 
     Attributes:
         E: N_e matrices E_pk, (4, 4).

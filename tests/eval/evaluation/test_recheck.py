@@ -220,7 +220,7 @@ BROKEN = {
     "many seeds": (replaced(["config", "seeds"], 10**12), "4 rows are not one for each policy, case and seed"),
     "noise": (replaced(["config", "encoder_noise"], [0.0]), "is damaged"),
     "period": (replaced(["config", "control_period"], "0.001"), "got `str` at `config.control_period`"),
-    "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass = "),
+    "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass[0] = "),
     "an unknown key": (replaced(["config", "colour"], "red"), "unknown field colour"),
     "an unknown key of the arm": (replaced(["config", "parameters", "colour"], "red"), "unknown field colour"),
     "negative noise": (replaced(["config", "encoder_noise"], [-1.0, 0.0]), "EncoderNoise.position = -1.0"),
