@@ -120,7 +120,7 @@ def linearise(
     control_period: float,
     payload: Payload | None = None,
 ) -> LocalLoop:
-    """Return the loop at its equilibrium for a reference held at `posture` (2,) [rad]; exceptions as `spectral_radius`."""
+    """Return the loop at its equilibrium, for a reference at rest at `posture` (2,) [rad]; see `spectral_radius`."""
     return _linearise(policy.without_dry_friction(), parameters, posture, control_period, payload)
 
 
