@@ -17,6 +17,23 @@ __all__ = [
     "WORST",
 ]
 
+__all__ = [
+    "CIRCLE",
+    "CIRCLE_FORCE",
+    "FEASIBILITY",
+    "FORCE_PROFILE",
+    "FREE_L",
+    "GAINS",
+    "INTEGRAL_GAIN",
+    "LEFT_BOX",
+    "NO_NUMBER",
+    "SATURATED",
+    "SIMILAR",
+    "TRUE_SIZE",
+    "UNBOUNDED",
+    "WORST",
+]
+
 FORCE_PROFILE = (
     "The paper prints the range, not the course over time. Ours is our choice: half a sine over the movement, faded "
     "below 0.01 m/s."

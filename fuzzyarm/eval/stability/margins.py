@@ -67,6 +67,7 @@ class Condition:
     payload: Payload | None = None
 
 
+# The conditions of the columns, in their order.
 CONDITIONS = (
     Condition("nominal"),
     Condition("loop gain x 0.67", loop_gain=0.67),
