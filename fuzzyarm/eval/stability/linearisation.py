@@ -151,9 +151,10 @@ def _linearise(
 
 
 def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return the point after a Newton step, shortened until the loop rests better there than at `point`.
+    """Return the point after a Newton step, shortened until the residual is smaller there than at `point`.
 
-    Full steps do for laws that are nearly linear; a network's may need shorter ones. The shortest is taken anyway.
+    Full steps do for laws that are nearly linear; a network's may need shorter ones. If no step improves, the shortest
+    one is taken.
     """
 
     def unrest(at: np.ndarray) -> float:
@@ -200,7 +201,8 @@ class _FrozenArm:
         )
         memory = point[_MEMORY]
         law = _differences(self._act, point, np.append(steps, _MEMORY_STEP * np.maximum(1.0, np.abs(memory))))
-        # Kept: what the torque reads, directly or through other memory. Unread entries have differences of exactly 0.
+        # Entries are kept if the torque depends on them, directly or through other memory. Unread entries have
+        # differences of exactly 0.
         rows = np.append(np.ones(JOINTS, dtype=bool), np.zeros(len(memory), dtype=bool))
         for _ in memory:
             rows[_NEXT_MEMORY] |= np.any(law[rows, _MEMORY] != 0.0, axis=0)
