@@ -10,7 +10,7 @@ from learned_tables import training_cells
 from readme_markdown import made_with, table
 
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
-from fuzzyarm.eval.evaluation.ranking import leaderboard, markdown
+from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 
 __all__ = [
     "accuracy_table",
@@ -83,7 +83,7 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
 
 def leaderboard_table(results: Path) -> str:
     """Return the output of `fuzzyarm leaderboard --markdown` for a results file, without the column of sources."""
-    lines = markdown(leaderboard([results])).splitlines()
+    lines = markdown(rank_policies([results])).splitlines()
     return "\n".join(f"{line.rpartition(' | ')[0]} |" if line.startswith("|") else line for line in lines)
 
 

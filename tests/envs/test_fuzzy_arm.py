@@ -1,4 +1,4 @@
-"""``FuzzyArm-v0`` as its users meet it: the Gymnasium contract, seeds, info, reward, episode ends and messages."""
+"""``FuzzyArm-v0`` from a user's view: the Gymnasium contract, seeds, info, reward, episode ends and messages."""
 
 import dataclasses
 import hashlib
@@ -325,7 +325,7 @@ def test_no_global_generator_is_read_or_written():
 
 
 def test_a_generator_of_the_users_own_seeds_the_episodes():
-    """Gymnasium knows no seed of a generator that was put in place of its own."""
+    """Gymnasium does not know the seed of a generator that replaces its own."""
 
     def starts(generator):
         env = FuzzyArmEnv(disturbance=NOISY)
