@@ -94,9 +94,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError(f"render_mode = {render_mode!r}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)")
         self.num_envs = checks.whole("num_envs", num_envs, low=1)
         self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
-        plants = each_lane(
-            checked_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters)
-        )
+        arms = self._per_lane("parameters", ArmParameters() if parameters is None else parameters)
+        plants = each_lane(checked_arm, arms)
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = each_lane(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
@@ -125,12 +124,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode in every lane, or in those of a mask; seeds and options as in the class docstring."""
+        begun, self._begun = self._begun, False  # until the end: after a reset that raises, step must raise too
         options = dict(options or {})
-        mask = options.pop(RESET_MASK, None)
-        which = None if mask is None else masked_lanes(RESET_MASK, mask, self.num_envs)
-        if which is not None and not self._begun and len(which) < self.num_envs:
+        which = None
+        if RESET_MASK in options:
+            which = masked_lanes(RESET_MASK, options.pop(RESET_MASK), self.num_envs)
+        if which is not None and not begun and len(which) < self.num_envs:
             raise ResetNeeded("no episode has begun: call envs.reset() for all lanes before one with a reset_mask")
-        self._begun = False  # until the end of this method: after a reset that raises, step must raise too
         check_options(options)
         given = options.pop("initial_state", None)
         initial = None if given is None else initial_states(given, self._plants, self.num_envs)
@@ -188,7 +188,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         mask = state.get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:
             raise ValueError(
-                "lanes of this state wait for a reset; make the environment with the autoreset_mode it had"
+                "lanes of this state wait for a reset; make the environment with the autoreset_mode that it had"
             )
         over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)
         self._lanes.set_state({name: part for name, part in state.items() if name != _OVER})

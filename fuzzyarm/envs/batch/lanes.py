@@ -67,7 +67,8 @@ class Lanes:
         self.drawn = np.empty((size(Draw), count if randomisation.varies else 0))
         self._drawn_info: dict[str, np.ndarray] = {}
         self._own, self._own_start_of, self._own_radius_of = self._tabulated(scenarios, np.arange(count))
-        self._return_to_own()
+        self._tables = self._own
+        self._start_of, self._radius_of = self._own_start_of.copy(), self._own_radius_of.copy()
         self._workers = Workers(count, threads)
         self.threads = self._workers.threads
 
