@@ -117,6 +117,11 @@ class Lanes:
         """The first arguments of `kernels.advance` and `kernels.advance_one`, with their shapes."""
         return self.values, self.clock, self._tables.table, self.period, self.substeps
 
+    @property
+    def longest_episode(self) -> int:
+        """Control steps of the longest of the lanes' own schedules."""
+        return max(schedule.steps for schedule in self._own.schedules)
+
     def close(self) -> None:
         """End the threads; a later step starts new ones."""
         self._workers.close()
