@@ -256,9 +256,10 @@ def test_every_pose_of_every_arm_fits_and_leaves_the_header_alone(length, q):
     np.testing.assert_array_equal(frame[: HEADER - 2, : WIDTH // 2], header[:, : WIDTH // 2])
 
 
-@pytest.mark.parametrize(
-    "way", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deepcopy", "pickle"]
-)
+COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda env: pickle.loads(pickle.dumps(env))}
+
+
+@pytest.mark.parametrize("way", COPIES)
 def test_a_copy_after_a_picture_draws_its_own(way, env):
     env.reset(seed=0)
     for _ in range(3):
