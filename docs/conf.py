@@ -1,5 +1,6 @@
 """Sphinx settings; build with ``python -m sphinx -W --keep-going docs docs/_build``."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -7,6 +8,9 @@ sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 from fuzzyarm import __version__
+
+# Tutorials call the command `fuzzyarm` of the interpreter that builds the pages.
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 
 project, author, copyright = "FuzzyArm", "the FuzzyArm authors", "the FuzzyArm authors"
 release = version = __version__
@@ -21,6 +25,7 @@ math_numfig = False
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
+nb_execution_in_temp = True
 nb_execution_show_tb = True
 nb_merge_streams = True
 
