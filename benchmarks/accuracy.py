@@ -13,9 +13,9 @@ from pathlib import Path
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 SUBSTEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
 
@@ -26,13 +26,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
     policy, result = load_policy("computed-torque"), {}
-    for case in CASES:
+    for case in PAPER_CASES:
         exact = exact_tips(policy, case)
         result[case] = {f"{h:g}": 1e6 * max_tip_difference(stepped_tips(policy, case, h), exact) for h in SUBSTEPS}
         cells = "  ".join(f"h = {h} s: {error:8.4f} µm" for h, error in result[case].items())
         print(f"{case:10}  {cells}", flush=True)
     if options.json:
-        document = {"command": "python benchmarks/accuracy.py", **provenance(), "max_tip_difference_um": result}
+        document = {"command": "python benchmarks/accuracy.py", **current_provenance(), "max_tip_difference_um": result}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

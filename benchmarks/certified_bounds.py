@@ -16,58 +16,44 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, pole_rate, search, slowest_error
-from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
+from fuzzyarm.eval.certified.extremes import decay_rates, disturbed_run, worst_posture
+from fuzzyarm.eval.certified.frozen import find_worst_point, gain_at, pole_rate
+from fuzzyarm.eval.certified.probes import library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.certified.rigid_rollout import Motion
+from fuzzyarm.eval.provenance import current_provenance
 
 RULES = (1, 2, 4, 8, 16, 32)
 DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long
-AMPLITUDE = 100.0  # [N m]
-LANES, DECAY_DURATION = 200, 0.2  # of undisturbed rollouts at random states
-NOTHING = joined(np.zeros((2, 1, 2)))
+WORST_GAIN, WORST_SUPPLY = "worst gain", "worst supply"  # names of the torques found by power iteration
 
 
 def decay(loop: RigidLoop) -> dict[str, float]:
     """Return the smallest rates of decay [1/s]: of V in rollouts, of V anywhere in the box, of a frozen pole."""
-    P, rng, n = loop.controller.P, np.random.default_rng(0), loop.states
-    slowest = search(loop, lambda F, G, omega: -lyapunov_rate(F, P))
-    q, dq = 0.999 * slowest.q[np.newaxis], 0.999 * slowest.dq[np.newaxis]
-    start = 1e-4 * slowest_error(frozen(loop, q, dq)[0], P)
-    one = simulate(loop, Uniform(q - start[:, :2], dq - start[:, 2:4]), start, NOTHING, 0.02, step=2e-5)
-    p = loop.controller.model.parameters
-    where = Uniform(*(rng.uniform(-0.6, 0.6, (LANES, 2)) * limit for limit in (p.joint_limit, p.velocity_limit)))
-    errors = 0.01 * rng.normal(size=(LANES, n)) @ np.linalg.cholesky(P).T
-    errors *= (rng.uniform(0.01, 0.3, LANES) / np.abs(errors[:, :2]).max(axis=1))[:, np.newaxis]
-    many = simulate(loop, where, errors, NOTHING, DECAY_DURATION)
+    rates = decay_rates(loop)
     return {
-        "observed": float(min(one.rate.min(), many.rate.min())),
-        "observed_random": float(many.rate.min()),
-        "lyapunov": -slowest.value,
-        "pole": -search(loop, lambda F, G, omega: -pole_rate(F)).value,
+        "observed": rates.observed,
+        "observed_random": rates.random,
+        "lyapunov": rates.in_box,
+        "pole": -find_worst_point(loop, lambda F, G, omega: -pole_rate(F)).value,
     }
 
 
 def gain(loop: RigidLoop) -> dict[str, Any]:
     """Return the largest gains [rad/(N m)] in rollouts and of frozen loops, and the share of the supply used."""
     alpha, gamma = loop.controller.alpha, loop.controller.gamma
-    at_rest = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
-    posture = Uniform(0.98 * at_rest.q[np.newaxis], np.zeros((1, 2)))
-    runs = [disturbed(loop, motion) for motion in (JointReference(), posture)]
+    runs = [disturbed(loop, motion) for motion in (JointReference(), worst_posture(loop))]
     (library_gain, probe), (worst, _) = (max(run[key] for run in runs) for key in ("library", "worst"))
     return {
         "observed": max(library_gain, worst),
         "observed_library": library_gain,
         "library_probe": probe,
         "supply_used": max(run["used"] for run in runs),
-        "frozen": search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
-        "frozen_shifted": search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
+        "frozen": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value,
+        "frozen_shifted": find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value,
         "certified": gamma,
     }
 
@@ -77,15 +63,15 @@ def disturbed(loop: RigidLoop, motion: Motion) -> dict[str, Any]:
     probes = library(DURATION)
     worst = {
         name: worst_torque(loop, motion, DURATION, stored=stored)
-        for name, stored in (("worst gain", False), ("worst supply", True))
+        for name, stored in ((WORST_GAIN, False), (WORST_SUPPLY, True))
     }
-    torques = AMPLITUDE * np.stack([*probes.values(), *worst.values()], axis=1)
-    run = simulate(loop, motion, np.zeros((torques.shape[1], loop.states)), joined(torques), DURATION)
+    run = disturbed_run(loop, motion, probes | worst, DURATION)
     if not run.in_box.all() or run.dissipation.max() > 0.0:
         raise RuntimeError("a rollout left the box or broke the dissipation inequality: the certificate is in doubt")
-    gains = [(float(value), name) for name, value in zip([*probes, *worst], run.gain.max(axis=0), strict=True)]
+    gains = dict(zip([*probes, *worst], run.gain.max(axis=0).tolist(), strict=True))
     used = 1.0 + run.dissipation[1:] / (loop.controller.gamma**2 * run.input[1:])
-    return {"library": max(gains[:-2]), "worst": max(gains[-2:]), "used": float(used.max())}
+    library_gain, worst_gain = (max((gains[name], name) for name in names) for names in (probes, worst))
+    return {"library": library_gain, "worst": worst_gain, "used": float(used.max())}
 
 
 def assess(rules: int) -> dict[str, Any]:
@@ -120,7 +106,7 @@ def main() -> None:
         cells = (cell(*row.values()).rjust(len(name)) for name, cell in COLUMNS.items())
         print(f"{rules:5}  " + "  ".join(cells), flush=True)
     if options.json:
-        document = {"command": "python benchmarks/certified_bounds.py", **provenance(), "bounds": result}
+        document = {"command": "python benchmarks/certified_bounds.py", **current_provenance(), "bounds": result}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

@@ -35,21 +35,23 @@ from rich.table import Table
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.policies.registry import policy_label
-from fuzzyarm.synthesis.design import Design, Specification, design, scaled_gain
+from fuzzyarm.policies import resolve
+from fuzzyarm.synthesis import Design, Specification, design
+from fuzzyarm.synthesis.search import scaled_gain
 
 COMMAND = "python benchmarks/complexity.py"
 RULES = tuple(sorted(NAMED_RULES))
 COMMON = Specification()
 """What every model is designed for, but for the premises kept."""
-GAIN_ROOM = 1.2  # the common gain bound over the gain that the 4-rule controller meets
+COMMON_RULES = 4
+GAIN_ROOM = 1.2  # the common gain bound over the gain that the controller of `COMMON_RULES` meets
 ROUNDS = 5
 PERIOD = 1e-3  # s
 PEER = "computed-torque"
@@ -96,7 +98,7 @@ SYNTHESIS = Quantity(
 )
 PREDICT = Quantity("control law, one step", "µs", lambda r: r["predict_us"], "{:.2f}", "time")
 FILE = Quantity("controller file", "kB", lambda r: 1e-3 * r["file_bytes"], "{:.1f}", "size", log=True, beside=(-10, 4))
-TIP_MAX, TIP_RMS = ({case: _tip_error(kind, case) for case in CASES} for kind in ("max", "rms"))
+TIP_MAX, TIP_RMS = ({case: _tip_error(kind, case) for case in PAPER_CASES} for kind in ("max", "rms"))
 PANELS = (GAMMA, GAIN, SYNTHESIS, PREDICT, FILE)
 LINES = (
     GAMMA,
@@ -136,7 +138,7 @@ def main() -> None:
 def measure() -> dict[str, Any]:
     """Return everything as one document for JSON, one row for each number of rules."""
     syntheses, controllers = synthesise()
-    bound = GAIN_ROOM * scaled_gain(controllers[4])
+    bound = GAIN_ROOM * scaled_gain(controllers[COMMON_RULES])
     with tempfile.TemporaryDirectory() as folder:
         files = {rules: Path(folder) / f"rules-{rules}.json" for rules in RULES}
         for rules, path in files.items():
@@ -158,7 +160,7 @@ def measure() -> dict[str, Any]:
     ]
     return {
         "command": COMMAND,
-        **provenance(),
+        **current_provenance(),
         "alpha": COMMON.alpha,
         "equal_gamma": COMMON.gamma,
         "equal_gain_bound": bound,
@@ -200,7 +202,7 @@ def synthesise() -> tuple[dict[int, Row], dict[int, Controller]]:
 
 def drive(files: dict[int, Path]) -> tuple[dict[int, Row], float]:
     """Return tip errors [mm] by case and the time of `predict` [µs] by number of rules, and the peer's time."""
-    names = {rules: policy_label(str(path)) for rules, path in files.items()}
+    names = {rules: resolve(path).label for rules, path in files.items()}
     config = EvaluationConfig(policies=(*map(str, files.values()), PEER), control_period=PERIOD)
     _progress(f"{ROUNDS} rounds of episodes")
     evaluations = [evaluate(config) for _ in range(ROUNDS)]

@@ -1,13 +1,13 @@
-"""The bandwidth of the computed-torque policy: as fast as is fair, by a rule that looks at the nominal case only.
+"""The bandwidth of the computed-torque policy: as high as a rule allows that considers the nominal case only.
 
     python benchmarks/computed_torque_tuning.py [--json FILE]
 
 Rule: the smallest rms motor-side joint error in the nominal case among the bandwidths 20, 25, ..., 160 rad/s whose
 upper gain margin on the sampled elastic arm is at least 2 (6 dB) and which stay stable with one extra sample of delay.
-Motor-side, because that is what a controller of this kind sees and can reduce; margins as in `fuzzyarm.eval.stability.linearisation`.
-The error includes the start: the motors begin at their static deflection, 1 to 2 mrad from the reference. A run alone
-does not show an unstable loop: the torque limits keep it in a small limit cycle and the episode ends regularly.
-Ten seconds.
+The motor side counts because a controller of this kind measures only the motors; the margins are those of
+`fuzzyarm.eval.stability.linearisation`. The error includes the start: the motors begin at their static deflection, 1 to
+2 mrad from the reference. A rollout alone does not show that a loop is unstable: the torque limits keep it in a small
+limit cycle, and the episode ends regularly. It takes ten seconds.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Predictor, rollout
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 ARM = ArmParameters()
 PERIOD = 1e-3  # s
@@ -60,8 +61,8 @@ COLUMNS = {
 
 def assess(policy: Predictor, name: str) -> dict[str, Any]:
     """Return one row: the nominal rollout and the margins; None for what an unstable loop does not have."""
-    run = rollout(FuzzyArmEnv("nominal"), policy, policy_name=name, case="nominal", seed=0)
-    measured = metrics(run) if run.completed else {}
+    run = record_rollout(FuzzyArmEnv("nominal"), policy, policy_name=name, case="nominal", seed=0)
+    measured = metrics_of(run) if run.completed else {}
     lower, upper = gain_margin(policy, ARM, control_period=PERIOD)
     row = {
         **measured,
@@ -129,7 +130,7 @@ def main() -> None:
     if options.json:
         document = {
             "command": "python benchmarks/computed_torque_tuning.py",
-            **provenance(),
+            **current_provenance(),
             "rule": RULE,
             "chosen_bandwidth": chosen,
             "stability_limit": {"no_extra_delay": limits[0], "one_sample": limits[1]},

@@ -27,16 +27,17 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.frozen import frozen
+from fuzzyarm.eval.certified.frozen import freeze
 from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import rollout
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.synthesis.design import DesignFailed, Specification, design
+from fuzzyarm.synthesis import DesignFailed, Specification, design
 
 RULES = (4, 2, 1)
 GAMMAS = (7e-5, 1e-4, 1.2e-4, 1.4e-4, 1.7e-4, 2e-4, 2.5e-4, 3e-4)  # rad/(N m)
@@ -55,7 +56,7 @@ def assess(rules: int, gamma: float, pole: float | None) -> dict[str, Any] | Non
         made = design(Specification(NAMED_RULES[rules], gamma=gamma, fastest_pole=pole))
     except DesignFailed:
         return None
-    row = {"rules": rules, "gamma": gamma, "fastest_pole": pole, "margin": made.certificate.margin}
+    row = {"rules": rules, "gamma": gamma, "fastest_pole": pole, "margin": made.certificate.proof_margin}
     return {**row, **judged(made.controller)}
 
 
@@ -80,7 +81,7 @@ def judged(controller: Controller) -> dict[str, Any]:
         "gain_margin_upper_1_sample_later": gain_limits(nominal, 1)[1],
     }
     for key, case in CASES.items():
-        measured = metrics(rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
+        measured = metrics_of(record_rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
         for name in ("joint_error_rms_mrad", "circularity_motor_min_mm", "circularity_motor_max_mm"):
             row[f"{key}_{name}"] = measured[name]
     return row
@@ -97,7 +98,7 @@ def rigid_poles(controller: Controller) -> tuple[float, float]:
     """Return the largest and the smallest real part [1/s] of the frozen rigid loop's poles over a grid in the box."""
     p = controller.model.parameters
     steps = np.array(list(itertools.product(*(np.linspace(-1.0, 1.0, n) for n in (9, 17, 5, 5)))))
-    F, _ = frozen(RigidLoop(controller), steps[:, :2] * p.joint_limit, steps[:, 2:] * p.velocity_limit)
+    F, _ = freeze(RigidLoop(controller), steps[:, :2] * p.joint_limit, steps[:, 2:] * p.velocity_limit)
     real = np.linalg.eigvals(F).real
     return float(real.max()), float(real.min())
 
@@ -133,7 +134,12 @@ def main() -> None:
         pole = "none" if best["fastest_pole"] is None else f"{best['fastest_pole']:g} 1/s"
         print(f"chosen for {rules} rules: gamma = {best['gamma']:g} rad/(N m), fastest pole {pole}", flush=True)
     if options.json:
-        document = {"command": "python benchmarks/gain_choice.py", **provenance(), "chosen": chosen, "rows": rows}
+        document = {
+            "command": "python benchmarks/gain_choice.py",
+            **current_provenance(),
+            "chosen": chosen,
+            "rows": rows,
+        }
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

@@ -1,6 +1,6 @@
-"""The two figures of `learned_comparison.py`: each learned policy where it is worst, and how it got there.
+"""The two figures of `learned_comparison.py`: the worst task of each learned policy, and the learning curves.
 
-It draws what it is given; what to show, what failed and what the texts say is the comparison's.
+This module only draws. The comparison decides what is shown, what failed and what the texts say.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator
 
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation import figures
@@ -25,7 +25,7 @@ from fuzzyarm.eval.evaluation import figures
 MAGNIFICATIONS = (100, 50, *figures.MAGNIFICATIONS)  # of a deviation, the largest that has room
 BOUND: Mapping[str, Any] = {"color": "#666666", "linewidth": 1.0, "linestyle": (0, (1, 2)), "zorder": 1.8}
 MEDIAN: Mapping[str, Any] = {"color": "#0072B2", "linewidth": 2.4, "zorder": 3.0}
-# Several seeds are a bundle of lines of which none matters by itself: one colour, and lighter than the median's.
+# The seeds share one colour, lighter than that of the median, because none of them matters by itself.
 SEED: Mapping[str, Any] = {"color": "#6BAAD0", "linewidth": 0.9, "zorder": 2.5}
 CROSS: Mapping[str, Any] = {"marker": "x", "markersize": 5.0, "markeredgewidth": 1.2}
 LEVEL_COLORS = ("#D55E00", "#333333", "#009E73", "#CC79A7", "#E69F00")
@@ -168,8 +168,8 @@ def draw_learning_curves(trainings: Sequence[Training], levels: Mapping[str, Map
     *parts, foot = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     for part, training in zip(parts, trainings, strict=True):
         part.suptitle(training.name, x=0.01, ha="left", fontsize=10.5, weight="bold")
-        row = part.subplots(1, len(CASES))
-        for axes, case in zip(row, CASES.values(), strict=True):
+        row = part.subplots(1, len(PAPER_CASES))
+        for axes, case in zip(row, (CASES[name] for name in PAPER_CASES), strict=True):
             _draw_curves(axes, training, case.name)
             for policy, level in levels[case.name].items():
                 axes.axhline(level, **looks[policy])
@@ -180,7 +180,7 @@ def draw_learning_curves(trainings: Sequence[Training], levels: Mapping[str, Map
     handles = [Line2D([], [], label="a seed", **SEED), Line2D([], [], label="median seed", **MEDIAN)]
     handles += [Line2D([], [], label=policy, **look) for policy, look in looks.items()]
     evaluations = (row for training in trainings for curve in training.curves.values() for row in curve)
-    if any(_ended_early(row, case) for row in evaluations for case in CASES):
+    if any(_ended_early(row, case) for row in evaluations for case in PAPER_CASES):
         handles.append(Line2D([], [], label="ended early", color="#333333", linestyle="none", **CROSS))
     foot.legend(handles=handles, loc="center", ncols=len(handles))
     return figure

@@ -1,4 +1,4 @@
-"""The eight tasks of `learned_comparison.py`, an episode of one, and when it has failed."""
+"""The eight tasks of `learned_comparison.py`, an episode of a task, and what counts as a failure."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Predictor, Rollout, rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.evaluation.ranking import LOST
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 CONTROL_PERIOD = 1e-3  # s
 MEASURES = {"tip_error_max_mm": "max [mm]", "tip_error_rms_mm": "rms [mm]"}
@@ -22,7 +23,7 @@ MEASURES = {"tip_error_max_mm": "max [mm]", "tip_error_rms_mm": "rms [mm]"}
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """What is to be followed, and under which load.
+    """A motion to be followed, and the load under which it is followed.
 
     Attributes:
         name: key in the document.
@@ -40,7 +41,7 @@ class Task:
 TASKS = {
     task.name: task
     for task in (
-        *(Task(case.name, case.title, case.name) for case in CASES.values()),
+        *(Task(name, CASES[name].title, name) for name in PAPER_CASES),
         Task("small", "Case 1, radius 0.15 m", reference=JointReference(Circle(radius=0.15))),
         Task("fast", "Case 1, in 1.2 s", reference=JointReference(duration=1.2)),
         Task("slow", "Case 1, in 2.0 s", reference=JointReference(duration=2.0)),
@@ -57,11 +58,11 @@ TASKS = {
 def episode(policy: Predictor, name: str, task: Task) -> Rollout:
     """Run one episode of a task."""
     env = FuzzyArmEnv(task.case, reference=task.reference, control_period=CONTROL_PERIOD)
-    return rollout(env, policy, policy_name=name, case=task.case, seed=0)
+    return record_rollout(env, policy, policy_name=name, case=task.case, seed=0)
 
 
 def failure(run: Rollout) -> tuple[str, int] | None:
-    """Return ``"ended early"`` or ``"lost the path"`` and at which sample that was; None for one that did neither."""
+    """Return ``"ended early"`` or ``"lost the path"`` with the sample where it happened; None if it did not fail."""
     if not run.completed:
         return "ended early", len(run.time) - 1
     far = 1e3 * run.tip_error > LOST
@@ -69,11 +70,11 @@ def failure(run: Rollout) -> tuple[str, int] | None:
 
 
 def assess(policy: Predictor, name: str, seed: int | None) -> list[dict[str, Any]]:
-    """Return one record per task; errors of an episode that ended early are those up to its end."""
+    """Return one record per task; the errors of an episode that ended early are those up to its end."""
     records = []
     for task in TASKS.values():
         run = episode(policy, name, task)
-        measured, failed = metrics(run), failure(run)
+        measured, failed = metrics_of(run), failure(run)
         records.append(
             {
                 "policy": name,

@@ -44,7 +44,7 @@ from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 PERIOD = 1e-3  # s, one control step
 OURS = 5  # sub-steps of our default, 0.2 ms
@@ -124,7 +124,7 @@ def mjcf(parameters: ArmParameters, payload: Payload, integrator: str, timestep:
 def link_with_payload(parameters: ArmParameters, payload: Payload) -> tuple[float, float, float]:
     """Return mass [kg], distance of the mass center from joint 2 [m] and inertia about it [kg m²] of link 2."""
     m, r, carried = parameters.mass[1], parameters.mass_center[1], payload.mass
-    at = parameters.length[1] if payload.at == "tip" else r
+    at = payload.radius(parameters)
     center = (m * r + carried * at) / (m + carried)
     return m + carried, center, parameters.inertia[1] + m * (r - center) ** 2 + carried * (at - center) ** 2
 
@@ -325,7 +325,7 @@ def main() -> None:
     default = Path(__file__).parent / "results" / "mujoco_arm.json"
     parser.add_argument("--json", type=Path, default=default, metavar="FILE", help="where to write the result")
     options, console = parser.parse_args(), Console()
-    result = {"command": "python benchmarks/mujoco_arm.py", **provenance()}
+    result = {"command": "python benchmarks/mujoco_arm.py", **current_provenance()}
     result["versions"]["mujoco"] = mujoco.__version__
     for name, parameters in ARMS.items():
         ours, rows = 1e6 * tip_error(our_advance(parameters, OURS), parameters), measure(parameters)

@@ -7,8 +7,8 @@ in mm. The arms follow the paper's circle with masses, motor inertias and stiffn
 within 50 % of what the policy knows, an unknown payload of up to 5 kg, an unknown tip force of up to 200 N in any
 direction from some instant of the first half on, and encoder noise. Cases 2 and 3 play no part; they are only reported.
 
-Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.stability.linearisation` is at most 0.997, so that of a small
-deviation an episode leaves a hundredth. It is active: accuracy is bought with margin.
+Constraint: in each of `CONDITIONS` the spectral radius of `fuzzyarm.eval.stability.linearisation` is at most 0.997, so
+that an episode reduces a small deviation to a hundredth. The constraint is active: more accuracy costs margin.
 
 Search: a Sobol set in the logarithms of `BOX`, then Nelder-Mead from its best points. Seeded; two and a half minutes.
 """
@@ -32,12 +32,14 @@ from scipy.stats import qmc
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import LocalLoop, gain_limits, largest_radius, linearise_path
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy, ObserverWeights
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 
 ARM = ArmParameters()
 PERIOD = 1e-3  # s
@@ -66,6 +68,7 @@ PLANTS = DomainRandomisation(
     viscous_friction=(0.5, 1.5),
     payload=(0.0, 5.0),
 )
+MIDDLE = slice(100, 1400)  # of an episode, without its start and its end: 0.1 to 1.4 s
 LARGEST_FORCE, LATEST_ONSET = 200.0, 0.75  # N, s
 
 STIFFNESS = {"stiffness x0.8": 0.8, "stiffness x1.2": 1.2}
@@ -187,7 +190,7 @@ def report(chosen: ObserverWeights) -> dict[str, Any]:
     """Return what the chosen weights give: margins, hold-out, the three cases, wrong stiffness, encoder noise."""
     policy = ElasticObserverPolicy(ARM, PERIOD, chosen)
     nominal = linearise_path(policy, ARM, PERIOD)
-    tasks = {name: (case.disturbance, ARM) for name, case in CASES.items()}
+    tasks = {name: (find_case(name).disturbance, ARM) for name in PAPER_CASES}
     tasks |= {f"nominal, stiffness x{factor:g}": (Disturbance(), stiffer(factor)) for factor in (0.95, 1.05)}
     tasks["nominal, encoder noise"] = (Disturbance(encoder_noise=NOISE), ARM)
     envs = gym.make_vec(
@@ -201,7 +204,7 @@ def report(chosen: ObserverWeights) -> dict[str, Any]:
     rows = [
         {"task": name, "max_mm": top, "rms_mm": mean, "max_mm_0.1_to_1.4_s": middle, "torque_rate_rms": change}
         for name, top, mean, middle, change in zip(
-            tasks, *(x.tolist() for x in (error.max(0), rms(error), error[100:1400].max(0), rate)), strict=True
+            tasks, *(x.tolist() for x in (error.max(0), rms(error), error[MIDDLE].max(0), rate)), strict=True
         )
     ]
     return {
@@ -245,7 +248,7 @@ def main() -> None:
     if options.json:
         document = {
             "command": "python benchmarks/observer_tuning.py",
-            **provenance(),
+            **current_provenance(),
             "weights": dataclasses.asdict(chosen),
             "objective_mm": cost,
             **found,

@@ -11,8 +11,9 @@ import time
 import numpy as np
 
 from fuzzyarm import load_policy
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.policies.registry import NAMES
+from fuzzyarm.envs.observation import SIZE
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.policies import NAMES
 
 LANES, CALLS, REPEATS = 1024, 300, 7
 
@@ -31,11 +32,11 @@ def seconds_per_call(name: str, observation: np.ndarray) -> float:
 
 def main() -> None:
     """Measure and print."""
-    observations = np.random.default_rng(0).normal(size=(LANES, 10))
+    observations = np.random.default_rng(0).normal(size=(LANES, SIZE))
     for name in NAMES:
         single, batch = seconds_per_call(name, observations[0]), seconds_per_call(name, observations)
         print(f"{name:16} one: {1e6 * single:5.1f} µs   batch of {LANES}: {1e6 * batch / LANES:6.3f} µs per lane")
-    print(provenance()["machine"])
+    print(current_provenance()["machine"])
 
 
 if __name__ == "__main__":

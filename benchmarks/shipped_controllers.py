@@ -21,8 +21,9 @@ import numpy as np
 import fuzzyarm.fuzzy_policy.controllers
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
-from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
-from fuzzyarm.synthesis.design import Specification, design
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES
+from fuzzyarm.synthesis import Specification, design
 
 GAMMA = {True: 1.4e-4, False: 2e-4}  # rad/(N m), by whether z1 is kept
 FASTEST_POLE = {True: 200.0, False: None}  # 1/s
@@ -39,22 +40,22 @@ def specifications() -> dict[str, Specification]:
         result[name] = Specification(
             NAMED_RULES[rules], "paper", gamma=1000.0, integral=integral, common_multiplier=common
         )
-    result["paper-32-integral"] = Specification(NAMED_RULES[32], "paper", gamma=1000.0)
+    result["paper-32-integral"] = Specification(PREMISES, "paper", gamma=1000.0)
     return result
 
 
 def raise_gains(controller: Controller, target: float) -> Controller:
     """Return a controller with a position gain of `target` [N m/rad] that the same theorem proves.
 
-    With S the columns 3, 4 of the identity, M' = M - ρ Sᵀ, X' = X + ρ S Sᵀ, Q' = Q - ρ z S Sᵀ adds to every Ψ, in the
+    With S the columns of q̇ of the identity, M' = M - ρ Sᵀ, X' = X + ρ S Sᵀ, Q' = Q - ρ z S Sᵀ adds to every Ψ, in the
     rows S of e and ė, ρ times [[-2z, z E], [z E, -2E]], which is negative semidefinite for z E <= 4: no
     inequality limits the gains, whatever ρ. (z1 must be kept, so that E is certain.)
     """
     n_e, n = controller.gains.shape[-1], len(controller.P)
-    S = np.eye(n)[:, 2:4]
-    largest = max(np.linalg.eigvalsh(E[2:, 2:])[-1] for E in controller.model.E_vertices)
+    S = np.eye(n)[:, VELOCITY]
+    largest = max(np.linalg.eigvalsh(E[VELOCITY, VELOCITY])[-1] for E in controller.model.E_vertices)
     inverse = np.linalg.inv(controller.P[:n_e, :n_e])
-    rho = target / np.abs(inverse[2:4, :2]).max()
+    rho = target / np.abs(inverse[VELOCITY, POSITION]).max()
     return dataclasses.replace(
         controller,
         gains=controller.gains - rho * S[:n_e].T @ inverse,

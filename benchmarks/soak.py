@@ -1,7 +1,7 @@
 """Soak: 1e8 env-steps of random and as many of controlled actions, without a number that is not finite.
 
-Every episode draws its plant, load, start and reference (randomisation "robust", machining force), sensors are noisy, and
-lanes begin anew by themselves. Memory is read along the way: it has to stay flat. `python benchmarks/soak.py`
+Every episode draws its plant, load, start and reference (randomisation "robust", machining force). Sensors are noisy,
+and lanes reset themselves. The memory in use is recorded and must not grow. `python benchmarks/soak.py`
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rich.progress import track
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, MachiningForce
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 
 LANES = 4096
 STORED = Path(__file__).parent / "results" / "soak.json"
@@ -36,7 +36,7 @@ def main() -> None:
     if not options.steps >= 10 * LANES:
         parser.error(f"--steps {options.steps:g} is out of range; allowed: {10 * LANES} or more")
     rows = [soak("random torques", random_torques(), options.steps), soak("fuzzy-4", controlled(), options.steps)]
-    document = {"lanes": LANES, "seed": 0, "rows": rows, "provenance": provenance()}
+    document = {"lanes": LANES, "seed": 0, "rows": rows, "provenance": current_provenance()}
     write_atomically(STORED, json.dumps(document, indent=2) + "\n")
     Console().print_json(json.dumps(rows))
 

@@ -39,16 +39,18 @@ from rich.table import Table
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.proof.block_matrix import he, symmetric
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import full_size, paper_formula, reduced_size
 from fuzzyarm.synthesis.conic import Problem, Program, program
-from fuzzyarm.synthesis.design import Specification, scaled_problem, to_controller
+from fuzzyarm.synthesis.designer import to_controller
 from fuzzyarm.synthesis.error_model import ErrorModel
 from fuzzyarm.synthesis.minimise import TOLERANCE, solve
 from fuzzyarm.synthesis.reduced import ReducedModel
+from fuzzyarm.synthesis.search import scaled_problem
+from fuzzyarm.synthesis.specification import Specification
 
 SMALL = [("consistent", 1), ("consistent", 2), ("consistent", 4), ("consistent", 8), ("paper", 4), ("paper", 8)]
 LARGE = [("consistent", 16), ("consistent", 32), ("paper", 32)]
@@ -92,7 +94,7 @@ def psi(system: ErrorModel, i: int, j: int, k: int, alpha: float, gamma2: float,
 
 def plain(system: ErrorModel, problem: Problem) -> tuple[cp.Problem, list[cp.Expression]]:
     """Return the design problem as the theorem states it, smallest gains, and its matrices Ψ."""
-    assert problem.minimise == "gain" and problem.gamma is not None
+    assert problem.minimise == "gain_bound" and problem.gamma is not None
     system = with_unit_weight(system, problem.gamma)
     n_e, n_r, n = system.blocks[0], len(system.feedforward), len(system.B)
     blocks, g = [cp.Variable((size, size), symmetric=True) for size in system.blocks], cp.Variable()
@@ -220,8 +222,8 @@ def measure(form: str, rules: int, repeats: int) -> dict[str, Any]:
         "form": TITLE[form],
         "repeats": repeats,
         "paper_formula": dataclasses.asdict(paper_formula(len(system.A), len(system.E))),
-        "full": dataclasses.asdict(full_size(system, gain_bound=True)),
-        "reduced": dataclasses.asdict(reduced_size(system, gain_bound=True)),
+        "full": dataclasses.asdict(full_size(system, gains_bounded=True)),
+        "reduced": dataclasses.asdict(reduced_size(system, gains_bounded=True)),
         **middle,
         "agree": abs(middle["cvxpy_objective"] / middle["objective"] - 1.0) < AGREEMENT,
         "other_solvers": {name: run_other(name, cone) for name in OTHER_SOLVERS},
@@ -281,7 +283,7 @@ def main() -> int:
         rows.append(measure(form, rules, repeats))
         print(f"{rules} rules, {TITLE[form]}: done", file=sys.stderr, flush=True)
     print_tables(rows)
-    made_on = {**provenance(), "threads": 1, "load_average_before": load, "load_average_after": os.getloadavg()}
+    made_on = {**current_provenance(), "threads": 1, "load_average_before": load, "load_average_after": os.getloadavg()}
     machine = made_on["machine"]
     for row in rows:
         if (row["status"], row["cvxpy_status"]) != ("Solved", "Solved"):

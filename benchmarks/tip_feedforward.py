@@ -19,11 +19,12 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Predictor, rollout
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
 LAWS = ("fuzzy-4", "computed-torque")
 VARIANTS: dict[str, dict[str, bool] | None] = {
@@ -40,8 +41,8 @@ def tip_error(policy: Predictor, case: str, stiffness: float = 1.0) -> dict[str,
     """Return maximum and rms tip error [mm] of one episode on a plant with `stiffness` times that of Table 1."""
     arm = ArmParameters()
     plant = dataclasses.replace(arm, stiffness=tuple(stiffness * k for k in arm.stiffness))
-    run = rollout(FuzzyArmEnv(case, parameters=plant), policy, policy_name="", case=case, seed=0)
-    values = metrics(run)
+    run = record_rollout(FuzzyArmEnv(case, parameters=plant), policy, policy_name="", case=case, seed=0)
+    values = metrics_of(run)
     return {"max_mm": values["tip_error_max_mm"], "rms_mm": values["tip_error_rms_mm"]}
 
 
@@ -53,7 +54,7 @@ def assess(law: str, variant: str) -> dict[str, Any]:
     return {
         "law": law,
         "variant": variant,
-        **{case: tip_error(policy, case) for case in CASES},
+        **{case: tip_error(policy, case) for case in PAPER_CASES},
         "stiffness_wrong": max(wrong, key=lambda errors: errors["max_mm"]),
     }
 
@@ -68,11 +69,17 @@ def main() -> None:
         for variant in VARIANTS:
             rows.append(row := assess(law, variant))
             cells = [
-                f"{key} {row[key]['max_mm']:.3g} / {row[key]['rms_mm']:.3g}" for key in (*CASES, "stiffness_wrong")
+                f"{key} {row[key]['max_mm']:.3g} / {row[key]['rms_mm']:.3g}"
+                for key in (*PAPER_CASES, "stiffness_wrong")
             ]
             print(f"{law:16} {variant:18} max / rms [mm]: {', '.join(cells)}", flush=True)
     if options.json:
-        document = {"command": "python benchmarks/tip_feedforward.py", **provenance(), "wrong": WRONG, "rows": rows}
+        document = {
+            "command": "python benchmarks/tip_feedforward.py",
+            **current_provenance(),
+            "wrong": WRONG,
+            "rows": rows,
+        }
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 

@@ -6,6 +6,7 @@ fuzzyarm evaluate --policy examples.own_controller:factory
 import gymnasium as gym
 import numpy as np
 
+from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 
 
@@ -15,14 +16,16 @@ class GravityPD:
     position_gain, velocity_gain = np.array([2.0e4, 4.0e3]), np.array([6.0e2, 1.0e2])  # N m/rad, N m s/rad
 
     def __init__(self, robot):
-        """Keep the arm; what it remembers between calls, a law returns as its state."""
+        """Keep the arm. A law that remembers something between calls returns it as its state."""
         self.arm = arm_constants(robot)
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         """Return motor torques [N m] and the next state, here none."""
-        q, dq, wanted, dwanted = (observation[..., k : k + 2] for k in (0, 2, 4, 6))
-        gravity = rigid_inverse_dynamics(wanted, np.zeros_like(q), np.zeros_like(q), self.arm)
-        return gravity - self.position_gain * (q - wanted) - self.velocity_gain * (dq - dwanted), state
+        o = observed(observation)
+        at_rest = np.zeros_like(o.q_reference)
+        gravity = rigid_inverse_dynamics(o.q_reference, at_rest, at_rest, self.arm)
+        error, error_rate = o.q_motor - o.q_reference, o.dq_motor - o.dq_reference
+        return gravity - self.position_gain * error - self.velocity_gain * error_rate, state
 
 
 def factory(control_period, robot):

@@ -1,4 +1,4 @@
-"""A task of your own: another path, another disturbance, the shipped controller.
+"""A scenario of your own: another path, another disturbance, the shipped controller.
 
 python examples/own_task.py
 """

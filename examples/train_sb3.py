@@ -1,10 +1,10 @@
-"""PPO of stable-baselines3 on one arm, torques held for 10 ms: the shortest way to see something learn here.
+"""PPO of stable-baselines3 on one arm, torques held for 10 ms: the shortest example of learning.
 
 python examples/train_sb3.py [steps]
 
-Half a minute on one core for 60,000 steps takes the mean tip error from 970 mm, where the untrained arm falls, to 12 mm
-with seed 0; seed 1 reached 7 mm and seed 2 only 280 mm: one arm is little to learn from. Nothing is saved, and 10 ms is
-not the 1 ms that `fuzzyarm evaluate` compares policies at. The real trainer is `fuzzyarm train ppo`.
+In half a minute on one core, 60,000 steps reduce the mean tip error from 970 mm, where the untrained arm falls, to
+12 mm with seed 0. Seed 1 reached 7 mm and seed 2 only 280 mm: a single arm gives little experience. Nothing is saved,
+and 10 ms is not the 1 ms at which `fuzzyarm evaluate` compares policies. The real trainer is `fuzzyarm train ppo`.
 """
 
 import argparse
@@ -23,7 +23,7 @@ def make_arm():
 
 
 def show(when):
-    """Drive one episode without exploration and print how far from its reference the tip was."""
+    """Run one episode without exploration and print the mean tip error."""
     arm, tip_errors, done = make_arm(), [], False
     observation, _ = arm.reset(seed=0)
     while not done:
@@ -41,7 +41,7 @@ steps = parser.parse_args().steps
 if steps < 1:
     parser.error(f"steps = {steps} is out of range; allowed: 1, 2, 3, ...")
 
-torch.set_num_threads(1)  # more do not pay for networks this small
+torch.set_num_threads(1)  # for networks this small more threads are not faster
 envs = VecNormalize(DummyVecEnv([make_arm]), norm_reward=False)
 settings = {"learning_rate": 1e-3, "n_steps": 1024, "batch_size": 128, "gamma": 0.98, "seed": 0, "device": "cpu"}
 model = PPO("MlpPolicy", envs, policy_kwargs={"log_std_init": -1.0}, **settings)

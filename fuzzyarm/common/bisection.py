@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+__all__ = ["last_that_works"]
+
 
 def last_that_works(
     works: Callable[[float], bool], good: float, bad: float, *, resolution: float, limit: float | None = None

@@ -15,6 +15,20 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+__all__ = [
+    "choice",
+    "distinct",
+    "finite_array",
+    "instance",
+    "interval",
+    "is_real",
+    "real",
+    "reals",
+    "shown",
+    "truth",
+    "whole",
+]
+
 Choice = TypeVar("Choice")
 
 SHOWN = 80  # characters of a value in a message
@@ -80,10 +94,11 @@ def reals(name: str, values: Any, count: int, unit: str = "", **bounds: float) -
         TypeError: the values are no sequence, or one of them is no real number.
         ValueError: there are more or fewer of them, or one is out of range.
     """
+    needed = f"must be {count} real numbers{_bracketed(unit)}; {_allowed(unit, **bounds)}"
     if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
-        raise TypeError(f"{name} = {shown(values)} must be {count} real numbers{_bracketed(unit)}")
-    if np.ndim(values) != 1 or len(values) != count:
-        raise ValueError(f"{name} = {shown(values)} must be {count} real numbers{_bracketed(unit)}")
+        raise TypeError(f"{name} = {shown(values)} {needed}")
+    if len(values) != count or (isinstance(values, np.ndarray) and values.ndim != 1):
+        raise ValueError(f"{name} = {shown(values)} {needed}")
     return tuple(real(f"{name}[{k}]", value, unit, **bounds) for k, value in enumerate(values))
 
 
@@ -113,6 +128,13 @@ def choice(name: str, value: Any, choices: Collection[Choice]) -> Choice:
         if type(one) is type(value) and one == value:
             return one
     raise ValueError(f"{name} = {shown(value)} is unknown; choose from: {', '.join(map(str, choices))}")
+
+
+def distinct(name: str, values: Sequence[Choice]) -> Sequence[Choice]:
+    """Return one or more values that all differ; ValueError otherwise."""
+    if not values or len(set(values)) != len(values):
+        raise ValueError(f"{name} = {shown(list(values))} must be one or more different names")
+    return values
 
 
 def instance(name: str, value: Any, kind: type[Choice]) -> Choice:
@@ -154,7 +176,13 @@ def shown(value: Any) -> str:
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 
-def _allowed(unit: str, above: float, low: float, high: float, below: float) -> str:
+def _allowed(
+    unit: str,
+    above: float = -math.inf,
+    low: float = -math.inf,
+    high: float = math.inf,
+    below: float = math.inf,
+) -> str:
     lower = f"({above:g}" if above >= low else f"[{low:g}"
     upper = f"{below:g})" if below <= high else f"{high:g}]"
     return f"allowed: {lower}, {upper}{_spaced(unit)}"

@@ -15,9 +15,11 @@ import os
 import stat
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 import msgspec
+
+__all__ = ["DEEPEST", "LARGEST", "DocumentError", "check_schema", "parse_json", "read_json", "read_toml", "record"]
 
 Record = TypeVar("Record")
 
@@ -69,15 +71,24 @@ def record(content: Any, kind: type[Record]) -> Record:
     Raises:
         ValueError: the content does not fit, or the record's own checks refuse a value; the message names the place.
     """
-    if isinstance(content, dict):
-        known = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
-        unknown = sorted(set(content) - known)
-        if unknown:
-            raise ValueError(f"unknown field {', '.join(map(str, unknown))[:80]}; known: {', '.join(sorted(known))}")
+    _refuse_unknown(content, kind)
     try:
         return msgspec.convert(content, kind, strict=True)
     except msgspec.ValidationError as error:
         raise ValueError(str(error).replace(" - at `$.", " at `").replace(" - at `$", " at `")) from None
+
+
+def _refuse_unknown(content: Any, kind: Any) -> None:
+    """Raise ValueError for a mapping with a key that the dataclass has no field for, also in dataclasses within it."""
+    if not (isinstance(content, dict) and dataclasses.is_dataclass(kind) and isinstance(kind, type)):
+        return
+    known = get_type_hints(kind)
+    unknown = sorted(map(str, set(content) - {field.name for field in dataclasses.fields(kind)}))
+    if unknown:
+        names = sorted(field.name for field in dataclasses.fields(kind))
+        raise ValueError(f"unknown field {', '.join(unknown)[:80]}; known: {', '.join(names)}")
+    for name, value in content.items():
+        _refuse_unknown(value, known[name])
 
 
 def check_schema(content: Any, schema: str) -> dict[str, Any]:

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO
 
+__all__ = ["write_atomically", "write_folder_atomically"]
+
 
 def write_atomically(path: Path, content: bytes | str) -> None:
     """Write `content` beside `path`, flush it to the disk, then rename: a reader or a crash never sees half a file.

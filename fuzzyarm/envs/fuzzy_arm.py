@@ -1,28 +1,44 @@
-"""The Gymnasium environment ``FuzzyArm-v0``."""
+"""The Gymnasium environment ``FuzzyArm-v0``.
+
+An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as two numbers,
+the block `layout.Work` in the kernel `kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that
+`integrator.step` advances. The results go back through the block into the observation and the dictionary `info`.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
+from numpy import empty
 
-from fuzzyarm.envs.batch.kernels import INFO, VECTORS, split
-from fuzzyarm.envs.batch.lanes import MAX_ACCELERATION, Lanes
-from fuzzyarm.envs.batch.tables import Task
+from fuzzyarm.envs.arguments import (
+    action_space,
+    chosen_disturbance,
+    chosen_reference,
+    chosen_scenario,
+    initial_state,
+    observation_space,
+    whole_substeps,
+)
+from fuzzyarm.envs.batch import kernels
+from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
+from fuzzyarm.envs.observation import JOINTS, SIZE
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.envs.termination import Termination
 
-MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
-RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
+__all__ = ["FuzzyArmEnv"]
+
+# Places of the vectors; plain numbers, for speed.
+_TIP, _TIP_REFERENCE, _Q_MOTOR, _DQ_MOTOR, _Q_LINK, _DQ_LINK, _TORQUE, _FRICTION, _FORCE = range(len(VECTORS))
+_ACTION_SHAPE, _VECTORS_SHAPE = (JOINTS,), (len(VECTORS), PLANAR)
 
 
 class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -30,8 +46,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Description
     The plant is equations (1)-(3) of the paper with Table 1: two motors, two links, joint springs and dampers,
-    friction with exact stick. The agent sees the **motor** side of the joints and the reference; what counts is the
-    **tip**, on the link side, which the joints' bending keeps from following the motors exactly.
+    friction with exact stick. The agent observes the **motor** side of the joints and the reference. The reward
+    depends on the **tip**, on the link side: the joints are elastic, so the tip does not follow the motors exactly.
 
     ## Action space
     `Box(2,)`: motor torques Γ [N m] within ±(500, 250). Larger finite torques are clipped and `info` says so; the
@@ -54,13 +70,13 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Starting state
     At rest, the links on the reference at t = 0, the motors at the static deflection under the gravity torque of the
-    *nominal* arm: a payload is felt from the first instant. No randomness unless the disturbance has encoder noise or
-    a randomisation is asked for.
+    *nominal* arm: a payload moves the arm from the first instant. Nothing is random unless the disturbance has encoder
+    noise or a domain randomisation is chosen.
 
     ## Episode end
     Terminated when a joint angle or velocity, motor or link, leaves the box (25) (|q| <= π, |q̇| <= 15 rad/s) or is
-    not finite; `info["reason"]` says which. A state that is not finite is not shown: the one before it is, with reward
-    0. Truncated when the reference ends (1.5 s, 1500 steps).
+    not finite; `info["reason"]` says which, see `Termination`. If the state becomes infinite or nan, the observation
+    and `info` repeat the last finite state, and the reward is 0. Truncated when the reference ends (1.5 s, 1500 steps).
 
     ## Info
     `time` [s], `tip`, `tip_reference` [m], `tip_error` [m], `circularity_error`, `circularity_error_motor` [m]
@@ -80,8 +96,17 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     `reference`, and `case` or `disturbance`.
 
     Raises:
+        TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range; the message names it and the choices.
         gymnasium.error.ResetNeeded: `step` before `reset` or after the end of an episode.
+
+    Examples:
+        >>> env = FuzzyArmEnv(case="machining")
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(np.zeros(2))
+        >>> observation.shape, terminated, truncated
+        ((10,), False, False)
+        >>> env.close()
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012  Gymnasium's own name and type
@@ -110,7 +135,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._reference = chosen_reference(reference, drawn, self.parameters)
         self._lanes = Lanes(
             [self.parameters],
-            [(self._disturbance, self._reference)],
+            [Scenario(self._disturbance, self._reference)],
             1,
             control_period=control_period,
             substeps=self.substeps,
@@ -131,29 +156,33 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             return self._reference
         if not self._begun:
             raise ResetNeeded("each episode draws its own reference: call env.reset() first")
-        return self._lanes.episode(0)[0]
+        return self._lanes.schedule(0)[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; `options` as in the class docstring, unknown ones raise ValueError."""
         super().reset(seed=seed)
-        self._ended = True  # until the end of this method: a reset that raises leaves no half-made episode to step
+        self._ended = True  # until the end of this method: after a reset that raises, step must raise too
         self._trace.clear()
-        task, initial = chosen_task(options or {}, (self._disturbance, self._reference)), None
+        scenario, initial = chosen_scenario(options or {}, Scenario(self._disturbance, self._reference)), None
         if options and options.get("initial_state") is not None:
             initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
-        # `np_random` is the user's; the episodes draw from a stream of their own with the same seed. A generator that
-        # the user has put in its place has no seed that Gymnasium knows: -1.
+        # `np_random` belongs to the user; the episodes draw from a stream of their own with the same seed. Gymnasium
+        # reports the seed -1 for a generator that the user has put in its place.
         seeds = None if self._begun and seed is None else [self.np_random_seed]
         if seeds is not None and seeds[0] < 0:
             seeds = [int(self.np_random.integers(2**63))]
-        results = self._lanes.reset(seeds, [task] if options else None, initial)
+        results = self._lanes.reset(seeds, [scenario] if options else None, initial)
+        self._arm = self._lanes.arrays
         self._begun = True
         self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
         observations, vectors, scalars = split(results)
-        inside = bool(scalars[-1, 0] == 0.0)  # a start outside the box ends with the first step
-        info = dict(zip(INFO, (*vectors[:, 0], *scalars[:6, 0].tolist(), inside, False), strict=True))
+        numbers = dict(zip(SCALARS, scalars[:, 0].tolist(), strict=True))
+        info = dict(zip(VECTORS, vectors[:, 0], strict=True)) | numbers
+        # A start outside the box ends with the first step.
+        info["in_domain"], info["torque_clipped"] = numbers["reason"] == Termination.NONE, False
+        info = {name: info[name] for name in INFO}
         self._ended = False
         if self._extras:
             self._complete(info)
@@ -163,40 +192,45 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Hold the torques `action` [N m] for one control period."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        observation, vectors = np.empty(10), np.empty((9, 2))
+        observation, vectors = empty(SIZE), empty(_VECTORS_SHAPE)
+        values, clock, table, period, substeps = self._arm
+        # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
         try:
             torque1, torque2 = action.tolist()
-            scalars = self._lanes.advance_one(torque1, torque2, observation, vectors)
+            scalars = kernels.advance_one(
+                values, clock, table, period, substeps, torque1, torque2, observation, vectors
+            )
         except (AttributeError, TypeError, ValueError):  # no array of two numbers
             torque1, torque2 = self._two_numbers(action)
-            scalars = self._lanes.advance_one(torque1, torque2, observation, vectors)
-        if scalars[-1] < 0:
+            scalars = kernels.advance_one(
+                values, clock, table, period, substeps, torque1, torque2, observation, vectors
+            )
+        time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
+        if reason < 0:
             limit = list(self.parameters.torque_limit)
             raise ValueError(f"action = {[torque1, torque2]} N m is not finite; allowed: ±{limit} N m")
-        # Written out for speed: this is half of a step's time.
-        time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
         self._ended = truncated or reason > 0
         info = {
             "time": time,
-            "tip": vectors[0],
-            "tip_reference": vectors[1],
+            "tip": vectors[_TIP],
+            "tip_reference": vectors[_TIP_REFERENCE],
             "tip_error": error,
             "circularity_error": circularity,
             "circularity_error_motor": motor,
-            "q_link": vectors[4],
-            "dq_link": vectors[5],
-            "q_motor": vectors[2],
-            "dq_motor": vectors[3],
-            "torque": vectors[6],
-            "friction_torque": vectors[7],
-            "external_force": vectors[8],
+            "q_link": vectors[_Q_LINK],
+            "dq_link": vectors[_DQ_LINK],
+            "q_motor": vectors[_Q_MOTOR],
+            "dq_motor": vectors[_DQ_MOTOR],
+            "torque": vectors[_TORQUE],
+            "friction_torque": vectors[_FRICTION],
+            "external_force": vectors[_FORCE],
             "in_domain": reason == 0,
             "torque_clipped": clipped,
             "reward_tracking": tracking,
             "reward_effort": effort,
         }
         if reason:
-            info["reason"] = REASONS[reason]
+            info["reason"] = Termination(reason).text
         if self._extras:
             self._complete(info)
         return observation, reward, reason > 0, truncated, info
@@ -217,9 +251,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @staticmethod
     def _two_numbers(action: Any) -> list[float]:
-        """Return what was given for an action as two numbers, or raise ValueError."""
+        """Return what was given for an action as two floats, or raise ValueError."""
         array = np.asarray(action)
-        if array.shape != (2,):
+        if array.shape != _ACTION_SHAPE:
             raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
         if array.dtype.kind not in "fiub":
             raise ValueError(f"action = {action!r} must be two real numbers, the motor torques [N m]")
@@ -251,99 +285,6 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             from fuzzyarm.envs.rendering import Renderer
 
             self._renderer = Renderer(self.render_mode == "human", self.metadata["render_fps"])
-        _, episode = self._lanes.episode(0)
-        picture: np.ndarray | None = self._renderer.draw(episode, np.array(self._trace), self._time, self.parameters)
+        _, schedule = self._lanes.schedule(0)
+        picture: np.ndarray | None = self._renderer.draw(schedule, np.array(self._trace), self._time, self.parameters)
         return picture
-
-
-def whole_substeps(control_period: float, substep: float | None) -> int:
-    """Return how many sub-steps make a control period; ValueError with both if it is not a whole number.
-
-    Without a sub-step: as many as keep it at `MAX_DEFAULT_SUBSTEP` or below.
-    """
-    if substep is None and 0.0 < control_period <= 0.1:
-        return math.ceil(control_period / MAX_DEFAULT_SUBSTEP - 1e-9)
-    substep = control_period if substep is None else substep
-    if not (math.isfinite(control_period) and math.isfinite(substep) and 0.0 < substep <= control_period <= 0.1):
-        raise ValueError(
-            f"control_period = {control_period!r} s, substep = {substep!r} s; "
-            "allowed: 0 < substep <= control_period <= 0.1 s"
-        )
-    count = round(control_period / substep)
-    if not math.isclose(count * substep, control_period, rel_tol=1e-9):
-        raise ValueError(
-            f"control_period = {control_period:g} s is no multiple of substep = {substep:g} s; "
-            f"use substep = {control_period / max(count, 1):g} s"
-        )
-    return count
-
-
-def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbance:
-    """Return the disturbance itself, or that of the named case."""
-    if disturbance is None:
-        return find_case(case).disturbance
-    if not isinstance(disturbance, Disturbance):
-        raise ValueError(f"disturbance = {disturbance!r} must be a fuzzyarm.envs.scenario.disturbances.Disturbance")
-    if case != "nominal":
-        raise ValueError(f"give either case = {case!r} or a disturbance, not both")
-    return disturbance
-
-
-def chosen_reference(
-    reference: JointReference | None, randomisation: DomainRandomisation, parameters: ArmParameters
-) -> JointReference | None:
-    """Return the reference itself, the paper's circle for this arm, or None where each episode draws its own."""
-    if reference is None:
-        return None if randomisation.references else JointReference(parameters=parameters)
-    if not isinstance(reference, JointReference):
-        raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.scenario.reference.JointReference")
-    if randomisation.references:
-        raise ValueError("give either a reference or a randomisation that draws references, not both")
-    return reference
-
-
-def check_options(options: dict[str, Any]) -> None:
-    """Raise ValueError for a reset option that does not exist."""
-    unknown = sorted(set(options) - set(RESET_OPTIONS))
-    if unknown:
-        raise ValueError(f"unknown reset option {', '.join(unknown)}; known: {', '.join(RESET_OPTIONS)}")
-
-
-def chosen_task(options: dict[str, Any], own: Task) -> Task:
-    """Return the task that reset options ask for."""
-    check_options(options)
-    disturbance, reference = own
-    if "case" in options or "disturbance" in options:
-        disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"))
-    if "reference" in options:
-        reference = options["reference"]
-        if not isinstance(reference, JointReference):
-            raise ValueError(f"reference = {reference!r} must be a fuzzyarm.envs.scenario.reference.JointReference")
-    return disturbance, reference
-
-
-def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
-    """Return a given start (8,), checked against the box (25)."""
-    p, state = parameters, np.array(given, dtype=np.float64)
-    high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(8)
-    if state.shape != (8,) or not np.all(np.abs(state) <= high):
-        raise ValueError(
-            f"initial_state = {np.asarray(given).tolist()} must be 8 finite numbers: motor angles, link angles "
-            f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= {p.velocity_limit} rad/s)"
-        )
-    return state
-
-
-def action_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
-    """Return the motor torques that the strongest of these arms can give."""
-    limit = np.max([arm.torque_limit for arm in parameters], axis=0).astype(np.float32)
-    return spaces.Box(-limit, limit)
-
-
-def observation_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
-    """Return what may be observed of these arms."""
-    q = np.max([arm.joint_limit for arm in parameters], axis=0)
-    dq = np.max([arm.velocity_limit for arm in parameters], axis=0)
-    # Motor readings get room beyond the box (25): the observation that ends an episode lies outside it.
-    high = np.concatenate([2.0 * q, 10.0 * dq, q, dq, np.full(2, MAX_ACCELERATION)])
-    return spaces.Box(-high, high, dtype=np.float64)

@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 
 from numba.extending import register_jitable
 
-JOINTS = 2
+from fuzzyarm.envs.physics.records import JOINTS
+
+__all__ = ["JOINTS", "MEASURED", "REFERENCE", "SIZE", "START", "Observation", "observed"]
 
 
 class Observation(NamedTuple):

@@ -11,12 +11,14 @@ import numpy as np
 import pygame
 from numpy.typing import ArrayLike
 
-from fuzzyarm.envs.batch.kernels import VECTORS
-from fuzzyarm.envs.batch.schedule import Episode
+from fuzzyarm.envs.batch.layout import VECTORS
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics.dynamics import tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance
+
+__all__ = ["Canvas", "Renderer", "View", "case_title", "magnified", "paint", "thinned"]
 
 MAGNIFICATION = 25  # of the tip error in the trace: a millimetre would be less than a pixel
 
@@ -33,6 +35,7 @@ INK, STEEL, REFERENCE = (38, 50, 62), (178, 194, 208), (156, 166, 176)
 TRACE, FORCE, PAYLOAD = (213, 94, 0), (0, 114, 178), (240, 228, 66)
 SMALL, LARGE = 22, 34  # font heights
 
+# Columns of the trace.
 TIP, TIP_REFERENCE, LINK, FORCE_ROW = map(VECTORS.index, ("tip", "tip_reference", "q_link", "external_force"))
 
 
@@ -67,23 +70,23 @@ class Renderer:
             pygame.display.set_caption("FuzzyArm-v0")
             pygame.display.set_mode((WIDTH, HEIGHT))
 
-    def draw(self, episode: Episode, trace: np.ndarray, time: float, parameters: ArmParameters) -> np.ndarray | None:
+    def draw(self, schedule: Schedule, trace: np.ndarray, time: float, parameters: ArmParameters) -> np.ndarray | None:
         """Draw the present instant and the trace up to it; return a new array (720, 720, 3) of uint8.
 
         In mode ``human`` the picture goes to the window instead, and nowhere once the user has closed it: then None.
 
         Args:
-            episode: the episode under way.
+            schedule: of the episode under way.
             trace: (k + 1, 9, 2), the `VECTORS` at t_0..t_k.
             time: t_k [s].
             parameters: the arm.
         """
         if not self._human:
-            paint(self._canvas, episode, trace, time, parameters)
+            paint(self._canvas, schedule, trace, time, parameters)
             return np.ascontiguousarray(pygame.surfarray.array3d(self._canvas.picture()).transpose(1, 0, 2))
         window = self._window()
         if window is not None:
-            paint(self._canvas, episode, trace, time, parameters)
+            paint(self._canvas, schedule, trace, time, parameters)
             window.blit(self._canvas.picture(), (0, 0))
             pygame.display.flip()
             self._clock.tick(self._fps)
@@ -102,7 +105,7 @@ class Renderer:
 
 
 class Canvas:
-    """Antialiased discs, lines, arrows and text, in pixels of the finished picture."""
+    """Antialiased discs, lines, arrows and text; places (2,) and lengths in units of pixels of the finished picture."""
 
     def __init__(self) -> None:
         """Make a surface in memory and load pygame's own font."""
@@ -150,10 +153,10 @@ class Canvas:
         self.surface.blit(glyphs, glyphs.get_rect(**{anchor: position}))
 
 
-def paint(canvas: Canvas, episode: Episode, trace: np.ndarray, time: float, parameters: ArmParameters) -> None:
-    """Paint the whole picture; arguments as in `Renderer.draw`."""
+def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, parameters: ArmParameters) -> None:
+    """Paint the whole picture; arguments in the shapes and units of `Renderer.draw`."""
     length = parameters.length
-    q = np.concatenate([episode.references[:, :2], trace[:, LINK]])
+    q = np.concatenate([schedule.references[:, :2], trace[:, LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)
     # The view holds the base, the reference and every pose so far: it widens only if the arm strays.
     view = View.fit(np.concatenate([np.zeros((1, 2)), elbow, tip]))
@@ -161,19 +164,19 @@ def paint(canvas: Canvas, episode: Episode, trace: np.ndarray, time: float, para
     canvas.surface.fill(PAPER)
     canvas.disc(view.base, view.scale * sum(length), REACH)
     canvas.disc(view.base, view.scale * abs(length[0] - length[1]), PAPER)
-    canvas.line(view.pixels(episode.targets[:, :2]), 5.0, REFERENCE)
+    canvas.line(view.pixels(schedule.targets[:, :2]), 5.0, REFERENCE)
     _paint_arm(canvas, joints, 0.032 * view.scale * sum(length))
-    payload = episode.disturbance.payload
+    payload = schedule.disturbance.payload
     if payload.mass > 0.0:
-        along = 1.0 if payload.at == "tip" else parameters.mass_center[1] / length[1]
+        along = payload.radius(parameters) / length[1]
         _paint_payload(canvas, joints[1] + along * (joints[2] - joints[1]), payload.mass)
-    _paint_force(canvas, joints[2], trace[-1, FORCE_ROW], np.linalg.norm(episode.forces, axis=1).max())
+    _paint_force(canvas, joints[2], trace[-1, FORCE_ROW], np.linalg.norm(schedule.forces, axis=1).max())
     errors = view.pixels(magnified(trace))
     for rim, colour in ((1.5, PAPER), (0.0, TRACE)):
         canvas.line(errors, 3.0 + 2.0 * rim, colour)
         canvas.disc(errors[-1], 6.0 + rim, colour)
     _paint_header(
-        canvas, case_title(episode.disturbance), time, float(np.hypot(*(trace[-1, TIP] - trace[-1, TIP_REFERENCE])))
+        canvas, case_title(schedule.disturbance), time, float(np.hypot(*(trace[-1, TIP] - trace[-1, TIP_REFERENCE])))
     )
     _paint_footer(canvas, view.scale)
 

@@ -9,19 +9,32 @@ from typing import Any, NamedTuple
 
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.dynamics import Arm, State, joint_torque
-from fuzzyarm.envs.physics.elementwise import root, sine_cosine
-from fuzzyarm.envs.physics.friction import friction_torque
+from fuzzyarm.envs.physics.dynamics import Arm, State
+from fuzzyarm.envs.physics.elementwise import root
+from fuzzyarm.envs.physics.readings import (
+    link_angles,
+    link_velocities,
+    motor_angles,
+    motor_friction,
+    motor_velocities,
+    tip_point,
+)
+from fuzzyarm.envs.physics.records import PerJoint, Point
+
+__all__ = [
+    "EFFORT_WEIGHT",
+    "TRACKING_LENGTH",
+    "Assessment",
+    "Limits",
+    "Target",
+    "assess",
+    "clipped",
+    "finite",
+]
 
 TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
 BEYOND_MEASURE = 1e13  # rad, rad/s; from about here on `sine_cosine` is nonsense and products overflow
 EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
-REASONS = (
-    "",
-    "a joint angle left the domain (25)",
-    "a joint velocity left the domain (25)",
-    "the state is not finite",
-)
 
 
 class Target(NamedTuple):
@@ -30,33 +43,25 @@ class Target(NamedTuple):
     The radius is 0 for a curve that is no circle.
     """
 
-    x: Any
-    y: Any
-    normal_x: Any
-    normal_y: Any
-    center_x: Any
-    center_y: Any
+    position: Point
+    normal: Point
+    center: Point
     radius: Any
 
 
 class Limits(NamedTuple):
     """Limits of the joint angles [rad], of their velocities [rad/s] and of the motor torques [N m]."""
 
-    angle1: Any
-    angle2: Any
-    velocity1: Any
-    velocity2: Any
-    torque1: Any
-    torque2: Any
+    angle: PerJoint
+    velocity: PerJoint
+    torque: PerJoint
 
 
-class Measured(NamedTuple):
-    """What `measured` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
+class Assessment(NamedTuple):
+    """What `assess` finds; lengths in m, torques in N m, the flags 0.0 or 1.0."""
 
-    tip_x: Any
-    tip_y: Any
-    friction_torque1: Any
-    friction_torque2: Any
+    tip: Point
+    friction_torque: PerJoint
     tip_error: Any
     circularity_error: Any
     circularity_error_motor: Any
@@ -68,38 +73,27 @@ class Measured(NamedTuple):
 
 
 @register_jitable(forceinline=True)
-def measured(
-    state: State, torque1: Any, torque2: Any, bias1: Any, bias2: Any, arm: Arm, limits: Limits, target: Target
-) -> Measured:
-    """Measure an arm under the controller's (clipped) torques and the biases that act beside them [N m].
+def assess(state: State, torque: PerJoint, bias: PerJoint, arm: Arm, limits: Limits, target: Target) -> Assessment:
+    """Assess an arm under the controller's (clipped) torques and the biases that act beside them [N m].
 
     reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm),
     effort = ((Γ_1/Γ_1max)² + (Γ_2/Γ_2max)²) / 2.
     """
-    tip_x, tip_y, deviation = _tip_and_deviation(state.link1, state.link2, arm, target)
-    _, _, motor_deviation = _tip_and_deviation(state.motor1, state.motor2, arm, target)
-    joint1, joint2 = joint_torque(state, arm)
-    net1, net2 = torque1 + bias1 - joint1, torque2 + bias2 - joint2
-    error = _norm(tip_x - target.x, tip_y - target.y)
-    effort1, effort2 = torque1 / limits.torque1, torque2 / limits.torque2
-    tracking, effort = 1.0 / (1.0 + error / TRACKING_LENGTH), 0.5 * (effort1 * effort1 + effort2 * effort2)
-    inside1 = (abs(state.motor1) <= limits.angle1) & (abs(state.link1) <= limits.angle1)
-    inside2 = (abs(state.motor2) <= limits.angle2) & (abs(state.link2) <= limits.angle2)
-    slow1 = (abs(state.motor_velocity1) <= limits.velocity1) & (abs(state.link_velocity1) <= limits.velocity1)
-    slow2 = (abs(state.motor_velocity2) <= limits.velocity2) & (abs(state.link_velocity2) <= limits.velocity2)
-    return Measured(
-        tip_x,
-        tip_y,
-        friction_torque(state.motor_velocity1, net1, arm.coulomb1, arm.static1, arm.stribeck_velocity),
-        friction_torque(state.motor_velocity2, net2, arm.coulomb2, arm.static2, arm.stribeck_velocity),
+    motor, link = motor_angles(state), link_angles(state)
+    tip = tip_point(link, arm)
+    error = _norm(tip.x - target.position.x, tip.y - target.position.y)
+    tracking, effort = 1.0 / (1.0 + error / TRACKING_LENGTH), _effort(torque, limits.torque)
+    return Assessment(
+        tip,
+        motor_friction(state, torque, bias, arm),
         error,
-        deviation,
-        motor_deviation,
+        _deviation(tip, target),
+        _deviation(tip_point(motor, arm), target),
         tracking,
         effort,
         tracking * (1.0 - EFFORT_WEIGHT * effort),
-        1.0 * (inside1 & inside2),
-        1.0 * (slow1 & slow2),
+        1.0 * (_within(motor, limits.angle) & _within(link, limits.angle)),
+        1.0 * (_within(motor_velocities(state), limits.velocity) & _within(link_velocities(state), limits.velocity)),
     )
 
 
@@ -112,27 +106,40 @@ def clipped(torque: Any, limit: Any) -> Any:
 @register_jitable(forceinline=True)
 def finite(state: State) -> Any:
     """Return 1.0 if the numbers of the state are finite, and small enough that whatever is measured is; else 0.0."""
-    motors = abs(state.motor1) + abs(state.motor2) + abs(state.motor_velocity1) + abs(state.motor_velocity2)
-    links = abs(state.link1) + abs(state.link2) + abs(state.link_velocity1) + abs(state.link_velocity2)
-    return 1.0 * (motors + links < BEYOND_MEASURE)
+    motors = _sizes(motor_angles(state), motor_velocities(state))
+    return 1.0 * (motors + _sizes(link_angles(state), link_velocities(state)) < BEYOND_MEASURE)
 
 
 @register_jitable(forceinline=True)
-def _tip_and_deviation(q1: Any, q2: Any, arm: Arm, target: Target) -> tuple[Any, Any, Any]:
-    """Return the tip (x, y) [m] at joint angles [rad] and its signed distance from the curve [m].
+def _deviation(tip: Point, target: Target) -> Any:
+    """Return the signed distance of a tip [m] from the curve.
 
     Outwards positive for a circle, else the component along the curve's left normal.
     """
-    sin1, cos1 = sine_cosine(q1)
-    sin12, cos12 = sine_cosine(q1 + q2)
-    x = arm.length1 * cos1 + arm.length2 * cos12
-    y = arm.length1 * sin1 + arm.length2 * sin12
     is_circle = 1.0 * (target.radius > 0.0)
-    outwards = _norm(x - target.center_x, y - target.center_y) - target.radius
-    sideways = (x - target.x) * target.normal_x + (y - target.y) * target.normal_y
-    return x, y, is_circle * outwards + (1.0 - is_circle) * sideways
+    outwards = _norm(tip.x - target.center.x, tip.y - target.center.y) - target.radius
+    sideways = (tip.x - target.position.x) * target.normal.x + (tip.y - target.position.y) * target.normal.y
+    return is_circle * outwards + (1.0 - is_circle) * sideways
+
+
+@register_jitable(forceinline=True)
+def _effort(torque: PerJoint, limit: PerJoint) -> Any:
+    """Return the mean over the joints of (Γ/Γ_max)²."""
+    share1, share2 = torque[0] / limit[0], torque[1] / limit[1]
+    return 0.5 * (share1 * share1 + share2 * share2)
+
+
+@register_jitable(forceinline=True)
+def _within(values: PerJoint, limit: PerJoint) -> Any:
+    """Return whether every joint is within its limit."""
+    return (abs(values[0]) <= limit[0]) & (abs(values[1]) <= limit[1])
 
 
 @register_jitable(forceinline=True)
 def _norm(x: Any, y: Any) -> Any:
     return root(x * x + y * y)
+
+
+@register_jitable(forceinline=True)
+def _sizes(angle: PerJoint, velocity: PerJoint) -> Any:
+    return abs(angle[0]) + abs(angle[1]) + abs(velocity[0]) + abs(velocity[1])

@@ -10,26 +10,33 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from fuzzyarm.envs.batch.kernels import INFO, SCALARS, split
-from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.tables import Task
-from fuzzyarm.envs.fuzzy_arm import (
+from fuzzyarm.common import checks
+from fuzzyarm.envs.arguments import (
+    STATE_SIZE,
     action_space,
     check_options,
+    checked_arm,
     chosen_disturbance,
     chosen_reference,
-    chosen_task,
+    chosen_scenario,
     initial_state,
     observation_space,
     whole_substeps,
 )
+from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.batch.layout import INFO, SCALARS, split
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.envs.termination import Termination
+
+__all__ = ["FuzzyArmVectorEnv"]
 
 REWARD, CLIPPED, OVER, REASON = map(SCALARS.index, ("reward", "torque_clipped", "truncated", "reason"))
+REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
 class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -50,6 +57,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     go on.
 
     Raises:
+        TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range, or a sequence has not one entry per lane; the message names
             the lane if there are several.
         gymnasium.error.ResetNeeded: `step` before `reset`.
@@ -72,15 +80,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs!r} is out of range; allowed: 1, 2, 3, ...")
-        if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
-            raise ValueError(f"threads = {threads!r} is out of range; allowed: 1, 2, 3, ... or None")
+        if threads is not None:
+            checks.whole("threads", threads, low=1)
         if render_mode is not None:
             raise ValueError(f"render_mode = {render_mode!r}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)")
-        self.num_envs = int(num_envs)
+        self.num_envs = checks.whole("num_envs", num_envs, low=1)
         self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
-        plants = _each(_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
+        plants = _each(checked_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = _each(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
@@ -88,7 +94,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._references = self._own_references(reference, plants)
         self._lanes = Lanes(
             plants,
-            _each(lambda *task: task, self._disturbances, self._references),
+            _each(Scenario, self._disturbances, self._references),
             self.num_envs,
             control_period=control_period,
             substeps=self.substeps,
@@ -108,13 +114,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode in every lane; seeds and options as in the class docstring."""
-        self._begun = False  # until the end of this method: a reset that raises leaves no half-made episodes to step
+        self._begun = False  # until the end of this method: after a reset that raises, step must raise too
         options = options or {}
         check_options(options)
         given = options.get("initial_state")
         initial = None if given is None else self._initial_states(given)
-        tasks = self._tasks({name: value for name, value in options.items() if name != "initial_state"})
-        observation, vectors, scalars = split(self._lanes.reset(self._seeds(seed), tasks, initial))
+        scenarios = self._scenarios({name: value for name, value in options.items() if name != "initial_state"})
+        observation, vectors, scalars = split(self._lanes.reset(self._seeds(seed), scenarios, initial))
         self._begun = True
         return observation, self._info(vectors, scalars)
 
@@ -123,8 +129,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
         torque = np.array(actions, dtype=np.float64, order="C")
-        if torque.shape != (self.num_envs, 2):
-            raise ValueError(f"actions have shape {torque.shape}; needed: {(self.num_envs, 2)}, motor torques [N m]")
+        if torque.shape != (self.num_envs, JOINTS):
+            needed = (self.num_envs, JOINTS)
+            raise ValueError(f"actions have shape {torque.shape}; needed: {needed}, motor torques [N m]")
         observation, vectors, scalars = split(self._lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
@@ -140,7 +147,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Raises:
             gymnasium.error.ResetNeeded: no episode has begun.
-            ValueError: a lane is in a task that reset options asked for.
+            ValueError: a lane is in a scenario that reset options asked for.
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.get_state()")
@@ -197,7 +204,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         terminated = scalars[REASON] != 0.0
         if terminated.any():
             reasons = np.full(self.num_envs, None, dtype=object)
-            reasons[terminated] = np.array(REASONS, dtype=object)[scalars[REASON, terminated].astype(int)]
+            reasons[terminated] = REASON_TEXTS[scalars[REASON, terminated].astype(int)]
             final_info.update(_masked({"reason": reasons}, terminated))
         return _masked({"final_obs": final_obs, "final_info": final_info}, ended)
 
@@ -222,13 +229,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         return _each(chosen, self._per_lane("reference", given), plants)
 
-    def _tasks(self, options: dict[str, Any]) -> list[Task] | None:
-        """Return the tasks that reset options ask for, None if they ask for none."""
+    def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
+        """Return the scenarios that reset options ask for, None if they ask for none."""
         if not options:
             return None
 
-        def chosen(disturbance: Disturbance, reference: JointReference | None, *values: Any) -> Task:
-            return chosen_task(dict(zip(options, values, strict=True)), (disturbance, reference))
+        def chosen(disturbance: Disturbance, reference: JointReference | None, *values: Any) -> Scenario:
+            return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference))
 
         given = [self._per_lane(name, value) for name, value in options.items()]
         return _each(chosen, self._disturbances, self._references, *given)
@@ -236,8 +243,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _initial_states(self, given: Any) -> np.ndarray:
         """Return checked starts (num_envs, 8) from one (8,) or one per lane."""
         states = np.array(given, dtype=np.float64)
-        if states.shape not in ((8,), (self.num_envs, 8)):
-            raise ValueError(f"initial_state has shape {states.shape}; allowed: (8,) or {(self.num_envs, 8)}")
+        one, all_lanes = (STATE_SIZE,), (self.num_envs, STATE_SIZE)
+        if states.shape not in (one, all_lanes):
+            raise ValueError(f"initial_state has shape {states.shape}; allowed: {one} or {all_lanes}")
         rows = [states] if states.ndim == 1 else list(states)
         checked = _each(initial_state, rows, self._plants)
         return np.array(checked * self.num_envs if len(checked) == 1 else checked)
@@ -258,7 +266,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 def _each(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     """Return make(*row) for each lane's row of the columns; a column of one entry is for all lanes.
 
-    A ValueError names its lane, if there are several.
+    An error names its lane, if there are several.
     """
     count = max(map(len, columns))
     rows = zip(*(list(column) * count if len(column) == 1 else column for column in columns), strict=True)
@@ -266,23 +274,13 @@ def _each(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     for lane, row in enumerate(rows):
         try:
             made.append(make(*row))
-        except ValueError as error:
-            raise ValueError(f"lane {lane}: {error}" if count > 1 else str(error)) from None
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"lane {lane}: {error}" if count > 1 else str(error)) from None
     return made
 
 
-def _arm(given: Any) -> ArmParameters:
-    if not isinstance(given, ArmParameters):
-        raise ValueError(f"parameters = {given!r} must be a fuzzyarm.envs.physics.parameters.ArmParameters")
-    return given
-
-
 def _seed(given: Any) -> Any:
-    if given is None:
-        return None
-    if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 0:
-        raise ValueError(f"seed = {given!r} is out of range; allowed: 0, 1, 2, ...")
-    return int(given)
+    return None if given is None else checks.whole("seed", given)
 
 
 def _values(vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:

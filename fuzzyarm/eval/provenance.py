@@ -1,4 +1,4 @@
-"""What a result was made with, so that it can be made again."""
+"""What a result was made with, so that it can be reproduced."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-LIBRARIES = ("fuzzyarm", "numpy", "numba", "gymnasium", "scipy", "clarabel", "python-flint")
+__all__ = ["current_provenance"]
+
+_LIBRARIES = ("fuzzyarm", "numpy", "numba", "gymnasium", "scipy", "clarabel", "python-flint")
 
 
-def provenance() -> dict[str, Any]:
-    """Return version, commit, library versions and machine. The commit is None outside a git checkout."""
+def current_provenance() -> dict[str, Any]:
+    """Return commit, versions of Python and the libraries, and machine, as results store them.
+
+    The commit is None outside a git checkout of the package.
+    """
     return {
         "commit": _commit(),
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}},
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in _LIBRARIES}},
         "machine": {"system": platform.platform(), "cpu": _cpu(), "cores": os.cpu_count()},
     }
 
@@ -39,7 +44,7 @@ def _commit() -> str | None:
 
 
 def _git(*arguments: str, cwd: Path) -> str:
-    # `ls-files` guards against an installed package that happens to lie inside somebody else's checkout.
+    # `ls-files` fails for a package that is installed inside a checkout of another project.
     subprocess.run(
         ["git", "ls-files", "--error-unmatch", __file__], cwd=cwd, check=True, capture_output=True, timeout=10
     )

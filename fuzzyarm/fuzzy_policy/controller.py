@@ -15,20 +15,57 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import choice, finite_array, real, shown
+from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
+__all__ = ["FORMS", "POLE_ARRAYS", "Controller", "ControllerFileError"]
+
 SCHEMA = "fuzzyarm-controller/1"
-FORMS = ("consistent", "paper")
+FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
 ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
-POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")
+POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
 OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # not in the file where there is none
-MAX_BYTES = 64 * 1024 * 1024  # far above the largest model's file; a bigger one is not ours
+MAX_BYTES = 64 * 1024 * 1024  # far above the file of the largest model
+
+
+_ABSENT = "absent"  # no hexadecimal number: a field that the file does not have
 
 
 class ControllerFileError(ValueError):
-    """A controller file is damaged, foreign or made for another robot; the message says which."""
+    """A controller file is damaged, no controller file, or made for another robot; the message says which."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Document:
+    """The content of a controller file; numbers are still texts, exact in hexadecimal, and arrays nested lists."""
+
+    schema: str
+    robot: dict[str, Any]
+    kept: tuple[str, ...]
+    bounds: Any
+    form: str
+    integral: bool
+    common_multiplier: bool
+    alpha: Any
+    gamma: Any
+    origin: dict[str, str]
+    weight: Any
+    gains: Any
+    feedforward: Any
+    P: Any
+    Q: Any
+    X: Any
+    tau: Any
+    digest: str
+    fastest_pole: Any = _ABSENT
+    pole_Q: Any = None
+    pole_X: Any = None
+    pole_tau: Any = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,30 +118,13 @@ class Controller:
     pole_tau: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and values."""
-        for name in ("alpha", "gamma"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ControllerFileError(f"{name} = {value} is out of range; allowed: (0, inf)")
-        if self.form not in FORMS:
-            raise ControllerFileError(f"form = {self.form!r} is unknown; choose from: {', '.join(FORMS)}")
-        pole = self.fastest_pole
-        if pole is not None and not self.alpha < pole < math.inf:
-            raise ControllerFileError(f"fastest_pole = {pole} is out of range; allowed: (alpha, inf)")
-        for name, shape in self._shapes().items():
-            given = getattr(self, name)
-            if shape is None or given is None:
-                if not (shape is None and given is None):
-                    lone = name in POLE_ARRAYS and self.form == "consistent"
-                    other = f"fastest_pole = {pole}" if lone else f"the {self.form} form"
-                    raise ControllerFileError(f"{name} does not go with {other}")
-                continue
-            array = np.array(given, dtype=np.float64)
-            if array.shape != shape or not np.isfinite(array).all():
-                raise ControllerFileError(f"{name} must hold finite numbers of shape {shape}; it has {array.shape}")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-        if pole is not None and self.form != "consistent":
+        """Check shapes and values, and take read-only copies of the arrays."""
+        try:
+            self._check_numbers()
+            self._take_arrays()
+        except (TypeError, ValueError) as error:
+            raise ControllerFileError(str(error)) from None
+        if self.fastest_pole is not None and self.form != "consistent":
             raise ControllerFileError(f"fastest_pole does not go with the {self.form} form")
         n_e = self.gains.shape[-1]
         if not np.array_equal(self.P, self.P.T) or self.P[:n_e, n_e:].any():
@@ -112,17 +132,37 @@ class Controller:
         if self.weight is not None and self.weight.min() <= 0.0:
             raise ControllerFileError(f"weight = {self.weight.tolist()} is out of range; allowed: (0, inf)")
 
+    def _check_numbers(self) -> None:
+        real("alpha", self.alpha, "1/s", above=0.0)
+        real("gamma", self.gamma, above=0.0)
+        choice("form", self.form, FORMS)
+        if self.fastest_pole is not None and not self.alpha < self.fastest_pole < math.inf:
+            raise ValueError(f"fastest_pole = {self.fastest_pole} is out of range; allowed: (alpha, inf)")
+
+    def _take_arrays(self) -> None:
+        for name, shape in self._shapes().items():
+            given = getattr(self, name)
+            if (shape is None) != (given is None):
+                of_pole = name in POLE_ARRAYS and self.form == "consistent"
+                other = f"fastest_pole = {self.fastest_pole}" if of_pole else f"the {self.form} form"
+                raise ValueError(f"{name} does not go with {other}")
+            if shape is not None:
+                array = finite_array(name, given, shape)
+                array.flags.writeable = False
+                object.__setattr__(self, name, array)
+
     def _shapes(self) -> dict[str, tuple[int, ...] | None]:
         """Return the shape of each array; None where the form has none."""
         paper, pole = self.form == "paper", self.fastest_pole is not None and self.form == "consistent"
-        n_e, N, N_e = (6 if self.integral else 4), len(self.model.A_vertices), len(self.model.E_vertices)
-        n, pairs, m = n_e + 4 * paper, N * (N + 1) // 2, len(self.model.uncertainties)
+        n_e, reference_states = ERROR_STATES if self.integral else PLANT_STATES, PLANT_STATES if paper else 0
+        N, N_e, m = len(self.model.A_vertices), len(self.model.E_vertices), len(self.model.uncertainties)
+        n, pairs = n_e + reference_states, N * (N + 1) // 2
         if self.common_multiplier:
             m = len({u.on for u in self.model.uncertainties})
         return {
-            "weight": (4,) if paper else None,
-            "gains": (N, N_e, 2, n_e),
-            "feedforward": (N, N_e, 2, 6) if paper else None,
+            "weight": (PLANT_STATES,) if paper else None,
+            "gains": (N, N_e, JOINTS, n_e),
+            "feedforward": (N, N_e, JOINTS, 3 * JOINTS) if paper else None,
             "P": (n, n),
             "Q": (pairs, n, n),
             "X": (pairs, n, n),
@@ -137,9 +177,9 @@ class Controller:
         """L (N, N_e, 2, 6): the stored one, or L_ik = [-A_pi[3:4, :], E_pk[3:4, 3:4]] of the consistent form."""
         if self.feedforward is not None:
             return self.feedforward
-        return np.array(
-            [[np.hstack([-A[2:], E[2:, 2:]]) for E in self.model.E_vertices] for A in self.model.A_vertices]
-        )
+        model = self.model
+        pairs = [[(-A[VELOCITY], E[VELOCITY, VELOCITY]) for E in model.E_vertices] for A in model.A_vertices]
+        return np.array([[np.hstack(pair) for pair in row] for row in pairs])
 
     def save(self, path: str | Path) -> None:
         """Write the controller file, whole or not at all."""
@@ -147,6 +187,18 @@ class Controller:
 
     def to_json(self) -> str:
         """Return the text of the controller file."""
+        encoded = self._encoded()
+        encoded["digest"] = _digest(encoded)
+        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in encoded.items())
+        return "{\n" + ",\n".join(lines) + "\n}\n"
+
+    @property
+    def digest(self) -> str:
+        """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
+        return _digest(self._encoded())
+
+    def _encoded(self) -> dict[str, Any]:
+        """Return the content of the controller file without its digest."""
         document = {
             "schema": SCHEMA,
             "robot": self.model.parameters.to_dict(),
@@ -161,10 +213,8 @@ class Controller:
             **{name: getattr(self, name) for name in ARRAYS},
             **{name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None},
         }
-        encoded = _encode(document)
-        encoded["digest"] = _digest(encoded)
-        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in encoded.items())
-        return "{\n" + ",\n".join(lines) + "\n}\n"
+        encoded: dict[str, Any] = _encode(document)
+        return encoded
 
     @classmethod
     def load(cls, path: str | Path) -> Controller:
@@ -174,49 +224,38 @@ class Controller:
             ControllerFileError: not a controller file, of another version, damaged, or inconsistent.
             OSError: the file cannot be read.
         """
-        path = Path(path)
-        if path.stat().st_size > MAX_BYTES:
-            raise ControllerFileError(f"{path} is larger than {MAX_BYTES} bytes: not a controller file")
         try:
-            document = json.loads(path.read_text(encoding="utf-8"))
-        except (ValueError, RecursionError) as error:
-            raise ControllerFileError(f"{path} is not JSON: {str(error)[:80]}") from None
-        try:
-            return cls._from_document(document)
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            problem = f"field {error} is missing" if isinstance(error, KeyError) else str(error)
-            raise ControllerFileError(f"{path}: {problem}") from None
+            return cls._from_document(read_json(Path(path), largest=MAX_BYTES))
+        except DocumentError as error:  # names the file itself
+            raise ControllerFileError(str(error)) from None
+        except (TypeError, ValueError) as error:
+            raise ControllerFileError(f"{path}: {error}") from None
 
     @classmethod
-    def _from_document(cls, document: Any) -> Controller:
-        if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-            found = document.get("schema") if isinstance(document, dict) else None
-            raise ControllerFileError(f"schema is {found!r}, this version reads {SCHEMA!r}")
-        if document["digest"] != _digest({key: value for key, value in document.items() if key != "digest"}):
+    def _from_document(cls, content: Any) -> Controller:
+        check_schema(content, SCHEMA)
+        document = record(content, _Document)
+        if document.digest != _digest({key: value for key, value in content.items() if key != "digest"}):
             raise ControllerFileError("the digest does not match: the file was changed after it was written")
-        for name in ("integral", "common_multiplier"):
-            if not isinstance(document[name], bool):
-                raise ControllerFileError(f"{name} must be true or false")
-        model = TSModel(ArmParameters.from_dict(_decode(document["robot"])), tuple(document["kept"]))
-        if not np.array_equal(np.array(_decode(document["bounds"])), model.bounds):
+        model = TSModel(ArmParameters.from_dict(_decode(document.robot)), document.kept)
+        if not np.array_equal(np.array(_decode(document.bounds)), model.bounds):
             raise ControllerFileError("the premise bounds do not belong to the robot parameters: the file was changed")
-        given = {name: document[name] for name in ARRAYS} | {name: document.get(name) for name in POLE_ARRAYS}
+        given = {name: getattr(document, name) for name in (*ARRAYS, *POLE_ARRAYS)}
         arrays: dict[str, Any] = {
             name: None if value is None else np.array(_decode(value)) for name, value in given.items()
         }
         # A model without dropped premises has no multipliers: JSON keeps no shape of an empty array.
         if arrays["tau"] is not None and arrays["tau"].size == 0:
-            arrays["tau"] = np.zeros((len(document["Q"]), len(model.E_vertices), 0))
-        origin = {str(key): str(value) for key, value in document["origin"].items()}
+            arrays["tau"] = np.zeros((len(document.Q), len(model.E_vertices), 0))
         return cls(
             model=model,
-            form=document["form"],
-            integral=document["integral"],
-            common_multiplier=document["common_multiplier"],
-            alpha=_decode(document["alpha"]),
-            gamma=_decode(document["gamma"]),
-            fastest_pole=_decode(document["fastest_pole"]) if "fastest_pole" in document else None,
-            origin=origin,
+            form=document.form,
+            integral=document.integral,
+            common_multiplier=document.common_multiplier,
+            alpha=_decode(document.alpha),
+            gamma=_decode(document.gamma),
+            fastest_pole=None if document.fastest_pole is _ABSENT else _decode(document.fastest_pole),
+            origin=document.origin,
             **arrays,
         )
 
@@ -245,4 +284,4 @@ def _decode(value: Any) -> Any:
         return [_decode(entry) for entry in value]
     if isinstance(value, dict):
         return {key: _decode(entry) for key, entry in value.items()}
-    raise ControllerFileError(f"{str(value)[:40]!r} is not an exact hexadecimal float")
+    raise ControllerFileError(f"{shown(value)} is not an exact hexadecimal float")

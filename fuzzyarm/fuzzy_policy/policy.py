@@ -1,36 +1,67 @@
-"""What the fixed policies share: the `predict` protocol of stable-baselines3, single and batched."""
+"""What all policies share: the `predict` protocol of stable-baselines3, single and batched."""
 
 from __future__ import annotations
 
 import abc
-import math
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from fuzzyarm.common.checks import real
+from fuzzyarm.envs.observation import JOINTS, SIZE
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
-OBSERVATION_SIZE = 10
+if TYPE_CHECKING:
+    from fuzzyarm.envs.scenario.reference import JointReference
+    from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
+
+__all__ = ["Policy", "Predictor"]
+
+
+class Predictor(Protocol):
+    """Anything with the `predict` of stable-baselines3."""
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Return the action (2,) or (lanes, 2) [N m] and the next state."""
+        ...
 
 
 class Policy(abc.ABC):
-    """A fixed feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
+    """A feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
 
     Torques are clipped to the robot's limits.
 
     Attributes:
-        memory_size: numbers that a lane remembers, all zero when an episode begins. Two, if not said otherwise: the
+        parameters: the arm, as the policy knows it.
+        control_period: T, time between two calls of `predict` [s].
+        memory_size: numbers that a lane remembers, all zero when an episode begins. By default one for each joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
+        action_period: time for which an action is held [s]; the control period, if not said otherwise.
     """
 
-    memory_size = 2
+    memory_size = JOINTS
 
     def __init__(self, parameters: ArmParameters, control_period: float) -> None:
-        """Keep the robot and the control period T [s]."""
-        if not (math.isfinite(control_period) and control_period > 0.0):
-            raise ValueError(f"control_period = {control_period!r} s is out of range; allowed: (0, inf) s")
-        self.parameters, self.control_period = parameters, control_period
+        """Keep the robot and the control period T [s].
+
+        Raises:
+            TypeError: the control period is no number.
+            ValueError: it is not positive.
+        """
+        self.parameters, self.control_period = parameters, real("control_period", control_period, "s", above=0.0)
+        self.action_period = self.control_period
         self._torque_limit = np.array(parameters.torque_limit)
+
+    def without_dry_friction(self) -> Policy:
+        """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""
+        return self
 
     @abc.abstractmethod
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
@@ -38,6 +69,10 @@ class Policy(abc.ABC):
 
         For `observation` (lanes, 10); nothing is checked, see `predict`.
         """
+
+    def certificate(self, reference: JointReference) -> PolicyCertificate | None:
+        """Return what is proven of this policy along a reference; None where nothing is."""
+        return None
 
     def predict(
         self,
@@ -60,10 +95,11 @@ class Policy(abc.ABC):
         Raises:
             ValueError: an argument has a wrong shape.
         """
-        given = np.asarray(observation, dtype=np.float64)
-        if given.ndim not in (1, 2) or given.shape[-1] != OBSERVATION_SIZE:
-            raise ValueError(f"observation has shape {given.shape}; allowed: (10,) or (lanes, 10)")
-        batch = np.ascontiguousarray(given[np.newaxis] if given.ndim == 1 else given)
+        given = np.asarray(observation, dtype=np.float64, order="C")
+        single = given.ndim == 1
+        if not (single or given.ndim == 2) or given.shape[-1] != SIZE:
+            raise ValueError(f"observation has shape {given.shape}; allowed: ({SIZE},) or (lanes, {SIZE})")
+        batch = given[np.newaxis] if single else given
         lanes = len(batch)
         if state is None:
             memory = np.zeros((lanes, self.memory_size))
@@ -77,15 +113,15 @@ class Policy(abc.ABC):
                 if starts.shape != (lanes,):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0
-        action = np.empty((lanes, 2))
+        action = np.empty((lanes, JOINTS))
         self.act(batch, memory, action)
         _clip(action, self._torque_limit)
-        return (action[0], memory[0]) if given.ndim == 1 else (action, memory)
+        return (action[0], memory[0]) if single else (action, memory)
 
 
 @kernel
 def _clip(torque: np.ndarray, limit: np.ndarray) -> None:
     """Bring torques (lanes, 2) within ±limit (2,), in place."""
     for lane in range(len(torque)):
-        for joint in range(2):
+        for joint in range(JOINTS):
             torque[lane, joint] = min(max(torque[lane, joint], -limit[joint]), limit[joint])

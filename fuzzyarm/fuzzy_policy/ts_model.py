@@ -19,15 +19,33 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants, inertia_and_gravity
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.states import PLANT_STATES
+
+__all__ = [
+    "DEFAULT_KEPT",
+    "NAMED_RULES",
+    "PREMISES",
+    "Polytope",
+    "TSModel",
+    "Uncertainty",
+    "descriptor_terms",
+    "premise_bounds",
+    "premises",
+]
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
+"""Names of the premises, in the order of the paper."""
+DEFAULT_KEPT = ("z1", "z3")
+"""Kept premises where nothing else is said: four rules."""
+
 NAMED_RULES = {
     32: ("z1", "z2", "z3", "z4", "z5"),
     16: ("z1", "z2", "z3", "z4"),
     8: ("z1", "z2", "z3"),
-    4: ("z1", "z3"),
+    4: DEFAULT_KEPT,
     2: ("z3",),
     1: (),
 }
@@ -35,7 +53,7 @@ NAMED_RULES = {
 
 # sinc x = sin x / x has its minimum -0.21723362821122165740... where tan x = x (x = 4.4934...); rounded outwards.
 SINC_MINIMUM = Fraction("-0.2172336282112217")
-# Bounds are widened by this share of their range, far above the rounding of a premise evaluated in floating point.
+# Bounds are widened by this share of their range, far more than a premise loses by rounding in floating point.
 GUARD = Fraction(1, 10**12)
 
 
@@ -83,7 +101,14 @@ def premises(q: np.ndarray, dq: np.ndarray, parameters: ArmParameters) -> np.nda
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """One dropped premise as Hᵀ f W with |f| <= 1: on E (z1) or on A (the others). H and W are (rows, 4)."""
+    """One dropped premise as Hᵀ f W with |f| <= 1.
+
+    Attributes:
+        premise: its name.
+        on: the matrix it acts on, "E" (z1) or "A" (the others).
+        H: (rows, 4).
+        W: (rows, 4).
+    """
 
     premise: str
     on: str
@@ -93,7 +118,13 @@ class Uncertainty:
 
 @dataclasses.dataclass(frozen=True)
 class Polytope:
-    """Vertices E_pk (N_e) and A_pi (N), each (4, 4), and the dropped premises, in one number type."""
+    """The vertices and the dropped premises in one number type.
+
+    Attributes:
+        E: N_e matrices E_pk, (4, 4).
+        A: N matrices A_pi, (4, 4).
+        uncertainties: the dropped premises.
+    """
 
     E: list[np.ndarray]
     A: list[np.ndarray]
@@ -109,7 +140,7 @@ class TSModel:
     """
 
     parameters: ArmParameters
-    kept: tuple[str, ...] = NAMED_RULES[4]
+    kept: tuple[str, ...] = DEFAULT_KEPT
 
     def __post_init__(self) -> None:
         """Check and sort the kept premises."""
@@ -151,7 +182,7 @@ class TSModel:
     @property
     def B(self) -> np.ndarray:
         """Input matrix B_p = B_d (4, 2) of (5)."""
-        return np.vstack([np.zeros((2, 2)), np.eye(2)])
+        return np.vstack([np.zeros((JOINTS, JOINTS)), np.eye(JOINTS)])
 
     @property
     def E_vertices(self) -> list[np.ndarray]:
@@ -195,8 +226,10 @@ class TSModel:
                 side = "E" if index == 0 else "A"
                 slope, (low, high) = terms[side][1][index], bounds[index]
                 # H picks the dynamic rows the premise acts on, W holds those rows: Hᵀ W is the slope, exactly.
-                rows = [row for row in range(4) if any(entry != 0 for entry in slope[row])]
-                uncertainties.append(Uncertainty(name, side, np.eye(4)[rows], (high - low) / 2 * slope[rows]))
+                rows = [row for row in range(PLANT_STATES) if any(entry != 0 for entry in slope[row])]
+                uncertainties.append(
+                    Uncertainty(name, side, np.eye(PLANT_STATES)[rows], (high - low) / 2 * slope[rows])
+                )
         return Polytope(corners("E", self.kept_in_E), corners("A", self.kept_in_A), uncertainties)
 
     def weights(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -220,19 +253,21 @@ def descriptor_terms(
         map(number, parameters.viscous_friction),
     )
     one, nil = number(1.0), number(0.0)
+    none, unit = [[nil, nil], [nil, nil]], [[one, nil], [nil, one]]
 
-    def matrix(entries: dict[tuple[int, int], Any]) -> np.ndarray:
-        return np.array([[entries.get((row, column), nil) for column in range(4)] for row in range(4)])
+    def matrix(upper_left: Any, upper_right: Any, lower_left: Any, lower_right: Any) -> np.ndarray:
+        rows = [*zip(upper_left, upper_right, strict=True), *zip(lower_left, lower_right, strict=True)]
+        return np.array([[*left, *right] for left, right in rows])
 
-    E = matrix({(0, 0): one, (1, 1): one, (2, 2): motor1 + c1, (2, 3): c3, (3, 2): c3, (3, 3): motor2 + c3})
-    E1 = matrix({(2, 2): 2 * c2, (2, 3): c2, (3, 2): c2})
-    A = matrix({(0, 2): one, (1, 3): one, (2, 2): -viscous1, (3, 3): -viscous2})
-    A2 = matrix({(2, 0): one})
-    A3 = matrix({(2, 1): one, (3, 0): one, (3, 1): one})
-    A4 = matrix({(2, 2): 2 * one, (2, 3): one})
-    A5 = matrix({(3, 2): one})
-    none = matrix({})
-    return {"E": (E, np.array([E1, none, none, none, none])), "A": (A, np.array([none, A2, A3, A4, A5]))}
+    nothing = matrix(none, none, none, none)
+    E = matrix(unit, none, none, [[motor1 + c1, c3], [c3, motor2 + c3]])
+    E1 = matrix(none, none, none, [[2 * c2, c2], [c2, nil]])
+    A = matrix(none, unit, none, [[-viscous1, nil], [nil, -viscous2]])
+    A2 = matrix(none, none, [[one, nil], [nil, nil]], none)
+    A3 = matrix(none, none, [[nil, one], [one, one]], none)
+    A4 = matrix(none, none, none, [[2 * one, one], [nil, nil]])
+    A5 = matrix(none, none, none, [[nil, nil], [one, nil]])
+    return {"E": (E, np.array([E1, *[nothing] * 4])), "A": (A, np.array([nothing, A2, A3, A4, A5]))}
 
 
 def _constants(parameters: ArmParameters, number: Callable[[float], Any]) -> tuple[Any, ...]:

@@ -1,1 +1,1 @@
-"""Learned policies as they are shipped: features, network and files in NumPy; no learning library is needed."""
+"""Learned policies in the form in which they are shipped: features, network and files, without a learning library."""

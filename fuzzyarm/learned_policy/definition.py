@@ -1,26 +1,35 @@
-"""What a learned policy sees and does, as data: the part of a bundle that says so, and nothing that computes."""
+"""What a learned policy sees and does, as data: the part of a bundle that states it.
+
+Nothing here loads Numba, so that the command line can read these definitions quickly.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 
-JOINTS = 2
-MOST_REMEMBERED = 100  # errors or actions
-LARGEST_SHIFT = 0.5  # rad
+from fuzzyarm.common.checks import instance, real, reals, truth, whole
+
+__all__ = ["ActionDefinition", "FeatureDefinition"]
+
+_JOINTS = 2  # as in `envs.observation`, which loads Numba
+_OF_THE_INSTANT = 5  # features per joint that need no memory: e, ė, q_d, q̇_d, q̈_d
+_MOST_REMEMBERED = 100  # errors or actions
+_LARGEST_SHIFT = 0.5  # rad
 
 
 @dataclasses.dataclass(frozen=True)
 class FeatureDefinition:
     """Which features there are, and their scales; stated in every bundle.
 
+    The letters are those of the equations in `learned_policy.features`.
+
     Attributes:
         past_errors: n, how many past errors are remembered, 0 to 100.
         past_actions: m, how many past actions, 0 to 100.
         integral_time: τ, time constant of the leak [s]; 0: no integral.
-        elastic_target: whether errors count from θ_d in place of q_d, and the past excess torques are seen, as many as
-            past actions.
+        elastic_target: whether errors count from θ_d instead of q_d, and as many past excess torques as past actions
+            are among the features.
         error_scale: E [rad].
         rate_scale: V [rad/s].
         velocity_scale: D [rad/s].
@@ -29,6 +38,7 @@ class FeatureDefinition:
         excess_scale: U [N m].
 
     Raises:
+        TypeError: a value is of the wrong type.
         ValueError: a number is out of range.
     """
 
@@ -45,23 +55,19 @@ class FeatureDefinition:
 
     def __post_init__(self) -> None:
         """Check every number."""
-        for name in ("past_errors", "past_actions"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MOST_REMEMBERED:
-                raise ValueError(f"{name} = {value!r} is out of range; allowed: 0, 1, ..., {MOST_REMEMBERED}")
-        if not (is_finite(self.integral_time) and self.integral_time >= 0.0):
-            raise ValueError(f"integral_time = {self.integral_time!r} s is out of range; allowed: [0, inf) s, 0: none")
-        if not isinstance(self.elastic_target, bool):
-            raise ValueError(f"elastic_target = {self.elastic_target!r} must be true or false")
+        whole("past_errors", self.past_errors, high=_MOST_REMEMBERED)
+        whole("past_actions", self.past_actions, high=_MOST_REMEMBERED)
+        real("integral_time", self.integral_time, "s", low=0.0)
+        truth("elastic_target", self.elastic_target)
         for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if field.name.endswith("_scale") and not (is_finite(value) and value > 0.0):
-                raise ValueError(f"{field.name} = {value!r} is out of range; allowed: (0, inf)")
+            if field.name.endswith("_scale"):
+                real(field.name, getattr(self, field.name), above=0.0)
 
     @property
     def size(self) -> int:
         """Number of features."""
-        return JOINTS * (5 + self.past_errors + self.past_actions + (self.integral_time > 0.0) + self.past_excesses)
+        past = self.past_errors + self.past_actions + self.past_excesses
+        return _JOINTS * (_OF_THE_INSTANT + past + (self.integral_time > 0.0))
 
     @property
     def past_excesses(self) -> int:
@@ -71,19 +77,20 @@ class FeatureDefinition:
 
 @dataclasses.dataclass(frozen=True)
 class ActionDefinition:
-    """What an action a in [-1, 1]² means: the torque u = `scale` · a, or with a base a shift of what the base tracks.
+    """What an action a in [-1, 1]² means: the torque u = `scale` · a, or with a base a shift of the base's target.
 
-    A base is told that the motors stand at q_a - `scale` · a, so it brings them to its own target plus `scale` · a. A
-    torque beside the base's would do no such thing: the base's integral takes it for a load and cancels it.
+    A base gets q_a - `scale` · a as the motor angles, so that it brings the motors to its own target plus `scale` · a.
+    A torque added to the base's would have no lasting effect, because the base's integral cancels it like a load.
 
     Attributes:
-        scale: at a = 1, of joints 1 and 2: torques [N m], or with a base angles [rad], of 0.5 rad at most.
+        scale: one number per joint, the value at a = 1: torques [N m], or with a base angles [rad], 0.5 rad at most.
         period: time for which an action is held [s]; a base acts at every control step.
         base: name of a policy, as `fuzzyarm.load_policy` knows it; None: no base.
-        smoothing_time: τ_b [s]: a_k = λ a_(k-1) + (1 - λ) b_k with λ = exp(-T/τ_b) for what the network says, b_k; 0:
-            a_k = b_k.
+        smoothing_time: τ_b [s] of the low-pass a_k = λ a_(k-1) + (1 - λ) b_k with λ = exp(-T/τ_b), where T is the
+            period and b_k the output of the network; 0: a_k = b_k.
 
     Raises:
+        TypeError: a value is of the wrong type.
         ValueError: a number is out of range.
     """
 
@@ -94,41 +101,31 @@ class ActionDefinition:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        if not (self.base is None or (isinstance(self.base, str) and self.base)):
-            raise ValueError(f"base = {self.base!r} must be the name of a policy, or None")
-        scale, largest = self.scale, math.inf if self.base is None else LARGEST_SHIFT
-        if not (
-            isinstance(scale, tuple) and len(scale) == 2 and all(is_finite(x) and 0.0 < x <= largest for x in scale)
-        ):
-            allowed = "(0, inf) N m" if self.base is None else f"(0, {largest:g}] rad with a base"
-            raise ValueError(f"scale = {scale!r} is out of range; allowed: two numbers in {allowed}")
-        if not (is_finite(self.period) and self.period > 0.0):
-            raise ValueError(f"action period = {self.period!r} s is out of range; allowed: (0, inf) s")
-        if not (is_finite(self.smoothing_time) and self.smoothing_time >= 0.0):
-            raise ValueError(
-                f"smoothing_time = {self.smoothing_time!r} s is out of range; allowed: [0, inf) s, 0: none"
-            )
+        if self.base is not None and not instance("base", self.base, str):
+            raise ValueError("base = '' must be the name of a policy, or None")
+        unit, largest = ("N m", math.inf) if self.base is None else ("rad", _LARGEST_SHIFT)
+        reals("scale", instance("scale", self.scale, tuple), _JOINTS, unit, above=0.0, high=largest)
+        real("period", self.period, "s", above=0.0)
+        real("smoothing_time", self.smoothing_time, "s", low=0.0)
 
     @property
     def smoothing(self) -> float:
-        """The share λ of an action that the next one keeps."""
+        """The factor λ of the low-pass."""
         return math.exp(-self.period / self.smoothing_time) if self.smoothing_time > 0.0 else 0.0
 
     def calls(self, control_period: float) -> int:
-        """Return for how many control periods [s] an action is held.
+        """Return for how many control periods an action is held.
+
+        Args:
+            control_period: [s].
 
         Raises:
-            ValueError: the action period is no whole multiple of the control period.
+            ValueError: the action period is not a whole multiple of the control period.
         """
         calls = round(self.period / control_period)
         if calls < 1 or abs(calls * control_period - self.period) > 1e-9 * self.period:
             raise ValueError(
-                f"the policy acts every {self.period:g} s, which is no whole multiple of control_period = "
+                f"the policy acts every {self.period:g} s, which is not a whole multiple of control_period = "
                 f"{control_period:g} s; allowed: {self.period:g} s divided by 1, 2, 3, ..."
             )
         return calls
-
-
-def is_finite(value: object) -> bool:
-    """Whether a value is a finite real number, and no boolean."""
-    return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)

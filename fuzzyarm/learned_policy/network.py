@@ -2,7 +2,8 @@
 
     h_0 = clip((f - mean)/std, ±c),    h_(i+1) = tanh(W_i h_i + b_i),    a = clip(W_n h_n + b_n, ±1).
 
-The last layer is the mean of the Gaussian that PPO trains; a shipped policy takes the mean, so it is deterministic.
+PPO trains a Gaussian policy, and the last layer gives its mean. The shipped policy takes the mean as its action and is
+therefore deterministic.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ import numpy as np
 
 from fuzzyarm.envs.physics.compiled import kernel
 
-LARGEST_LAYER, MOST_LAYERS = 4096, 9  # far beyond need; a foreign file is refused before memory is asked for
+__all__ = ["Network"]
+
+_LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is refused before memory is allocated
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,7 +26,7 @@ class Network:
     Attributes:
         mean: (inputs,) of the features.
         std: (inputs,) of the features, positive.
-        clip: c, where normalised features end, positive.
+        clip: c, the bound of the normalised features, positive.
         weights: W_i, (outputs, inputs) of each layer.
         biases: b_i, (outputs,) of each layer.
 
@@ -38,10 +41,10 @@ class Network:
     biases: tuple[np.ndarray, ...]
 
     def __post_init__(self) -> None:
-        """Check shapes and numbers, and lay the layers out behind each other for the kernel."""
-        if not 1 <= len(self.weights) <= MOST_LAYERS or len(self.biases) != len(self.weights):
+        """Check shapes and numbers, and store the layers one after the other for the kernel."""
+        if not 1 <= len(self.weights) <= _MOST_LAYERS or len(self.biases) != len(self.weights):
             raise ValueError(
-                f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {MOST_LAYERS} layers"
+                f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {_MOST_LAYERS} layers"
             )
         width, shapes = len(self.mean), [np.shape(self.mean), np.shape(self.std)]
         expected: list[tuple[int, ...]] = [(width,), (width,)]
@@ -52,8 +55,8 @@ class Network:
             width = outputs
         if shapes != expected:
             raise ValueError(f"shapes of mean, std, weights and biases are {shapes}; they must be {expected}")
-        if not 1 <= max(self.sizes) <= LARGEST_LAYER:
-            raise ValueError(f"layers of {self.sizes}; allowed: 1 to {LARGEST_LAYER} in each")
+        if not 1 <= max(self.sizes) <= _LARGEST_LAYER:
+            raise ValueError(f"layers of {self.sizes}; allowed: 1 to {_LARGEST_LAYER} in each")
         numbers = (self.mean, self.std, np.array(self.clip), *self.weights, *self.biases)
         if not all(np.isfinite(array).all() for array in numbers):
             raise ValueError("a mean, std, weight or bias is not finite")

@@ -1,1 +1,4 @@
-"""Learned policies; the only place that may import torch and stable-baselines3. Empty so far."""
+"""How policies are learned: the batched arms as learning libraries need them, a trainer, and PPO.
+
+torch and stable-baselines3 may be imported here and nowhere else in the package; they come with the extra ``rl``.
+"""

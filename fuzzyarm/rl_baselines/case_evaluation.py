@@ -1,16 +1,20 @@
-"""A learned policy in the paper's three cases, quickly: all in one batch, tip errors only."""
+"""The tip errors of a policy in the paper's three cases, which run as one batch."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.fuzzy_policy.policy import Policy
 
-MEASURES = ("max_mm", "rms_mm", "share")
-COLUMNS = tuple(f"{case}_{measure}" for case in CASES for measure in MEASURES)
+__all__ = ["COLUMNS", "evaluate_cases"]
+
+_MEASURES = ("max_mm", "rms_mm", "share")
+COLUMNS = tuple(f"{case}_{measure}" for case in PAPER_CASES for measure in _MEASURES)
+"""What `evaluate_cases` returns; a case that is added to the package does not change it."""
 
 
 def evaluate_cases(policy: Policy) -> dict[str, float]:
@@ -20,23 +24,14 @@ def evaluate_cases(policy: Policy) -> dict[str, float]:
         By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode after
         which it ended, 1 if the reference was followed to its end.
     """
-    reference, cases = JointReference(), list(CASES)
+    reference, cases = JointReference(), list(PAPER_CASES)
     envs = FuzzyArmVectorEnv(
         len(cases), case=cases, reference=reference, control_period=policy.control_period, threads=1
     )
-    observation, _ = envs.reset(seed=0)
-    state, running, errors = None, np.ones(len(cases), dtype=bool), []
-    seconds = np.zeros(len(cases))
-    while running.any():
-        action, state = policy.predict(observation, state=state)
-        observation, _, terminated, truncated, info = envs.step(action)
-        ended = terminated | truncated
-        error = (
-            np.where(ended, info["final_info"]["tip_error"], info["tip_error"]) if ended.any() else info["tip_error"]
-        )
-        errors.append(np.where(running, error, np.nan))  # a lane that ended before is in another episode
-        seconds += policy.control_period * running
-        running = running & ~ended
+    errors, seconds = [], np.zeros(len(cases))
+    for step in episodes(envs, policy, envs.reset(seed=0)):
+        errors.append(np.where(step.running, step.info["tip_error"], np.nan))
+        seconds += policy.control_period * step.running
     recorded = 1e3 * np.array(errors)
     largest, rms = np.nanmax(recorded, axis=0), np.sqrt(np.nanmean(recorded**2, axis=0))
     rows = np.stack([largest, rms, np.minimum(seconds / reference.duration, 1.0).round(9)], axis=1)

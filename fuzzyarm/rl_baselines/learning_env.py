@@ -1,8 +1,9 @@
-"""The batched environment as a learner of torques sees it: features in, actions in [-1, 1]² out."""
+"""The batched environment for learning: observations become features, and actions in [-1, 1]² become torques."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import gymnasium as gym
@@ -10,6 +11,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
+from fuzzyarm.envs.observation import JOINTS, SIZE, observed
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.randomisation import find_randomisation, reference_family
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -17,24 +19,26 @@ from fuzzyarm.envs.task import EFFORT_WEIGHT
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.features import Features
-from fuzzyarm.rl_baselines.ppo_config import PPOConfig
+from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
-OWN_STATE = ("memory", "base_memory", "observation", "action")
-FARTHEST = 4.0  # m, twice what two arms of Table 1 stretched out in opposite directions are apart
+__all__ = ["LearningEnvs", "learning_envs", "sharpened_reward"]
+
+_OWN_STATE = ("memory", "base_memory", "observation", "action")
+_FARTHEST = 4.0  # m, twice the distance between two arms of Table 1 that are stretched out in opposite directions
 
 
-def learning_envs(config: PPOConfig, base: Policy | None) -> LearningEnvs:
+def learning_envs(config: TrainingConfig, base: Policy | None) -> LearningEnvs:
     """Return the arms that a configuration trains on.
 
     Args:
         config: of the training.
-        base: the policy that ``config.base`` names, for a control period of ``config.action_period``.
+        base: the policy that ``config.base`` names, for a control period of ``config.action_period``; None: no base.
     """
     arguments: dict[str, Any] = {}
     if config.distribution == "robust":
         references = reference_family(ArmParameters(), config.references) + (JointReference(),) * config.circles
-        # The force of the machining case is what the randomisation scales, by 0 to 1.
+        # The randomisation scales the force of the machining case by a factor from 0 to 1.
         arguments["case"] = "machining"
         arguments["randomisation"] = dataclasses.replace(
             find_randomisation("robust", ArmParameters()), references=references
@@ -44,26 +48,33 @@ def learning_envs(config: PPOConfig, base: Policy | None) -> LearningEnvs:
 
 
 class LearningEnvs(VecEnvWrapper):
-    """Features of the observation and of what was done, see `learned_policy.features`; torques from actions.
+    """Arms whose observations are the features of `learned_policy.features`, and whose actions lie in [-1, 1]².
 
-    A lane that ends is asked for its last features with what it remembers, and begins anew with nothing.
+    When the episode of a lane ends, its last features are computed from the memory of that episode, and the next
+    episode begins with an empty memory, as it does for the shipped policy.
+
+    Args:
+        venv: the arms; their actions are torques [N m].
+        config: of the training.
+        base: the policy that ``config.base`` names; None: no base.
 
     Attributes:
-        tip_errors: (lanes,) distance of tip and reference after the last step [m]; for the log and the reward, the
-            features do not hold it.
+        tip_errors: (lanes,) distance between tip and reference after the last step [m]. The log and the reward use it;
+            the features do not hold it.
     """
 
-    def __init__(self, venv: StableBaselinesVecEnv, config: PPOConfig, base: Policy | None) -> None:
-        """Wrap arms whose actions are torques [N m]."""
+    def __init__(self, venv: StableBaselinesVecEnv, config: TrainingConfig, base: Policy | None) -> None:
+        """Make the memory of every lane."""
         self._features, self._base = Features(config.features, config.action_period), base
         self._smoothing = config.action.smoothing
         self._scale, self._reward_length = np.array(config.scale), 1e-3 * config.tip_error_scale
         self.tip_errors = np.zeros(venv.num_envs)
+        self._tip_error_sum, self._steps = 0.0, 0  # since `take_mean_tip_error`
         self._memory = np.zeros((venv.num_envs, self._features.memory_size))
         self._base_memory = np.zeros((venv.num_envs, 0 if base is None else base.memory_size))
-        self._observation, self._action = np.zeros((venv.num_envs, 10)), np.zeros((venv.num_envs, 2))
+        self._observation, self._action = np.zeros((venv.num_envs, SIZE)), np.zeros((venv.num_envs, JOINTS))
         bound = np.full(self._features.size, np.inf, dtype=np.float32)
-        unit = np.ones(2, dtype=np.float32)
+        unit = np.ones(JOINTS, dtype=np.float32)
         super().__init__(venv, gym.spaces.Box(-bound, bound), gym.spaces.Box(-unit, unit))
 
     def reset(self) -> np.ndarray:
@@ -73,14 +84,15 @@ class LearningEnvs(VecEnvWrapper):
         return self._seen()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Turn actions (lanes, 2) in [-1, 1] into torques, and remember what they answer to."""
-        told = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
-        self._action = self._smoothing * self._action + (1.0 - self._smoothing) * told
+        """Turn actions (lanes, 2) in [-1, 1] into torques, and store action and observation in the memory."""
+        clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
+        self._action = self._smoothing * self._action + (1.0 - self._smoothing) * clipped
         self._features.advance(self._observation, self._action, self._memory)
         torque = self._scale * self._action
         if self._base is not None:
             shifted = self._observation.copy()
-            shifted[:, :2] -= torque
+            q_motor = observed(shifted).q_motor
+            q_motor -= torque  # with a base this is the shift of its target [rad]
             self._base.act(shifted, self._base_memory, torque)
         self._features.command(torque, self._memory)
         self.venv.step_async(torque)
@@ -97,19 +109,27 @@ class LearningEnvs(VecEnvWrapper):
             self.tip_errors = np.where(dones, final["tip_error"], self.tip_errors)
             effort = np.where(dones, final["reward_effort"], effort)
             self._end(dones, infos)
+        self._tip_error_sum += float(self.tip_errors.mean())
+        self._steps += 1
         if self._reward_length > 0.0:
             rewards = sharpened_reward(self.tip_errors, effort, self._reward_length).astype(np.float32)
         return self._seen(), rewards, dones, infos
 
+    def take_mean_tip_error(self) -> float:
+        """Return the mean tip error over all lanes and all steps since the last call [m]; NaN without a step."""
+        mean = self._tip_error_sum / self._steps if self._steps else math.nan
+        self._tip_error_sum, self._steps = 0.0, 0
+        return mean
+
     def get_state(self) -> dict[str, np.ndarray]:
-        """Return all that changes from step to step, for `set_state`."""
+        """Return all that changes from step to step, for `set_state`; the sum of the tip errors is not part of it."""
         state: dict[str, np.ndarray] = self.venv.get_state()
-        return {**state, **{name: getattr(self, f"_{name}").copy() for name in OWN_STATE}}
+        return {**state, **{name: getattr(self, f"_{name}").copy() for name in _OWN_STATE}}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Go on where `get_state` was called; a step comes next."""
+        """Continue from what `get_state` returned; `step` comes next, not `reset`."""
         self.venv.set_state(state)
-        for name in OWN_STATE:
+        for name in _OWN_STATE:
             setattr(self, f"_{name}", state[name].copy())
 
     def _seen(self) -> np.ndarray:
@@ -118,7 +138,7 @@ class LearningEnvs(VecEnvWrapper):
         return features
 
     def _end(self, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
-        """Give the lanes that ended their last features, and let them begin with nothing remembered."""
+        """Put the last features of the episodes that ended into the infos, and empty the memory of their lanes."""
         ended = np.flatnonzero(dones)
         last = np.array([infos[lane]["terminal_observation"] for lane in ended])
         features = np.empty((len(ended), self._features.size))
@@ -131,9 +151,15 @@ class LearningEnvs(VecEnvWrapper):
 def sharpened_reward(tip_error: np.ndarray, effort: np.ndarray, length: float) -> np.ndarray:
     """Return (1 - ln(1 + e/s)/ln(1 + L/s)) (1 - 0.1 effort), at least 0, for tip errors e [m] and a length s [m].
 
-    The environment's reward is flat where the tip is far away, and flat again below its 5 mm. This one has a slope
-    everywhere: halving the error is worth the same at a metre as at ten millimetres. L = 4 m is beyond any tip error.
+    The environment's own reward hardly changes where the tip is far away or closer than 5 mm. The slope of this one
+    vanishes nowhere: halving the error is worth the same at a metre as at ten millimetres. L = 4 m exceeds every tip
+    error.
+
+    Args:
+        tip_error: (lanes,) e [m].
+        effort: (lanes,) of the torques, as the environment's reward has it.
+        length: s [m], positive.
     """
-    tracking = 1.0 - np.log1p(tip_error / length) / np.log1p(FARTHEST / length)
+    tracking = 1.0 - np.log1p(tip_error / length) / np.log1p(_FARTHEST / length)
     reward: np.ndarray = np.maximum(tracking, 0.0) * (1.0 - EFFORT_WEIGHT * effort)
     return reward

@@ -1,4 +1,4 @@
-"""The batched environment as stable-baselines3 wants it."""
+"""The batched environment behind the interface of stable-baselines3."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
+__all__ = ["StableBaselinesVecEnv", "training_envs"]
+
 
 def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
     """Return ``FuzzyArm-v0`` in `num_envs` lanes with actions in [-1, 1], for stable-baselines3.
@@ -28,7 +30,7 @@ def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
 
 
 class _RescaledActions(RescaleAction[Any, Any, Any, Any]):
-    """`RescaleAction` for the whole batch at once: Gymnasium's loop over the lanes takes longer than their step."""
+    """`RescaleAction` for the whole batch at once; Gymnasium's own loop over the lanes takes longer than their step."""
 
     def actions(self, actions: Any) -> np.ndarray:
         return np.asarray(self.wrapper.func(np.asarray(actions)), dtype=self.env.action_space.dtype)
@@ -37,10 +39,10 @@ class _RescaledActions(RescaleAction[Any, Any, Any, Any]):
 class StableBaselinesVecEnv(VecEnv):
     """A Gymnasium vector environment with same-step autoreset, for the algorithms of stable-baselines3.
 
-    A step costs the batch one call; only lanes whose episode ends are looked at one by one. Those have, in their
-    info: ``terminal_observation``, ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l``, seconds ``t``
-    since the start, what `Monitor` would give) and, if the episode was terminated, ``reason``. The running lanes share
-    one empty info; what the batch knows of them is in `vector_info`.
+    A step is one call for the whole batch; Python looks only at those lanes one by one whose episode ends. Their info
+    holds ``terminal_observation``, ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l`` and seconds ``t``
+    since the start, as `Monitor` gives them) and, if the episode was terminated, ``reason``. The running lanes share
+    one empty info; `vector_info` holds the info of the whole batch.
 
     Args:
         envs: ``gym.make_vec("FuzzyArm-v0", num_envs=64)``, or that in wrappers; `training_envs` makes it with actions
@@ -54,7 +56,7 @@ class StableBaselinesVecEnv(VecEnv):
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        """Wrap `envs`, which stays usable but should not be stepped beside."""
+        """Wrap `envs`, which must not be stepped by anybody else from then on."""
         mode = envs.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode = {mode}; stable-baselines3 needs {AutoresetMode.SAME_STEP}")
@@ -76,11 +78,11 @@ class StableBaselinesVecEnv(VecEnv):
         return np.asarray(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions (lanes, 2) for `step_wait`."""
+        """Store the actions (lanes, 2) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Step every lane; return observations, rewards (float32), dones and infos."""
+        """Step every lane; return observations (lanes, 10), rewards (lanes,) in float32, dones (lanes,) and infos."""
         observation, rewards, terminated, truncated, self.vector_info = self.envs.step(self._actions)
         dones = terminated | truncated
         self._returns += rewards
@@ -92,12 +94,12 @@ class StableBaselinesVecEnv(VecEnv):
         return observation, rewards.astype(np.float32), dones, infos
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Return where every lane is, see `FuzzyArmVectorEnv.get_state`, with the returns and lengths so far."""
+        """Return the state of every lane, see `FuzzyArmVectorEnv.get_state`, with its return and length so far."""
         state = _attribute(self.envs, "get_state")()
         return {**state, "returns": self._returns.copy(), "lengths": self._lengths.copy()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from a state of an environment made with the same arguments; nothing is reset, a step comes next."""
+        """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`."""
         _attribute(self.envs, "set_state")(state)
         self._returns, self._lengths = state["returns"].copy(), state["lengths"].copy()
 
@@ -106,7 +108,7 @@ class StableBaselinesVecEnv(VecEnv):
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the batch, which all lanes share, once per lane asked for."""
+        """Return an attribute of the batch, which all lanes share, once for each of the given lanes."""
         return [_attribute(self.envs, attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
@@ -118,11 +120,11 @@ class StableBaselinesVecEnv(VecEnv):
         raise NotImplementedError(f"cannot call {method_name!r}: there is no environment object per lane")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
-        """Return whether lanes are in a wrapper: in `Monitor`, whose ``episode`` infos they have, and no other."""
+        """Return whether the lanes are wrapped: in `Monitor`, whose ``episode`` infos they have, and no other."""
         return [issubclass(Monitor, wrapper_class)] * len(self._chosen(indices))
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """Return no pictures: a batch draws nothing."""
+        """Return None for every lane, because a batch cannot be rendered."""
         return [None] * self.num_envs
 
     def _final_info(self, lane: int, out_of_time: bool) -> dict[str, Any]:
@@ -156,7 +158,7 @@ class StableBaselinesVecEnv(VecEnv):
 
 
 def _attribute(envs: VectorEnv[Any, Any, Any], name: str) -> Any:
-    """Find an attribute on the outermost wrapper that has it."""
+    """Return an attribute of the outermost wrapper that has it."""
     while not hasattr(envs, name) and hasattr(envs, "env"):
         envs = envs.env
     return getattr(envs, name)

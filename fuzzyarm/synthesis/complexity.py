@@ -21,10 +21,17 @@ import dataclasses
 from fuzzyarm.synthesis.error_model import ErrorModel
 from fuzzyarm.synthesis.reduced import INPUT_ROWS
 
+__all__ = ["Size", "full_size", "paper_formula", "reduced_size"]
+
 
 @dataclasses.dataclass(frozen=True)
 class Size:
-    """Scalar decision variables, and rows: the sum of the orders of all matrix inequalities."""
+    """The size of a design problem.
+
+    Attributes:
+        variables: scalar decision variables.
+        rows: sum of the orders of all matrix inequalities.
+    """
 
     variables: int
     rows: int
@@ -46,31 +53,33 @@ def paper_formula(N: int, N_e: int = 2, *, n_x: int = 4, n_d: int = 2, n_u: int 
     )
 
 
-def full_size(system: ErrorModel, *, gain_bound: bool = False) -> Size:
+def full_size(system: ErrorModel, *, gains_bounded: bool = False) -> Size:
     """Return the size of P > 0 and Ψ_ijk + Ψ_jik < 0 for all i <= j and k, as Theorems 1 and 2 state them.
 
     Args:
         system: the error model, scaled or not.
-        gain_bound: whether the gains are bounded too, see `conic.Problem`; the variable is then that bound, not γ².
+        gains_bounded: whether the gains are bounded too, see `conic.Problem`; the variable is then that bound, not γ².
     """
     n = len(system.B)
-    return _size(system, slack=2 * n * n, derivative_rows=n, rows_of_P=n, gain_bound=gain_bound)
+    return _size(system, slack=2 * n * n, derivative_rows=n, rows_of_P=n, gains_bounded=gains_bounded)
 
 
-def reduced_size(system: ErrorModel, *, gain_bound: bool = False) -> Size:
+def reduced_size(system: ErrorModel, *, gains_bounded: bool = False) -> Size:
     """Return the size of the same problem as `conic.program` writes it; P_22 > 0 follows from A_r and is left out."""
     n, b = len(system.B), len(INPUT_ROWS)
-    return _size(system, slack=b * n + b * b, derivative_rows=b, rows_of_P=system.blocks[0], gain_bound=gain_bound)
+    return _size(
+        system, slack=b * n + b * b, derivative_rows=b, rows_of_P=system.blocks[0], gains_bounded=gains_bounded
+    )
 
 
-def _size(system: ErrorModel, *, slack: int, derivative_rows: int, rows_of_P: int, gain_bound: bool) -> Size:
+def _size(system: ErrorModel, *, slack: int, derivative_rows: int, rows_of_P: int, gains_bounded: bool) -> Size:
     """Return the counts above."""
     n, n_u = system.B.shape
     vertices, pairs, N_e = len(system.A) * len(system.E), len(system.pairs), len(system.E)
     n_e, n_r, m = system.blocks[0], len(system.feedforward), len(system.uncertainties)
     n_w, n_z, r = system.D[0].shape[1], len(system.C), sum(len(u.H) for u in system.uncertainties)
     upper = sum(size * (size + 1) // 2 for size in system.blocks)
-    bounds = vertices * (n_u + n_e) if gain_bound else 0
+    bounds = vertices * (n_u + n_e) if gains_bounded else 0
     return Size(
         variables=upper + vertices * n_u * (n_e + n_r) + pairs * (slack + N_e * m) + 1,
         rows=rows_of_P + pairs * N_e * (n + derivative_rows + n_w + n_z + r) + bounds,

@@ -1,8 +1,8 @@
 """The design problem as a cone program: minimise qᵀx subject to b - A x in a product of semidefinite cones.
 
-Each matrix inequality is written once, as a function on arrays. It is affine in its own few variables, so its value at
-zero and at their unit vectors is all there is to know; those columns are scattered to the places that the variables
-of each pair (i, j) and vertex k have in x. Nothing is solved here, see `minimise`.
+Each matrix inequality is written once, as a function on arrays. It is affine in its own few variables, so its values at
+zero and at their unit vectors determine it; these columns are scattered to the places that the variables of each pair
+(i, j) and vertex k have in x. Nothing is solved here, see `minimise`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,13 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
+from fuzzyarm.common.checks import real
 from fuzzyarm.synthesis.error_model import ErrorModel, reversed_time
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, inequality
 
-MARGIN = 1e-4  # strictness of the inequalities, in scaled units; far above the solver's rounding
+__all__ = ["MARGIN", "Problem", "Program", "program", "svec"]
+
+MARGIN = 1e-4  # strictness of the inequalities, in scaled units; far above the rounding errors of the solver
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,38 +31,39 @@ class Problem:
     Attributes:
         alpha: decay rate α.
         gamma: bound of the L2 gain from w to z; None where it is minimised.
-        gain: bound of the feedback gains; None where it is minimised, or for no bound.
+        gain_bound: bound of the feedback gains; None where it is minimised, or for no bound.
         minimise: the bound to make small; with "nothing" any feasible point will do.
-        bound: what `gain` bounds. "K": |K_jk| <= gain, from [[gI, M], [Mᵀ, P11]] >= 0 with gain² = g/floor.
-            "M": |M_jk| <= gain, Remark 3 of the paper, and so |K_jk| <= gain/floor.
+        bound: what `gain_bound` bounds. "K": |K_jk| <= gain_bound, from [[gI, M], [Mᵀ, P11]] >= 0 with
+            gain_bound² = g/floor. "M": |M_jk| <= gain_bound = g, Remark 3 of the paper, so |K_jk| <= gain_bound/floor.
         floor: P11 >= floor I. Without one (0) a small |M| says nothing about K = M P11⁻¹.
         margin: μ, the inequalities hold as <= -μ I.
-        beta: β, V falls no faster than exp(-2βt); None for no such bound. Consistent form only.
+        fastest_pole: β, V falls no faster than exp(-2βt); None for no such bound. Consistent form only.
     """
 
     alpha: float
     gamma: float | None = None
-    gain: float | None = None
-    minimise: Literal["gain", "gamma", "nothing"] = "gain"
+    gain_bound: float | None = None
+    minimise: Literal["gain_bound", "gamma", "nothing"] = "gain_bound"
     bound: Literal["K", "M"] = "K"
     floor: float = 1.0
     margin: float = MARGIN
-    beta: float | None = None
+    fastest_pole: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers against each other."""
-        for name in ("gain", "gamma"):
+        for name in ("gain_bound", "gamma"):
             value = getattr(self, name)
             if self.minimise == name and value is not None:
                 raise ValueError(f"{name} = {value} is given and minimised: leave one out")
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} = {value} is out of range; allowed: (0, inf)")
+            if value is not None:
+                real(name, value, above=0.0)
         if self.gamma is None and self.minimise != "gamma":
             raise ValueError("gamma is missing: give it or minimise it")
-        if self.bound == "K" and self.floor <= 0.0 and (self.gain is not None or self.minimise == "gain"):
+        if self.bound == "K" and self.floor <= 0.0 and (self.gain_bound is not None or self.minimise == "gain_bound"):
             raise ValueError(f"floor = {self.floor}: bounding K needs a positive one")
-        if self.beta is not None and not self.alpha < self.beta < math.inf:
-            raise ValueError(f"beta = {self.beta} is out of range; allowed: (alpha, inf), alpha = {self.alpha}")
+        pole = self.fastest_pole
+        if pole is not None and not self.alpha < pole < math.inf:
+            raise ValueError(f"fastest_pole = {pole} is out of range; allowed: (alpha, inf), alpha = {self.alpha}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +76,7 @@ class Program:
         b: (n_rows,).
         orders: order of each semidefinite cone; its rows are the upper triangle by columns, off-diagonals times √2.
         layout: places of the decision variables in the full vector.
-        backward: the same with the slack Q, X, τ of the inequalities of β in place of those of α; None without β.
+        pole_layout: the same with the slack Q, X, τ of the inequalities of `fastest_pole`; None without it.
         free: (n_x,), places of x in the full vector.
         given: the full vector, zero at the places of x.
     """
@@ -82,7 +86,7 @@ class Program:
     b: np.ndarray
     orders: list[int]
     layout: Variables
-    backward: Variables | None
+    pole_layout: Variables | None
     free: np.ndarray
     given: np.ndarray
 
@@ -115,25 +119,27 @@ def program(model: ReducedModel, problem: Problem) -> Program:
     system = model.system
     layout, size = _layout(system, (len(system.A), len(system.E)), (len(system.pairs),))
     families = [_inequalities(model, problem, problem.alpha, layout)]
-    backward = None
-    if problem.beta is not None:
-        backward, size = _own_slack(layout, size)
-        families.append(_inequalities(ReducedModel.of(reversed_time(system)), problem, -problem.beta, backward))
+    pole_layout = None
+    if problem.fastest_pole is not None:
+        pole_layout, size = _own_slack(layout, size)
+        reverse = ReducedModel.of(reversed_time(system))
+        families.append(_inequalities(reverse, problem, -problem.fastest_pole, pole_layout))
     families.append(_floor(system, problem, layout))
-    if problem.gain is not None or problem.minimise == "gain":
+    if problem.gain_bound is not None or problem.minimise == "gain_bound":
         families.append(_gain_bound(system, problem, layout))
     A, b = _stack(families, size)
     given, fixed = np.zeros(size), np.zeros(size, dtype=bool)
-    for name, place in (("gamma", layout.gamma2), ("gain", layout.gain)):
+    for name, place in (("gamma", layout.gamma2), ("gain_bound", layout.g)):
         fixed[place] = problem.minimise != name
     given[layout.gamma2] = (problem.gamma or 0.0) ** 2 * model.weight_norm
-    given[layout.gain] = (problem.gain or 0.0) ** 2 * problem.floor if problem.bound == "K" else problem.gain or 0.0
+    gain_bound = problem.gain_bound or 0.0
+    given[layout.g] = gain_bound**2 * problem.floor if problem.bound == "K" else gain_bound
     q = np.zeros(size)
     if problem.minimise != "nothing":
-        q[layout.gain if problem.minimise == "gain" else layout.gamma2] = 1.0
+        q[layout.g if problem.minimise == "gain_bound" else layout.gamma2] = 1.0
     free = np.flatnonzero(~fixed)
     orders = [cones.order for cones in families for _ in cones.constant]
-    return Program(q[free], A[:, free], b - A @ given, orders, layout, backward, free, given)
+    return Program(q[free], A[:, free], b - A @ given, orders, layout, pole_layout, free, given)
 
 
 def svec(matrix: np.ndarray) -> np.ndarray:
@@ -183,7 +189,7 @@ def _places(layout: Variables, i: np.ndarray, k: np.ndarray, pair: np.ndarray) -
     count, upper = len(i), np.arange(layout.P.max() + 1)
     parts = [
         np.broadcast_to(upper, (count, len(upper))), layout.M[i, k], layout.L[i, k], layout.Q[pair], layout.X[pair],
-        layout.tau[pair, k], np.full(count, layout.gamma2), np.full(count, layout.gain),
+        layout.tau[pair, k], np.full(count, layout.gamma2), np.full(count, layout.g),
     ]  # fmt: skip
     return np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
 
@@ -227,7 +233,7 @@ def _gain_bound(system: ErrorModel, problem: Problem, layout: Variables) -> _Con
     n_e = system.blocks[0]
 
     def matrix(v: Variables) -> np.ndarray:
-        g = v.gain[..., np.newaxis, np.newaxis]
+        g = v.g[..., np.newaxis, np.newaxis]
         corner = v.P[..., :n_e, :n_e] if problem.bound == "K" else g * np.eye(n_e)
         upper = np.concatenate([g * np.eye(2), v.M], axis=-1)
         return -np.concatenate([upper, np.concatenate([np.swapaxes(v.M, -1, -2), corner], axis=-1)], axis=-2)

@@ -8,8 +8,8 @@ blended by the memberships; |f| <= 1 for each uncertainty. With the integral x_I
 *Consistent reference* (this project): x = ē, w = d, z = position error; L is fixed and cancels the reference.
 *Paper* (theorems 1 and 2, (10) and Remark 2): x = (ē, x_r), w = (d, r), z = Q^(1/2) e; L is free.
 
-This is the solver's view of a design. The proof has its own, `fuzzy_policy.theorem1`, `theorem2` and
-`consistent_reference`, and shares none of this code; tests hold the two together.
+This is the solver's view of a design. The proof has its own in `fuzzy_policy.proof`: `theorem1`, `theorem2` and
+`consistent_reference`. It shares none of this code; tests compare the two.
 """
 
 from __future__ import annotations
@@ -18,8 +18,15 @@ import dataclasses
 
 import numpy as np
 
+from fuzzyarm.common.slices import consecutive
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.proof.vertices import reference_model
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, INTEGRAL, PLANT, PLANT_STATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
+
+__all__ = ["ErrorModel", "UncertainBlock", "consistent_form", "paper_form", "reversed_time"]
+
+_TORQUE, _COMMAND = consecutive(JOINTS, 3 * JOINTS)  # w = (d, r) of the paper's form, r = (q_d, q̇_d, q̈_d)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +45,7 @@ class ErrorModel:
     """Matrices of the error dynamics, in SI units or scaled.
 
     Attributes:
-        E: N_e matrices (n, n); rows other than 2 and 3 are those of the identity.
+        E: N_e matrices (n, n); rows other than those of q̇ are those of the identity.
         A: [i][k], (n, n).
         B: (n, 2).
         D: N_e matrices (n, n_w).
@@ -65,9 +72,9 @@ class ErrorModel:
         return [(i, j) for i in range(len(self.A)) for j in range(i, len(self.A))]
 
 
-def consistent_reference(model: TSModel, integral: bool) -> ErrorModel:
+def consistent_form(model: TSModel, integral: bool) -> ErrorModel:
     """Return the error dynamics of the consistent-reference form; z is the position error [rad]."""
-    n = 6 if integral else 4
+    n = ERROR_STATES if integral else PLANT_STATES
     E, A, B = _error_vertices(model, n)
     blocks = [
         UncertainBlock(
@@ -75,11 +82,13 @@ def consistent_reference(model: TSModel, integral: bool) -> ErrorModel:
             _wide(u.H, n),
             _wide(u.W if u.on == "A" else 0.0 * u.W, n),
             _wide(u.W if u.on == "E" else 0.0 * u.W, n),
-            np.zeros((len(u.W), 2)),
+            np.zeros((len(u.W), JOINTS)),
         )
         for u in model.uncertainties
     ]
-    return ErrorModel(E, [[a] * len(E) for a in A], B, [B] * len(E), np.eye(2, n), (n,), range(0), blocks, np.eye(2))
+    return ErrorModel(
+        E, [[a] * len(E) for a in A], B, [B] * len(E), np.eye(JOINTS, n), (n,), range(0), blocks, np.eye(JOINTS)
+    )
 
 
 def paper_form(model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool) -> ErrorModel:
@@ -87,37 +96,41 @@ def paper_form(model: TSModel, integral: bool, weight: np.ndarray, *, common_mul
 
     With `common_multiplier` the dropped premises of A share one uncertain block, as printed in Theorem 2.
     """
-    n_e = 6 if integral else 4
-    n, (A_r, B_r) = n_e + 4, reference_model()
+    n_e = ERROR_STATES if integral else PLANT_STATES
+    n, (A_r, B_r) = n_e + PLANT_STATES, reference_model()
     E_e, A_e, B_e = _error_vertices(model, n_e)
     E, D, A = [], [], []
     for E_k, E_p in zip(E_e, model.E_vertices, strict=True):
-        E.append(np.block([[E_k, np.zeros((n_e, 4))], [np.zeros((4, n_e)), np.eye(4)]]))
-        D_k = np.zeros((n, 8))
-        D_k[:n_e, :2], D_k[:4, 2:], D_k[n_e:, 2:] = B_e, -E_p @ B_r, B_r
+        E.append(
+            np.block([[E_k, np.zeros((n_e, PLANT_STATES))], [np.zeros((PLANT_STATES, n_e)), np.eye(PLANT_STATES)]])
+        )
+        D_k = np.zeros((n, _COMMAND.stop))
+        D_k[:n_e, _TORQUE], D_k[PLANT, _COMMAND], D_k[n_e:, _COMMAND] = B_e, -E_p @ B_r, B_r
         D.append(D_k)
     for A_i, A_p in zip(A_e, model.A_vertices, strict=True):
         row = []
         for E_p in model.E_vertices:
             A_ik = np.zeros((n, n))
-            A_ik[:n_e, :n_e], A_ik[n_e:, n_e:], A_ik[:4, n_e:] = A_i, A_r, A_p - E_p @ A_r
+            A_ik[:n_e, :n_e], A_ik[n_e:, n_e:], A_ik[PLANT, n_e:] = A_i, A_r, A_p - E_p @ A_r
             row.append(A_ik)
         A.append(row)
     blocks = []
     for u in model.uncertainties:
-        Wx, Wd, Ww = np.zeros((len(u.W), n)), np.zeros((len(u.W), n)), np.zeros((len(u.W), 8))
+        Wx, Wd, Ww = np.zeros((len(u.W), n)), np.zeros((len(u.W), n)), np.zeros((len(u.W), _COMMAND.stop))
         if u.on == "A":
             # ΔA acts on x_p = e + x_r.
-            Wx[:, :4], Wx[:, n_e:] = u.W, u.W
+            Wx[:, PLANT], Wx[:, n_e:] = u.W, u.W
         else:
             # ΔE acts on ẋ_p = ė + A_r x_r + B_r r.
-            Wd[:, :4], Wx[:, n_e:], Ww[:, 2:] = u.W, -u.W @ A_r, -u.W @ B_r
+            Wd[:, PLANT], Wx[:, n_e:], Ww[:, _COMMAND] = u.W, -u.W @ A_r, -u.W @ B_r
         blocks.append(UncertainBlock((u.premise,), _wide(u.H, n), Wx, Wd, Ww))
-    C = np.hstack([np.diag(np.sqrt(weight)), np.zeros((4, n - 4))])
-    B = np.vstack([B_e, np.zeros((4, 2))])
+    C = np.hstack([np.diag(np.sqrt(weight)), np.zeros((PLANT_STATES, n - PLANT_STATES))])
+    B = np.vstack([B_e, np.zeros((PLANT_STATES, JOINTS))])
     if common_multiplier:
         blocks = _merged(blocks)
-    return ErrorModel(E, A, B, D, C, (n_e, 4), range(2, 8), blocks, np.eye(8))
+    return ErrorModel(
+        E, A, B, D, C, (n_e, PLANT_STATES), range(_COMMAND.start, _COMMAND.stop), blocks, np.eye(_COMMAND.stop)
+    )
 
 
 def reversed_time(system: ErrorModel) -> ErrorModel:
@@ -144,16 +157,16 @@ def reversed_time(system: ErrorModel) -> ErrorModel:
 
 
 def _error_vertices(model: TSModel, n: int) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
-    """Return Ē_k, Ā_i (n, n) and B̄ (n, 2): the vertices, with ẋ_I = C_p e appended for n = 6."""
+    """Return Ē_k, Ā_i (n, n) and B̄ (n, 2): the vertices, with ẋ_I = C_p e appended where n has room for it."""
     E, A = [], []
     for vertex in model.E_vertices:
         E.append(np.eye(n))
-        E[-1][:4, :4] = vertex
+        E[-1][PLANT, PLANT] = vertex
     for vertex in model.A_vertices:
         A.append(np.zeros((n, n)))
-        A[-1][:4, :4] = vertex
-        A[-1][4:, :] = np.eye(n - 4, n)
-    return E, A, np.vstack([model.B, np.zeros((n - 4, 2))])
+        A[-1][PLANT, PLANT] = vertex
+        A[-1][INTEGRAL] = np.eye(n - PLANT_STATES, n)
+    return E, A, np.vstack([model.B, np.zeros((n - PLANT_STATES, JOINTS))])
 
 
 def _merged(blocks: list[UncertainBlock]) -> list[UncertainBlock]:

@@ -1,4 +1,4 @@
-"""Solve a design problem with Clarabel; an answer counts by its recomputed margin, never by the solver's status."""
+"""Solve a design problem with Clarabel; whether an answer counts is decided by its recomputed margin alone."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ import clarabel  # type: ignore[import-untyped]
 import numpy as np
 from scipy import sparse
 
+from fuzzyarm.common.bisection import last_that_works
 from fuzzyarm.synthesis.conic import Problem, Program, program
 from fuzzyarm.synthesis.error_model import ErrorModel, reversed_time
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, blended, expand
 
-TOLERANCE = 0.01  # of the solver, times the margin: what it leaves open may not eat the margin up
+__all__ = ["TOLERANCE", "Infeasible", "Solution", "solve", "solve_for_largest_alpha"]
+
+TOLERANCE = 0.01  # of the solver, as a share of the margin, so that its error stays far below the margin
 INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
 
 
@@ -24,8 +27,8 @@ class Infeasible(ValueError):
     Attributes:
         problem: what was asked.
         program: its cone program.
-        status: the solver's word.
-        margin: of the point the solver ended at, not positive; -inf if it claims that there is none.
+        status: as the solver reports it.
+        margin: of the point the solver ended at, not positive; -inf if the solver claims that no point exists.
         ray: z (n_rows,) in the cones with Aᵀz = 0 and bᵀz < 0, if the solver claims infeasibility, else None.
     """
 
@@ -34,7 +37,7 @@ class Infeasible(ValueError):
         found = "a proof that there is none" if ray is not None else f"a point with margin {margin:.2g}"
         super().__init__(
             f"no strictly feasible point for {problem}: the solver ended with {status} and {found}; "
-            "lower alpha or the floor, raise gamma, gain or beta"
+            "lower alpha or the floor, raise gamma, gain_bound or fastest_pole"
         )
 
 
@@ -51,16 +54,16 @@ class Solution:
         X: (pairs, n, n), likewise.
         tau: (pairs, N_e, m).
         gamma: bound of the L2 gain, given or found.
-        gain: largest |K_jk|, recomputed from M and P.
+        largest_gain: largest |K_jk|, recomputed from M and P.
         margin: recomputed; the reduced inequalities are <= -margin I.
-        objective: the solver's: g for a bound of K, the bound for M, γ² |weight|, or 0.
-        status: the solver's word.
+        objective: as the solver reports it: g for a bound of K, the bound for M, γ² |weight|, or 0.
+        status: as the solver reports it.
         iterations: of the solver.
         build_time: seconds.
         solve_time: seconds.
         variables: their number.
         rows: of the cones, upper triangles.
-        backward: Q, X (pairs, n, n) and τ (pairs, N_e, m) of the full inequality of β; None without β.
+        pole_slack: Q, X (pairs, n, n) and τ (pairs, N_e, m) of the full inequality of `fastest_pole`; None without it.
     """
 
     problem: Problem
@@ -71,7 +74,7 @@ class Solution:
     X: np.ndarray
     tau: np.ndarray
     gamma: float
-    gain: float
+    largest_gain: float
     margin: float
     objective: float
     status: str
@@ -80,7 +83,7 @@ class Solution:
     solve_time: float
     variables: int
     rows: int
-    backward: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    pole_slack: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
 
 def solve(system: ErrorModel, problem: Problem) -> Solution:
@@ -99,47 +102,54 @@ def solve(system: ErrorModel, problem: Problem) -> Solution:
         raise Infeasible(problem, cone, status, -math.inf, np.array(answer.z))
     v = cone.values(np.array(answer.x))
     inequalities = [(model, v, blended(model, problem.alpha, v))]
-    if problem.beta is not None:
-        reverse, own = ReducedModel.of(reversed_time(system)), cone.values(np.array(answer.x), cone.backward)
-        inequalities.append((reverse, own, blended(reverse, -problem.beta, own)))
+    if problem.fastest_pole is not None:
+        reverse, own = ReducedModel.of(reversed_time(system)), cone.values(np.array(answer.x), cone.pole_layout)
+        inequalities.append((reverse, own, blended(reverse, -problem.fastest_pole, own)))
     margin = min(_margin(R, v) for _, v, R in inequalities)
     if not margin > 0.0:
         raise Infeasible(problem, cone, status, margin, None)
-    (Q, X, tau), *backward = [(*expand(*one), one[1].tau) for one in inequalities]
+    (Q, X, tau), *pole_slack = [(*expand(*one), one[1].tau) for one in inequalities]
     gains = v.M @ np.linalg.inv(v.P[: v.M.shape[-1], : v.M.shape[-1]])
     return Solution(
         problem=problem, P=v.P, M=v.M, L=v.L, Q=Q, X=X, tau=tau,
-        gamma=math.sqrt(v.gamma2 / model.weight_norm), gain=float(np.linalg.norm(gains, ord=2, axis=(-2, -1)).max()),
+        gamma=math.sqrt(v.gamma2 / model.weight_norm),
+        largest_gain=float(np.linalg.norm(gains, ord=2, axis=(-2, -1)).max()),
         margin=margin, objective=float(answer.obj_val), status=status, iterations=answer.iterations,
         build_time=built - start, solve_time=time.perf_counter() - built, variables=len(cone.q), rows=len(cone.b),
-        backward=backward[0] if backward else None,
+        pole_slack=pole_slack[0] if pole_slack else None,
     )  # fmt: skip
 
 
-def fastest(system: ErrorModel, problem: Problem, resolution: float = 0.01) -> Solution:
+def solve_for_largest_alpha(system: ErrorModel, problem: Problem, resolution: float = 0.01) -> Solution:
     """Return the solution with the largest decay rate, by bisection from `problem.alpha` up.
 
     α multiplies P, so it cannot be a variable of the cone program.
 
     Args:
         system: error model.
-        problem: gamma and gain are given, nothing is minimised; alpha is where to start.
+        problem: gamma and gain_bound are given, nothing is minimised; alpha is where to start.
         resolution: relative width of the last interval.
 
     Raises:
         Infeasible: already at `problem.alpha`.
-        ValueError: no bound of the gain is given, so α has none either.
+        ValueError: no bound of the gains is given, without which the decay rate has none either.
     """
-    if problem.gain is None:
-        raise ValueError("gain is missing: without a bound of the gains the decay rate has none")
-    best, high = solve(system, problem), problem.beta or math.inf
-    while high > best.problem.alpha * (1.0 + resolution):
-        low = best.problem.alpha
-        alpha = 2.0 * low if math.isinf(high) else math.sqrt(low * high)
+    if problem.gain_bound is None:
+        raise ValueError("gain_bound is missing: without a bound of the gains the decay rate has none")
+    best = solve(system, problem)
+
+    def works(alpha: float) -> bool:
+        nonlocal best
         try:
             best = solve(system, dataclasses.replace(problem, alpha=alpha))
         except Infeasible:
-            high = alpha
+            return False
+        return True
+
+    if problem.fastest_pole is None:
+        last_that_works(works, problem.alpha, 2.0 * problem.alpha, resolution=resolution, limit=math.inf)
+    else:  # no pole is faster than that: it bounds α, too
+        last_that_works(works, problem.alpha, problem.fastest_pole, resolution=resolution)
     return best
 
 
@@ -154,7 +164,8 @@ def _clarabel(cone: Program, tolerance: float) -> clarabel.DefaultSolution:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    # Threads only cost; overlapping cliques kept apart leave 40 % of the fill of the compact form (32 rules).
+    # More threads are slower; the decomposition that keeps overlapping cliques apart has 40 % of the fill of the
+    # compact one (32 rules).
     settings.direct_solve_method, settings.max_threads = "faer", 1
     settings.chordal_decomposition_compact = False
     no_quadratic = sparse.csc_matrix((len(cone.q), len(cone.q)))

@@ -1,6 +1,6 @@
-"""The design inequality without the slack of its trivial rows: same solutions, a quarter of the variables.
+"""The design inequality without the slack variables of its trivial rows: same solutions, a quarter of the variables.
 
-Only the rows b = {2, 3} of E_k ẋ = A_ik x + B u + D_k w depend on a vertex or on the input; the others, a, read
+Only the rows b, those of q̇, of E_k ẋ = A_ik x + B u + D_k w depend on a vertex or on the input; the others, a, read
 ẋ_a = N x + D_a w. Adding S_a times the a-rows of ẋ to the rows of x makes them redundant, and with them most of the
 slack: Q and X (n, n) stay only as Q_b = S_bᵀ (Q + X S_a S_aᵀ) and X_b = S_bᵀ X S_b. The rows left, x, ẋ_b, w, z and
 uncertainties, are negative definite if and only if the full inequality is, with the same P, M, L, τ, for some Q and X:
@@ -20,9 +20,13 @@ import dataclasses
 
 import numpy as np
 
+from fuzzyarm.common.slices import consecutive
+from fuzzyarm.fuzzy_policy.states import VELOCITY
 from fuzzyarm.synthesis.error_model import ErrorModel
 
-INPUT_ROWS = np.array([2, 3])  # b, of every form in `error_model`
+__all__ = ["INPUT_ROWS", "ReducedModel", "Variables", "blended", "expand", "inequality"]
+
+INPUT_ROWS = np.arange(VELOCITY.start, VELOCITY.stop)  # b, of every form in `error_model`
 ROUNDING = 1e-12  # what scaling leaves of an exact zero or one
 
 
@@ -38,7 +42,7 @@ class Variables:
         X: (..., 2, 2), the slack X_b.
         tau: (..., m), one multiplier for each uncertainty.
         gamma2: (...), γ² |weight|, of order one where γ² is not.
-        gain: (...), bound of the gains, see `conic.Problem`.
+        g: (...), what bounds the gains, see `bound` of `conic.Problem`.
     """
 
     P: np.ndarray
@@ -48,7 +52,7 @@ class Variables:
     X: np.ndarray
     tau: np.ndarray
     gamma2: np.ndarray
-    gain: np.ndarray
+    g: np.ndarray
 
     def at(self, x: np.ndarray) -> Variables:
         """Return the values that decision vectors x (..., n_x) give to this layout; place -1 stands for zero."""
@@ -115,7 +119,7 @@ class ReducedModel:
             H[:, a], Wd[:, a],
         ]  # fmt: skip
         if any(np.abs(part).max(initial=0.0) > ROUNDING for part in zeros):
-            raise ValueError("rows other than 2 and 3 of the error model must read ẋ = N x + D w at every vertex")
+            raise ValueError("rows other than those of q̇ of the error model must read ẋ = N x + D w at every vertex")
         sizes = [len(u.H) for u in system.uncertainties]
         return cls(
             system=system, S_a=np.eye(n)[:, a], S_b=np.eye(n)[:, b], N=A[0, 0, a], D_a=D[0, a],
@@ -136,7 +140,7 @@ def inequality(model: ReducedModel, i: np.ndarray, k: np.ndarray, alpha: float, 
     """
     A, B, E, D = model.A[i, k], model.B, model.E[k], model.D[k]
     S_b, system, tau = model.S_b, model.system, v.tau[..., model.owner]
-    x, x_b, w, z, f = _slices(len(S_b), 2, D.shape[-1], len(system.C), len(model.H))
+    x, x_b, w, z, f = consecutive(len(S_b), 2, D.shape[-1], len(system.C), len(model.H))
     coupling = A @ v.P - E @ v.Q + _t(v.X) @ S_b.T
     coupling[..., : v.M.shape[-1]] += B @ v.M
     drive = D + np.zeros((*coupling.shape[:-1], D.shape[-1]))
@@ -186,18 +190,12 @@ def expand(model: ReducedModel, v: Variables, R: np.ndarray) -> tuple[np.ndarray
         R: (pairs, N_e, s, s) of `blended`, negative definite.
     """
     S_a, S_b = model.S_a, model.S_b
-    w = _slices(len(S_b), 2, model.D_a.shape[1])[2]
+    w = consecutive(len(S_b), 2, model.D_a.shape[1])[2]
     cost = model.D_a @ np.linalg.inv(-R)[..., w, w] @ model.D_a.T
     epsilon = np.maximum(1.0, np.linalg.norm(cost, ord=2, axis=(-2, -1)).max(axis=1))[:, np.newaxis, np.newaxis]
     X = S_b @ v.X @ S_b.T + epsilon * (S_a @ S_a.T)
     Q = S_b @ v.Q + S_a @ (model.N @ v.P - epsilon * S_a.T)
     return Q, X
-
-
-def _slices(*sizes: int) -> list[slice]:
-    """Return consecutive slices of these lengths."""
-    ends = np.cumsum(sizes)
-    return [slice(int(end) - size, int(end)) for end, size in zip(ends, sizes, strict=True)]
 
 
 def _t(matrix: np.ndarray) -> np.ndarray:

@@ -1,11 +1,11 @@
-"""Scaling of the design problem: without it every interior-point solver fails on the SI numbers.
+"""Scaling of the design problem: in SI units every interior-point solver fails.
 
 With x = T x̃, t = t̃/σ, u = U ũ, w = V w̃ and equations multiplied by R, the error model becomes
 
     Ẽ = σ R E T,   Ã = R A T,   B̃ = R B U,   D̃ = R D V,   C̃ = sqrt(c/σ) C T,   weight of wᵀw: c V²/σ,
 
 and with P = c T P̃ T, M = c U M̃ T, L = U L̃ V⁻¹, Q = cσ T Q̃ T, X = c T X̃ R⁻¹, α = σ α̃ the inequality is congruent:
-Ψ = c D Ψ̃ D with a positive diagonal D. The scaling changes no solution, only the solver's luck.
+Ψ = c D Ψ̃ D with a positive diagonal D. The scaling changes no solution.
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ import numpy as np
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.proof.vertices import REFERENCE_POLE
+from fuzzyarm.fuzzy_policy.states import PLANT, VELOCITY
 from fuzzyarm.synthesis.error_model import ErrorModel, UncertainBlock
+
+__all__ = ["Scaling"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,10 +58,10 @@ class Scaling:
         angle = 1.0 / np.sqrt(np.sqrt(inertia * inertia.mean()))
         time = REFERENCE_POLE
         error = np.concatenate([angle, angle * time, angle / time])[: system.blocks[0]]
-        state = np.concatenate([error, error[:4]])[: len(system.B)]
+        state = np.concatenate([error, error[PLANT]])[: len(system.B)]
         row = 1.0 / (state * time)
-        row[2:4] = angle / time**2
-        torque = 1.0 / row[2:4]
+        row[VELOCITY] = angle / time**2
+        torque = 1.0 / row[VELOCITY]
         disturbance = np.concatenate([torque, angle, angle * time, angle * time**2])[: system.D[0].shape[1]]
         balance = np.array(
             [

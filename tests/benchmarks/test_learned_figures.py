@@ -14,7 +14,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.eval.episodes.rollout import record_rollout
 
 PATH = Path(__file__).parents[2] / "benchmarks" / "learned_figures.py"
 SPEC = importlib.util.spec_from_file_location(PATH.stem, PATH)
@@ -32,7 +32,7 @@ LEVELS = {
 def runs():
     """The same motion by two policies, a few millimetres off and micrometres off."""
     return [
-        rollout(FuzzyArmEnv(), load_policy(name), policy_name=name, case="nominal", seed=0)
+        record_rollout(FuzzyArmEnv(), load_policy(name), policy_name=name, case="nominal", seed=0)
         for name in ("fuzzy-4", "fuzzy-4-tip")
     ]
 

@@ -16,7 +16,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RescaleAction
 
 import fuzzyarm  # noqa: F401  registers FuzzyArm-v0
-from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv, whole_substeps
+from fuzzyarm.envs.arguments import whole_substeps
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
@@ -385,7 +386,7 @@ def test_a_state_that_is_not_finite_terminates_with_finite_numbers():
     env = FuzzyArmEnv(case="machining")
     list(play(env, random_torques(0, 5)))
     too_fast = np.r_[STILL[:4], 1e200, 0.0, 1e200, 0.0]  # the Coriolis torque overflows
-    env._lanes._values[:8, 0] = too_fast
+    env._lanes.values[:8, 0] = too_fast
     observation, reward, terminated, truncated, info = env.step([0.0, 0.0])
     assert (reward, terminated, truncated, info["in_domain"]) == (0.0, True, False, False)
     assert info["reason"] == "the state is not finite" and env.observation_space.contains(observation)
@@ -627,7 +628,7 @@ BAD_REFERENCES = {
 
 @pytest.mark.parametrize(("arm", "reference", "message"), BAD_REFERENCES.values(), ids=BAD_REFERENCES)
 def test_a_reference_for_another_arm_is_refused(arm, reference, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         FuzzyArmEnv(reference=reference, **arm)
 
 
@@ -646,9 +647,9 @@ def test_a_reference_too_quick_for_the_observation_space_is_refused():
 @pytest.mark.parametrize("given", [{"case": "payload", "disturbance": NOISY}, {"disturbance": "payload"}])
 def test_a_case_and_a_disturbance_exclude_each_other_and_each_must_be_its_kind(given):
     message = "either case = 'payload' or a disturbance" if "case" in given else "disturbance = 'payload' must be a"
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         FuzzyArmEnv(**given)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         FuzzyArmEnv().reset(options=given)
 
 
@@ -657,7 +658,7 @@ def test_reference_is_that_of_the_episode_under_way():
     assert env.reference == JointReference()  # before the first episode
     env.reset(options={"reference": OTHER_PATH})
     assert env.reference is OTHER_PATH
-    with pytest.raises(ValueError, match="must be a"):
+    with pytest.raises(TypeError, match="must be a"):
         env.reset(options={"reference": Circle()})
     env.reset()
     assert env.reference == JointReference()

@@ -9,7 +9,7 @@ import pygame
 import pytest
 from gymnasium.error import ResetNeeded
 
-from fuzzyarm.envs.batch.kernels import VECTORS
+from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.batch.kernels import ROWS, SCALARS, VECTORS, WIDTH, advance, split
+from fuzzyarm.envs.batch.kernels import advance
+from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, WIDTH, Clock, Lane, split
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
     Payload,
@@ -18,8 +19,10 @@ from fuzzyarm.envs.physics.dynamics import (
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.task import Limits, Target, clipped, finite, measured
+from fuzzyarm.envs.physics.records import PerJoint, in_list, reader, size
+from fuzzyarm.envs.task import Limits, Target, assess, clipped, finite
 
+limits_of, target_of = reader(Limits, in_list), reader(Target, in_list)
 TABLE_1 = ArmParameters()
 STATIC = np.array(TABLE_1.static_friction)
 LIMITS = np.array([*TABLE_1.joint_limit, *TABLE_1.velocity_limit, *TABLE_1.torque_limit])
@@ -31,14 +34,15 @@ PERIOD, SUBSTEPS = 1e-3, 10
 def measure(state, torque=NOTHING, bias=NOTHING, target=None, limits=LIMITS):
     """One arm of Table 1, measured."""
     target = circle_target(RESTING) if target is None else target
-    return measured(State(*state), *torque, *bias, arm_constants(TABLE_1), Limits(*limits), Target(*target))
+    known = limits_of(limits, 0), target_of(target, 0)
+    return assess(State(*state), PerJoint(*torque), PerJoint(*bias), arm_constants(TABLE_1), *known)
 
 
 def circle_target(state, distance=0.0):
     """A target with the tip of `state` `distance` beside the reference, on a circle with center (0.1, 0.2)."""
     found = measure(state, target=np.zeros(7))
-    radius = np.hypot(found.tip_x - 0.1, found.tip_y - 0.2)
-    return np.array([found.tip_x + distance, found.tip_y, 1.0, 0.0, 0.1, 0.2, radius])
+    radius = np.hypot(found.tip.x - 0.1, found.tip.y - 0.2)
+    return np.array([found.tip.x + distance, found.tip.y, 1.0, 0.0, 0.1, 0.2, radius])
 
 
 def random_arm(rng):
@@ -101,7 +105,7 @@ def test_advance_writes_every_entry_and_leaves_table_and_action_alone():
     assert np.isfinite(observations).all()
     assert all(np.isfinite(part).all() for part in (*vectors.values(), *scalars.values()))
     assert all(map(np.array_equal, kept, [values[8:], clock[1:], table, action]))
-    assert np.array_equal(clock[0], kept[1][0] + 1) and len(values) == ROWS
+    assert np.array_equal(clock[0], kept[1][0] + 1) and len(values) == size(Lane) and len(clock) == size(Clock)
 
 
 def test_each_result_is_reported_under_its_name():
@@ -127,7 +131,7 @@ def test_measured_tip_and_error_are_the_plants():
     rng = np.random.default_rng(1)
     state, target = rng.uniform(-1.0, 1.0, 8), rng.uniform(0.2, 0.5, 7)
     found, tip = measure(state, (1.0, 2.0), (3.0, 4.0), target), tip_position(state[2:4], TABLE_1.length)
-    np.testing.assert_allclose([found.tip_x, found.tip_y], tip, rtol=0.0, atol=5e-16)
+    np.testing.assert_allclose(found.tip, tip, rtol=0.0, atol=5e-16)
     assert found.tip_error == pytest.approx(np.linalg.norm(tip - target[:2]), rel=1e-14)
 
 
@@ -233,7 +237,7 @@ def test_clipped_is_exact():
 
 
 def friction(found):
-    return np.array([found.friction_torque1, found.friction_torque2])
+    return np.array(found.friction_torque)
 
 
 @pytest.mark.parametrize("share", [-1.0, -0.3, 0.0, 0.999, 1.0])
@@ -281,9 +285,10 @@ def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
     values, clock, table, action = lanes_of(state, torque, bias, force, arm, limits, target)
     _, vectors, scalars = step(values, clock, table, action)
     hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
-    expected = measured(State(*state), *applied, *bias, Arm(*arm), Limits(*limits), Target(*target))
+    known = limits_of(limits, 0), target_of(target, 0)
+    expected = assess(State(*state), PerJoint(*applied), PerJoint(*bias), Arm(*arm), *known)
     assert np.array_equal(values[:8], state) and np.array_equal(vectors["torque"], applied.T)
-    assert np.array_equal(vectors["tip"], np.stack([expected.tip_x, expected.tip_y], axis=-1))
+    assert np.array_equal(vectors["tip"], np.stack(expected.tip, axis=-1))
     assert np.array_equal(vectors["friction_torque"], friction(expected).T)
     for name in SCALARS[1:7]:
         assert np.array_equal(scalars[name], getattr(expected, name)), name

@@ -30,7 +30,7 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.termination import Termination
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
 TABLE_1 = ArmParameters()
@@ -124,7 +124,7 @@ def digest(envs, actions, **reset):
 def python(code, **options):
     """Standard output of a fresh interpreter under the same strict warnings."""
     command = [sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(command, capture_output=True, check=False, timeout=120, **options)
+    done = subprocess.run(command, capture_output=True, check=False, **options)
     assert done.returncode == 0, done.stderr.decode()
     return done.stdout.decode().strip()
 
@@ -397,7 +397,7 @@ def test_ends_of_both_kinds_begin_the_next_episode_within_the_step():
             assert info["final_obs"][lane][:4].tolist() == [*final["q_motor"], *final["dq_motor"]]
             assert identical(observation[lane], first[lane]) and info["in_domain"][lane]
     thrown = ends.pop(2)
-    assert ends == {0: (50, False, True, None, True)} and thrown[1:] == (True, False, REASONS[1], False)
+    assert ends == {0: (50, False, True, None, True)} and thrown[1:] == (True, False, Termination.ANGLE.text, False)
 
 
 def test_only_lanes_that_left_the_box_have_a_reason():
@@ -406,7 +406,7 @@ def test_only_lanes_that_left_the_box_have_a_reason():
     envs.reset(options={"initial_state": [LEAVING, STILL, STILL]})
     _, reward, terminated, truncated, info = envs.step(np.zeros((3, 2)))
     assert terminated.tolist() == [True, False, False] and truncated.tolist() == [False, True, False]
-    assert info["final_info"]["reason"].tolist() == [REASONS[1], None, None]
+    assert info["final_info"]["reason"].tolist() == [Termination.ANGLE.text, None, None]
     assert info["final_info"]["_reason"].tolist() == [True, False, False]
     assert info["_final_info"].tolist() == [True, True, False] and "reason" not in info and (reward > 0.0).all()
 
@@ -660,12 +660,12 @@ def test_no_global_generator_is_read_or_written():
 
 BAD_SEEDS = {
     "negative": (-1, r"seed = -1 is out of range; allowed: 0, 1, 2, \.\.\."),
-    "a boolean": (True, "seed = True is out of range"),
-    "a fraction": (1.5, r"seed = 1\.5 is out of range"),
+    "a boolean": (True, "seed = True must be a whole number"),
+    "a fraction": (1.5, r"seed = 1\.5 must be a whole number"),
     "too few": ([1, 2], "2 seeds for 3 lanes; give one, or one per lane"),
     "too many": (range(4), "4 seeds for 3 lanes; give one, or one per lane"),
     "one of several": ([1, 2, -3], r"lane 2: seed = -3 is out of range; allowed: 0, 1, 2, \.\.\."),
-    "one boolean": ([1, False, 3], "lane 1: seed = False is out of range"),
+    "one boolean": ([1, False, 3], "lane 1: seed = False must be a whole number"),
 }
 
 
@@ -673,7 +673,7 @@ BAD_SEEDS = {
 def test_a_bad_seed_is_named_and_the_streams_stay_where_they_were(seed, message):
     envs, untouched = batch(3, **RANDOM), batch(3, **RANDOM)
     assert_identical(envs.reset(seed=0), untouched.reset(seed=0))
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         envs.reset(seed=seed)
     with pytest.raises(ResetNeeded):
         envs.step(np.zeros((3, 2)))
@@ -701,12 +701,12 @@ CHOICES = "choose from: nominal, machining, payload"
 BAD_ARGUMENTS = {
     "no lanes": ({"num_envs": 0}, r"num_envs = 0 is out of range; allowed: 1, 2, 3, \.\.\."),
     "fewer than none": ({"num_envs": -1}, "num_envs = -1 is out of range"),
-    "a boolean of lanes": ({"num_envs": True}, "num_envs = True is out of range"),
-    "half a lane": ({"num_envs": 2.5}, r"num_envs = 2\.5 is out of range"),
-    "no threads": ({"threads": 0}, r"threads = 0 is out of range; allowed: 1, 2, 3, \.\.\. or None"),
+    "a boolean of lanes": ({"num_envs": True}, "num_envs = True must be a whole number"),
+    "half a lane": ({"num_envs": 2.5}, r"num_envs = 2\.5 must be a whole number"),
+    "no threads": ({"threads": 0}, r"threads = 0 is out of range; allowed: 1, 2, 3, \.\.\."),
     "fewer threads": ({"threads": -2}, "threads = -2 is out of range"),
-    "boolean threads": ({"threads": True}, "threads = True is out of range"),
-    "half threads": ({"threads": 1.5}, r"threads = 1\.5 is out of range"),
+    "boolean threads": ({"threads": True}, "threads = True must be a whole number"),
+    "half threads": ({"threads": 1.5}, r"threads = 1\.5 must be a whole number"),
     "pictures": ({"render_mode": "rgb_array"}, r"render_mode = 'rgb_array': a batch draws nothing; use gym\.make\("),
     "case": ({"case": "drilling"}, f"^unknown case 'drilling'; {CHOICES}"),
     "one case": ({"case": ["nominal", "nominal", "drilling"]}, f"^lane 2: unknown case 'drilling'; {CHOICES}"),
@@ -739,7 +739,7 @@ BAD_ARGUMENTS = {
 
 @pytest.mark.parametrize(("arguments", "message"), BAD_ARGUMENTS.values(), ids=BAD_ARGUMENTS)
 def test_a_bad_argument_is_named_with_its_lane_and_what_is_allowed(arguments, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         FuzzyArmVectorEnv(**{"num_envs": 3, **arguments})
 
 
@@ -775,7 +775,7 @@ def test_a_bad_option_is_named_and_leaves_nothing_to_step(options, message):
     envs, untouched, actions = batch(3, **{"disturbance": NOISY}), batch(3, disturbance=NOISY), torques(0, 5, 3)
     for made in (envs, untouched):
         made.reset(seed=0)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         envs.reset(options=options)
     with pytest.raises(ResetNeeded, match=r"call envs\.reset\(\) before envs\.step\(\)"):
         envs.step(actions[0])
@@ -1026,5 +1026,5 @@ def test_extreme_arms_move_or_end_with_a_reason(name):
         moved |= ~(terminated | truncated)
         if terminated.any():
             ends += terminated.sum()
-            assert set(info["final_info"]["reason"][terminated]) <= set(REASONS[1:])
+            assert set(info["final_info"]["reason"][terminated]) <= {reason.text for reason in Termination if reason}
     assert moved.mean() > 0.2 and (ends > lanes or name == "heavy")

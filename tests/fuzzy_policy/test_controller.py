@@ -12,7 +12,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller, ControllerFileError, _digest
-from fuzzyarm.synthesis.design import Specification, design
+from fuzzyarm.synthesis import Specification, design
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_missing_field_is_named(document, tmp_path, key):
         ("alpha", ["0x1p+0"], "alpha|must be|not"),
         ("kept", ["z1", "z9"], "z9"),
         ("integral", 1, "integral"),
-        ("P", [["0x1p+0"]], "P must hold"),
+        ("P", [["0x1p+0"]], "P has shape"),
         ("gains", "0x1p+0", "gains"),
         ("tau", [], "tau"),
         ("form", "printed", "consistent, paper"),
@@ -200,7 +200,7 @@ def test_a_controller_without_integral_has_four_states(controller):
         "X": controller.X[:, :4, :4],
     }
     assert dataclasses.replace(controller, integral=False, **cut).gains.shape == (2, 2, 2, 4)
-    with pytest.raises(ControllerFileError, match=r"gains must hold finite numbers of shape \(2, 2, 2, 4\)"):
+    with pytest.raises(ControllerFileError, match=r"gains has shape \(2, 2, 2, 6\); allowed: \(2, 2, 2, 4\)"):
         dataclasses.replace(controller, integral=False)
 
 
@@ -244,8 +244,8 @@ def test_files_without_a_fastest_pole_say_nothing_of_it(controller):
         ("fastest_pole", (20.0).hex(), r"fastest_pole = 20.0 is out of range; allowed: \(alpha, inf\)"),
         ("fastest_pole", ["0x1p+8"], "must be|not supported"),
         ("pole_Q", None, "pole_Q does not go with fastest_pole = 200.0"),
-        ("pole_X", [["0x1p+0"]], "pole_X must hold"),
-        ("pole_tau", [], "pole_tau must hold"),
+        ("pole_X", [["0x1p+0"]], "pole_X has shape"),
+        ("pole_tau", [], "pole_tau has shape"),
     ],
 )
 def test_a_wrong_fastest_pole_is_refused(limited, tmp_path, key, value, message):

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from fuzzyarm.envs.observation import JOINTS, Observation
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws import elastic_target
 from fuzzyarm.learned_policy.definition import FeatureDefinition
@@ -101,13 +102,18 @@ def test_a_constant_error_fills_the_leaky_integral_to_its_limit():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"past_errors": -1}, "past_errors = -1 is out of range; allowed: 0, 1, ..., 100"),
+        ({"past_errors": -1}, "past_errors = -1 is out of range; allowed: 0 to 100"),
         ({"past_actions": True}, "past_actions = True"),
         ({"integral_time": math.nan}, r"integral_time = nan s is out of range; allowed: \[0, inf\) s"),
-        ({"elastic_target": 1}, "elastic_target = 1 must be true or false"),
+        ({"elastic_target": 1}, "elastic_target = 1 must be True or False"),
         ({"error_scale": 0.0}, r"error_scale = 0.0 is out of range; allowed: \(0, inf\)"),
     ],
 )
 def test_what_is_out_of_range_is_named(values, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         FeatureDefinition(**values)
+
+
+def test_the_definition_counts_the_joints_of_the_observation():
+    """It has a number of its own, because the module of the observation loads Numba."""
+    assert FeatureDefinition(past_errors=0, past_actions=0, integral_time=0.0).size == JOINTS * len(Observation._fields)

@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability.linearisation import spectral_radius
-from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, margins
+from fuzzyarm.eval.stability.margins import MarginsConfig, margin_notes, measure_margins
 from fuzzyarm.learned_policy.bundle import BundleError
 from fuzzyarm.learned_policy.definition import ActionDefinition
 from fuzzyarm.learned_policy.features import Features
@@ -188,7 +188,7 @@ def test_margins_are_taken_over_the_action_period(tmp_path):
     half = len(silent) // 2
     network = dataclasses.replace(mine.network, weights=tuple(silent[:half]), biases=tuple(silent[half:]))
     dataclasses.replace(mine, network=network).save(tmp_path / "silent")
-    document = margins(MarginsConfig((str(tmp_path / "silent"), "fuzzy-4")))
+    document = measure_margins(MarginsConfig((str(tmp_path / "silent"), "fuzzy-4")))
     row, other = document["rows"]
     base = load_policy("fuzzy-4", control_period=2e-3)
     expected = spectral_radius(base, ArmParameters(), control_period=2e-3, delay=1.0)

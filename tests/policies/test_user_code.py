@@ -11,9 +11,8 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.stability.linearisation import spectral_radius
-from fuzzyarm.eval.stability.margins import MarginsConfig, margins
-from fuzzyarm.policies.registry import is_code
-from fuzzyarm.policies.user_code import find_policy
+from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
+from fuzzyarm.policies import Kind, resolve
 
 ROOT = Path(__file__).parent.parent.parent
 ARM = ArmParameters()
@@ -49,6 +48,10 @@ def module(tmp_path, monkeypatch):
             del sys.modules[name]
 
 
+def loaded(name, **options):
+    return resolve(name, run_code=True).load(**options)
+
+
 def one_line_error(capsys):
     err = capsys.readouterr().err
     assert err.count("\n") == 1
@@ -80,7 +83,7 @@ def test_it_runs_exactly_like_the_same_law_by_name(module):
 def test_a_factory_is_given_what_it_names(module, factory, definition, taken):
     law = "class Law:\n    predict = print\n    def __init__(self, **given): self.given = given\n"
     robot = ArmParameters(mass=(12.0, 8.0))
-    policy = find_policy(f"{module(law + definition)}:{factory}", control_period=2e-3, robot=robot)
+    policy = loaded(f"{module(law + definition)}:{factory}", control_period=2e-3, robot=robot)
     offered = {"control_period": 2e-3, "robot": robot}
     given = {name: value for name, value in policy._policy.given.items() if name in offered}
     assert given == {name: value for name, value in offered.items() if taken in ("both", name)}
@@ -140,29 +143,29 @@ def test_load_policy_runs_no_code(module, tmp_path):
     with pytest.raises(ValueError, match="names code, which load_policy does not run"):
         load_policy(name)
     assert not (tmp_path / "ran").exists()
-    find_policy(name)
+    loaded(name)
     assert (tmp_path / "ran").exists()
 
 
 @pytest.mark.parametrize("name", ["a:b", "a.b:c", "a.b:c.d"])
 def test_names_that_are_code(name):
-    assert is_code(name)
+    assert resolve(name).kind is Kind.CODE
 
 
 @pytest.mark.parametrize("name", ["a", "a.b", "a:", ":b", "a:b:c", "a-b:c", "a:b.json-tip", "../a:b", "C:\\a", ".a:b"])
 def test_names_that_are_none(name):
-    assert not is_code(name)
+    assert resolve(name).kind is not Kind.CODE
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no colon in file names")
 def test_a_folder_of_that_name_is_meant_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a:b").mkdir()
-    assert not is_code("a:b")
+    assert resolve("a:b").kind is Kind.LEARNED
 
 
 def test_margins_take_a_law_that_acts_on_batches(module):
-    policy = find_policy(f"{module(TORQUE)}:factory")
+    policy = loaded(f"{module(TORQUE)}:factory")
     named = spectral_radius(load_policy("computed-torque"), ARM, control_period=1e-3)
     assert spectral_radius(policy, ARM, control_period=1e-3) == named
 
@@ -179,7 +182,7 @@ def test_lists_are_torques_too(module):
     return Listed()
 """
     )
-    policy, batch = find_policy(f"{module(source)}:factory"), np.random.default_rng(0).normal(size=(3, 10))
+    policy, batch = loaded(f"{module(source)}:factory"), np.random.default_rng(0).normal(size=(3, 10))
     np.testing.assert_array_equal(policy.predict(batch)[0], load_policy("computed-torque").predict(batch)[0])
     assert policy.predict(batch)[0].dtype == np.float64
 
@@ -187,15 +190,15 @@ def test_lists_are_torques_too(module):
 def test_margins_name_a_law_that_does_not(module):
     """Every cell is without a number, and the reason is there."""
     name = f"{module(PREDICT.format('return np.zeros(2), None'))}:Law"
-    row = margins(MarginsConfig((name,)))["rows"][0]
+    row = measure_margins(MarginsConfig((name,)))["rows"][0]
     assert set(row["spectral_radius"].values()) == {None}
     assert f"{name}: predict returned an action of shape (2,)" in row["reasons"]["nominal"]
 
 
 def test_margins_heed_the_time_an_action_is_held(module):
     source = TORQUE.replace("return", "law =") + "    law.action_period = 4e-3\n    return law\n"
-    assert find_policy(f"{module(source)}:factory").action_period == 4e-3
-    row = margins(MarginsConfig((f"{module(source)}:factory",)))["rows"][0]
+    assert loaded(f"{module(source)}:factory").action_period == 4e-3
+    row = measure_margins(MarginsConfig((f"{module(source)}:factory",)))["rows"][0]
     assert row["control_period"] == 4e-3
 
 
@@ -213,14 +216,14 @@ class TestTemplate:
         def potential(q):
             return -ARM.gravity * (m1 * r1 * np.cos(q[0]) + m2 * (length * np.cos(q[0]) + r2 * np.cos(q[0] + q[1])))
 
-        policy = find_policy(name)
+        policy = loaded(name)
         for q in np.random.default_rng(0).uniform(-3.0, 3.0, (20, 2)):
             torque, _ = policy.predict(np.concatenate([q, np.zeros(2), q, np.zeros(4)]))
             slopes = [(potential(q + h * e) - potential(q - h * e)) / (2.0 * h) for e in np.eye(2)]
             np.testing.assert_allclose(torque, slopes, atol=1e-6)
 
     def test_a_batch_equals_its_lanes(self, name):
-        policy, batch = find_policy(name), np.random.default_rng(0).normal(size=(5, 10))
+        policy, batch = loaded(name), np.random.default_rng(0).normal(size=(5, 10))
         for lane, torque in zip(batch, policy.predict(batch)[0], strict=True):
             np.testing.assert_array_equal(policy.predict(lane)[0], torque)
 

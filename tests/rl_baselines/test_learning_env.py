@@ -16,7 +16,7 @@ from fuzzyarm.learned_policy.network import Network
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 from fuzzyarm.rl_baselines.learning_env import LearningEnvs, learning_envs, sharpened_reward
-from fuzzyarm.rl_baselines.ppo_config import PPOConfig
+from fuzzyarm.rl_baselines.ppo import PPOConfig
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 PERIOD = 0.002
@@ -149,10 +149,10 @@ def test_a_state_of_other_arms_is_refused():
     softer = vector(2, parameters=ArmParameters(stiffness=(20000.0, 10000.0)))
     others = vector(3), vector(2, case="payload"), vector(2, reference=SHORT), vector(2, randomisation="plants"), softer
     for other in others:
-        with pytest.raises(ValueError, match="other plants, tasks, randomisation, periods or another number"):
+        with pytest.raises(ValueError, match="other plants, scenarios, randomisation, periods or another number"):
             other.set_state(state)
     envs.reset(options={"case": "payload"})
-    with pytest.raises(ValueError, match="lane 0 is in a task that reset options asked for"):
+    with pytest.raises(ValueError, match="lane 0 is in a scenario that reset options asked for"):
         envs.get_state()
 
 
@@ -202,8 +202,8 @@ def test_the_quick_evaluation_of_an_episode_that_ends_early_is_of_that_episode_a
         control_period = 1e-3
         law = load_policy("fuzzy-4", allow_unproven=True)
 
-        def predict(self, observation, state=None):
-            action, state = self.law.predict(observation, state)
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            action, state = self.law.predict(observation, state, episode_start)
             action[0] = [500.0, 250.0]
             return action, state
 

@@ -13,7 +13,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Lemniscate, Line
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.termination import Termination
 
 sb3 = pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402
@@ -104,7 +104,7 @@ def assert_same_step(results, others):
 # --- it is what stable-baselines3 makes of single environments ---------------------------------------------------
 
 
-TRUNCATED, TERMINATED = {"truncated"}, {*REASONS[1:]}
+TRUNCATED, TERMINATED = {"truncated"}, {reason.text for reason in Termination if reason}
 SETTINGS = {
     "short": ({"reference": SHORT}, [TRUNCATED]),
     "machining": ({"case": "machining", "reference": LONGER}, [TRUNCATED, TERMINATED]),
@@ -139,7 +139,7 @@ def test_both_kinds_of_end_are_told_apart():
             ends[lane] = (info["TimeLimit.truncated"], info.get("reason"), info["episode"]["l"] == step)
             assert not np.array_equal(info["terminal_observation"], observation[lane])
             assert observation[lane, 2:4].tolist() == [0.0, 0.0]  # at rest: the next episode
-    assert ends == {0: (True, None, True), 2: (False, REASONS[1], True)}
+    assert ends == {0: (True, None, True), 2: (False, Termination.ANGLE.text, True)}
 
 
 def test_an_end_of_both_kinds_at_once_is_no_truncation():

@@ -24,9 +24,11 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS, Measured
-from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm, _reason
+from fuzzyarm.envs.task import Assessment
+from fuzzyarm.envs.termination import Termination
+from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 from fuzzyarm.rl_baselines.torch_numbers import Angle, normal_pair, uniform, word
+from fuzzyarm.rl_baselines.torch_step import _reason
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 SHORT = JointReference(Line((0.4, 0.5), (0.402, 0.5)), duration=0.02)  # 20 steps
@@ -78,9 +80,9 @@ def last_info(info, key):
 
 
 def reasons(info, lanes):
-    """Places in REASONS, of the NumPy environment."""
+    """Numbers of `Termination`, of the NumPy environment."""
     found = info.get("final_info", {}).get("reason", np.full(lanes, None))
-    return np.array([0 if text is None else REASONS.index(text) for text in found])
+    return np.array([next(reason for reason in Termination if reason.text == (text or "")) for text in found])
 
 
 def final_observations(observation, info):
@@ -155,7 +157,7 @@ def test_streams_are_those_of_numpy_bit_for_bit(device):
 # ---- episodes: the NumPy environment's, lane by lane ----
 
 
-@pytest.mark.parametrize(("case", "substep"), [("nominal", 1e-3), ("machining", None), ("payload", 1e-3)])
+@pytest.mark.parametrize(("case", "substep"), [("machining", None), ("payload", 1e-3)])
 def test_trajectories_of_the_paper_are_the_numpy_ones(case, substep, device):
     compare_trajectory(case, substep, device, compiled=False)
 
@@ -224,7 +226,7 @@ def test_of_several_reasons_the_first_counts_and_not_finite_before_all():
     angles, velocities, sound = (
         torch.tensor(list(flags)) for flags in zip(*itertools.product([0.0, 1.0], repeat=3), strict=True)
     )
-    found = Measured(*[torch.zeros(8)] * 10, angles, velocities)
+    found = Assessment(*[torch.zeros(8)] * 8, angles, velocities)
     expected = [
         3 if not s else 1 if not a else 2 if not v else 0 for a, v, s in zip(angles, velocities, sound, strict=True)
     ]
@@ -261,7 +263,7 @@ def test_an_infinite_action_ends_only_its_lane(device):
     expected, their_reward, *_ = twin.step(action)
     assert terminated.tolist() == [False, True, True, False]
     assert info["reason"].tolist() == [0, 3, 3, 0]
-    assert REASONS[3] == "the state is not finite"
+    assert Termination(3).text == "the state is not finite"
     assert reward[1:3].tolist() == [0.0, 0.0]
     assert not truncated.any()
     for lane in (0, 3):
@@ -498,8 +500,8 @@ def test_many_compiled_batches_at_once():
 
 SMALLEST = """
 import torch
-from fuzzyarm.rl_baselines.torch_env import _compiled
-_compiled(lambda x: x.sin())(torch.zeros(100))
+from fuzzyarm.rl_baselines.torch_compile import compile_step
+compile_step(lambda x: x.sin())(torch.zeros(100))
 """
 WHOLE = """
 import torch
@@ -535,7 +537,7 @@ def test_without_a_compiler_one_line_says_what_to_do(program, printed, tmp_path)
     ("arguments", "message"),
     [
         ({"num_envs": 0}, "num_envs = 0 is out of range"),
-        ({"num_envs": 2.0}, "num_envs = 2.0 is out of range"),
+        ({"num_envs": 2.0}, "num_envs = 2.0 must be a whole number"),
         ({"dtype": torch.float16}, "torch.float16 is unknown; choose torch.float32 or torch.float64"),
         ({"case": "drilling"}, "unknown case 'drilling'"),
         ({"case": "payload", "disturbance": Disturbance()}, "not both"),
@@ -547,7 +549,7 @@ def test_without_a_compiler_one_line_says_what_to_do(program, printed, tmp_path)
     ],
 )
 def test_wrong_arguments_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         TorchFuzzyArm(**{"num_envs": 2, "compiled": False, **arguments})
 
 
@@ -556,7 +558,7 @@ def test_wrong_calls_are_named():
     with pytest.raises(ResetNeeded, match="reset"):
         envs.step(torch.zeros(2, 2))
     for seed in (-1, 1.5, True):
-        with pytest.raises(ValueError, match="seed = "):
+        with pytest.raises((TypeError, ValueError), match="seed = "):
             envs.reset(seed=seed)
     envs.reset(seed=0)
     with pytest.raises(ValueError, match=r"action has shape \(2,\); needed: \(2, 2\)"):

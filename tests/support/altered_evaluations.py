@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import Evaluation, write_results
@@ -34,7 +34,7 @@ def with_runs(evaluation: Evaluation, runs: list[Rollout]) -> Evaluation:
         evaluation,
         config=config,
         rollouts=runs,
-        rows=[{name: getattr(run, name) for name in named} | metrics(run) for run in runs],
+        rows=[{name: getattr(run, name) for name in named} | metrics_of(run) for run in runs],
         certificates={name: evaluation.certificates.get(name) for name in policies},
         bounds={name: evaluation.bounds.get(name) for name in policies},
         made_with=evaluation.made_with

@@ -10,8 +10,9 @@ from fuzzyarm.fuzzy_policy.proof.vertices import error_vertices, tracking_vertic
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula, reduced_size
 from fuzzyarm.synthesis.conic import Problem, program
-from fuzzyarm.synthesis.design import PAPER_WEIGHT, Specification, error_system
 from fuzzyarm.synthesis.reduced import ReducedModel
+from fuzzyarm.synthesis.search import error_system
+from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
 ARM = ArmParameters()
 TABLE_2 = {32: Size(5138, 33816), 16: Size(1298, 8728), 8: Size(338, 2328), 4: Size(98, 664)}
@@ -76,11 +77,13 @@ def test_full_size_is_that_of_the_theorem_written_in_cvxpy(form, integral, commo
 
 @every_form
 @pytest.mark.parametrize("rules", [32, 4, 2, 1])
-@pytest.mark.parametrize("minimise", ["gamma", "gain"])
+@pytest.mark.parametrize("minimise", ["gamma", "gain_bound"])
 def test_reduced_size_is_that_of_the_cone_program(form, integral, common, rules, minimise):
     system = error_model(rules, form, integral, common)
-    cone = program(ReducedModel.of(system), Problem(0.3, gamma=1.0 if minimise == "gain" else None, minimise=minimise))
-    size = reduced_size(system, gain_bound=minimise == "gain")
+    cone = program(
+        ReducedModel.of(system), Problem(0.3, gamma=1.0 if minimise == "gain_bound" else None, minimise=minimise)
+    )
+    size = reduced_size(system, gains_bounded=minimise == "gain_bound")
     assert size == Size(len(cone.q), sum(cone.orders))
 
 
@@ -92,5 +95,5 @@ def test_sizes_of_the_largest_model():
     theorem = error_model(32, "paper", False, False)
     assert full_size(theorem).variables == 18069
     assert reduced_size(theorem).variables == 3381
-    bounded = full_size(theorem, gain_bound=True)
+    bounded = full_size(theorem, gains_bounded=True)
     assert bounded == Size(18069, full_size(theorem).rows + 32 * (2 + 4))

@@ -10,15 +10,15 @@ from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.frozen import search
+from fuzzyarm.eval.certified.frozen import find_worst_point
 from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel
-from fuzzyarm.synthesis import design as design_module
-from fuzzyarm.synthesis.design import DesignFailed, Specification, describe, design
+from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
+from fuzzyarm.synthesis import search as synthesis_search
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
 
@@ -47,7 +47,7 @@ def test_the_shipped_controller_is_regenerated_to_the_same_performance():
     again = design(Specification(old.model.kept, alpha=old.alpha, gamma=old.gamma, fastest_pole=old.fastest_pole))
     for case in ("nominal", "machining", "payload"):
         results = [
-            metrics(rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
+            metrics_of(record_rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
             for policy in (shipped, FuzzyPolicy(again.controller))
         ]
         for key in ("tip_error_max_mm", "tip_error_rms_mm", "joint_error_rms_mrad", "torque_peak_1", "torque_peak_2"):
@@ -69,29 +69,29 @@ def test_poles_lie_left_of_the_decay_rate(designed):
 
 
 @pytest.mark.parametrize(
-    "kept", [subset for subset in SUBSETS if len(subset) <= 3], ids=lambda k: "+".join(k) or "none"
+    "kept", [*(subset for subset in SUBSETS if len(subset) <= 2), NAMED_RULES[8]], ids=lambda k: "+".join(k) or "none"
 )
-def test_every_model_up_to_8_rules_is_designed_and_proven(kept):
+def test_every_model_up_to_4_rules_is_designed_and_proven(kept):
     assert design(Specification(kept=kept)).certificate.proven
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 3], ids=lambda k: "+".join(k))
+@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 2], ids=lambda k: "+".join(k))
 def test_every_larger_model_is_designed_and_proven(kept):
     assert design(Specification(kept=kept)).certificate.proven
 
 
 @pytest.mark.parametrize(
-    "kept", [subset for subset in SUBSETS if len(subset) <= 2], ids=lambda k: "+".join(k) or "none"
+    "kept", [subset for subset in SUBSETS if len(subset) <= 1], ids=lambda k: "+".join(k) or "none"
 )
-def test_every_model_up_to_4_rules_in_the_form_of_the_paper(kept):
+def test_every_model_up_to_2_rules_in_the_form_of_the_paper(kept):
     """As printed, with the integral: no number of rules is too few for Theorem 2."""
     asked = Specification(kept=kept, form="paper", gamma=1000.0, common_multiplier=True)
     assert design(asked).certificate.proven
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 2], ids=lambda k: "+".join(k))
+@pytest.mark.parametrize("kept", [subset for subset in SUBSETS if len(subset) > 1], ids=lambda k: "+".join(k))
 def test_every_larger_model_in_the_form_of_the_paper(kept):
     asked = Specification(kept=kept, form="paper", gamma=1000.0, common_multiplier=True)
     assert design(asked).certificate.proven
@@ -100,7 +100,7 @@ def test_every_larger_model_in_the_form_of_the_paper(kept):
 def test_more_gain_gives_a_smaller_gamma():
     """The bound on K P K' is a little stronger than on |K|, so a design meets its own gamma at some more gain."""
     first = design(Specification(kept=()))
-    gain = design_module.scaled_gain(first.controller)
+    gain = synthesis_search.scaled_gain(first.controller)
     gammas = [design(Specification(kept=(), gamma=None, gain_bound=f * gain)).controller.gamma for f in (1.0, 1.5, 3.0)]
     assert gammas[0] > gammas[1] > gammas[2]
     assert gammas[1] < 2e-4
@@ -144,8 +144,8 @@ def test_a_solver_that_lies_is_not_believed(monkeypatch, designed):
         solution = honest(system, problem)
         return dataclasses.replace(solution, Q=-solution.Q)
 
-    honest = design_module.solve
-    monkeypatch.setattr(design_module, "solve", lie)
+    honest = synthesis_search.solve
+    monkeypatch.setattr(synthesis_search, "solve", lie)
     with pytest.raises(DesignFailed, match="does not pass the proof"):
         design(Specification(kept=()))
 
@@ -181,18 +181,21 @@ def test_every_pole_of_the_frozen_loop_lies_in_the_strip(kept, pole, integral):
         return np.linalg.eigvals(F).real.max(axis=-1)
 
     loop = RigidLoop(made.controller)
-    assert 0.0 < search(loop, fastest).value < pole
-    assert search(loop, slowest).value < -made.controller.alpha
+    assert 0.0 < find_worst_point(loop, fastest).value < pole
+    assert find_worst_point(loop, slowest).value < -made.controller.alpha
 
 
 def test_the_strip_moves_the_fastest_pole_and_costs_gain(limited):
     free = design(Specification(gamma=1.2e-4)).controller
     speeds = [
-        search(RigidLoop(controller), lambda F, G, omega: -np.linalg.eigvals(F).real.min(axis=-1)).value
+        find_worst_point(RigidLoop(controller), lambda F, G, omega: -np.linalg.eigvals(F).real.min(axis=-1)).value
         for controller in (free, limited.controller)
     ]
     assert speeds[0] > 180.0 and speeds[1] < 120.0
-    found = [design_module._first(free.model, Specification(gamma=1.2e-4, fastest_pole=b)) for b in (None, 1e4, 150.0)]
+    found = [
+        synthesis_search.first_solution(free.model, Specification(gamma=1.2e-4, fastest_pole=b))
+        for b in (None, 1e4, 150.0)
+    ]
     gains = [solution.objective for _, solution in found]
     assert gains[1] == pytest.approx(gains[0], rel=1e-3)
     assert gains[2] > gains[0]
@@ -210,9 +213,9 @@ def test_a_fastest_pole_too_slow_says_what_would_do():
     ):
         design(asked)
     model = TSModel(ArmParameters(), asked.kept)
-    smallest = design_module.smallest_pole(model, asked)
+    smallest = synthesis_search.smallest_feasible_pole(model, asked)
     assert design(dataclasses.replace(asked, fastest_pole=smallest)).certificate.proven
-    assert design_module._best(model, dataclasses.replace(asked, fastest_pole=0.9 * smallest)) is None
+    assert synthesis_search.best_solution(model, dataclasses.replace(asked, fastest_pole=0.9 * smallest)) is None
 
 
 def test_what_a_faster_pole_cannot_mend_is_not_blamed_on_it():
@@ -239,12 +242,12 @@ def test_a_fastest_pole_that_makes_no_sense_is_refused():
 def test_a_solver_that_lies_about_the_strip_is_not_believed(monkeypatch):
     def lie(system, problem):
         solution = honest(system, problem)
-        Q, X, tau = solution.backward
-        return dataclasses.replace(solution, backward=(-Q, X, tau))
+        Q, X, tau = solution.pole_slack
+        return dataclasses.replace(solution, pole_slack=(-Q, X, tau))
 
-    honest = design_module.solve
-    monkeypatch.setattr(design_module, "solve", lie)
-    monkeypatch.setattr(design_module, "_explain", lambda model, specification: "")
+    honest = synthesis_search.solve
+    monkeypatch.setattr(synthesis_search, "solve", lie)
+    monkeypatch.setattr(designer, "why_infeasible", lambda model, specification: "")
     with pytest.raises(DesignFailed, match="does not pass the proof"):
         design(Specification(fastest_pole=200.0))
 

@@ -12,8 +12,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis import minimise
 from fuzzyarm.synthesis.conic import Problem, program, svec
-from fuzzyarm.synthesis.error_model import consistent_reference, paper_form, reversed_time
-from fuzzyarm.synthesis.minimise import Infeasible, fastest, solve
+from fuzzyarm.synthesis.error_model import consistent_form, paper_form, reversed_time
+from fuzzyarm.synthesis.minimise import Infeasible, solve, solve_for_largest_alpha
 from fuzzyarm.synthesis.reduced import ReducedModel, Variables, blended, expand, inequality
 from fuzzyarm.synthesis.scaling import Scaling
 
@@ -26,7 +26,7 @@ def scaled(form, integral, rules):
     """Return the scaled error model and the problem: α = 20 1/s, smallest gains."""
     model = TSModel(ARM, NAMED_RULES[rules])
     if form == "consistent":
-        system = consistent_reference(model, integral)
+        system = consistent_form(model, integral)
         unit = Scaling.of(system, ARM, 1.0)
         lyapunov = 0.37 * unit.time / (GAMMA[form] * unit.torque.mean()) ** 2
     else:
@@ -67,7 +67,7 @@ def full(system, i, k, alpha, gamma2, P, M, L, Q, X, tau, block=np.block):
 def random_point(model, seed=0):
     """Return random decision variables of a whole design, and the decision vector they come from."""
     layout = program(model, Problem(alpha=0.3, gamma=1.0)).layout
-    x = np.random.default_rng(seed).normal(size=layout.gain + 1)
+    x = np.random.default_rng(seed).normal(size=layout.g + 1)
     return layout.at(x), x
 
 
@@ -125,7 +125,7 @@ def test_cone_program_is_the_inequalities(form, integral, rules):
     given = dataclasses.replace(v, gamma2=np.array(problem.gamma**2 * model.weight_norm))
     R = blended(model, problem.alpha, given)
     P11 = v.P[: system.blocks[0], : system.blocks[0]]
-    bounds = [np.block([[v.gain * np.eye(2), M], [M.T, P11]]) for per_k in v.M for M in per_k]
+    bounds = [np.block([[v.g * np.eye(2), M], [M.T, P11]]) for per_k in v.M for M in per_k]
     # A large γ² weight is brought down to one by a congruence of the rows w, a small one is left alone.
     unit, w = np.ones(R.shape[-1]), np.arange(len(model.S_b) + 2, len(model.S_b) + 2 + system.D[0].shape[1])
     unit[w] = 1.0 / np.sqrt(np.maximum(problem.gamma**2 * np.diag(system.disturbance_weight), 1.0))
@@ -165,7 +165,7 @@ def test_solution_is_a_point_of_the_full_inequality(form, integral, rules):
     found = solve(system, problem)
     assert found.margin > 0.5 * problem.margin
     np.testing.assert_array_equal(found.P, found.P.T)
-    assert found.gain**2 <= found.objective * (1.0 + 1e-6)
+    assert found.largest_gain**2 <= found.objective * (1.0 + 1e-6)
     for (p, (i, j)), k in itertools.product(enumerate(system.pairs), range(len(system.E))):
         shared = {"P": found.P, "Q": found.Q[p], "X": found.X[p], "tau": found.tau[p, k]}
         psi = sum(
@@ -205,24 +205,27 @@ def test_objectives_agree_with_each_other():
     system, problem = scaled("consistent", True, 4)
     found = solve(system, problem)
     gain = found.objective**0.5
-    back = solve(system, Problem(alpha=problem.alpha, gain=gain, minimise="gamma"))
+    back = solve(system, Problem(alpha=problem.alpha, gain_bound=gain, minimise="gamma"))
     assert back.gamma == pytest.approx(problem.gamma, rel=1e-3)
-    quick = fastest(system, dataclasses.replace(problem, alpha=0.1, gain=gain, minimise="nothing"), resolution=0.01)
+    quick = solve_for_largest_alpha(
+        system, dataclasses.replace(problem, alpha=0.1, gain_bound=gain, minimise="nothing"), resolution=0.01
+    )
     assert quick.problem.alpha == pytest.approx(problem.alpha, rel=0.015)
-    assert quick.gain <= gain * (1.0 + 1e-6)
+    assert quick.largest_gain <= gain * (1.0 + 1e-6)
     # P and M doubled keep K: with floor 2 the variable g doubles, the bound that it means is about the same.
-    doubled = dataclasses.replace(problem, floor=2.0, gain=1.2 * gain, minimise="nothing")
-    assert solve(system, doubled).gain <= 1.2 * gain
+    doubled = dataclasses.replace(problem, floor=2.0, gain_bound=1.2 * gain, minimise="nothing")
+    assert solve(system, doubled).largest_gain <= 1.2 * gain
     smallest = solve(system, dataclasses.replace(problem, floor=2.0)).objective / 2.0
     with pytest.raises(Infeasible):
-        solve(system, dataclasses.replace(doubled, gain=0.97 * smallest**0.5))
-    assert solve(system, dataclasses.replace(doubled, gain=1.03 * smallest**0.5)).margin > 0.0
+        solve(system, dataclasses.replace(doubled, gain_bound=0.97 * smallest**0.5))
+    assert solve(system, dataclasses.replace(doubled, gain_bound=1.03 * smallest**0.5)).margin > 0.0
     remark3 = solve(system, dataclasses.replace(problem, bound="M", floor=2.0))
     assert np.linalg.norm(remark3.M, ord=2, axis=(-2, -1)).max() == pytest.approx(remark3.objective, rel=1e-3)
     assert np.linalg.eigvalsh(remark3.P).min() > 2.0 * (1.0 - 1e-4)
-    assert remark3.gain <= remark3.objective / 2.0 * (1.0 + 1e-4)
+    assert remark3.largest_gain <= remark3.objective / 2.0 * (1.0 + 1e-4)
     given = solve(
-        system, dataclasses.replace(problem, bound="M", gain=1.1 * remark3.objective, floor=2.0, minimise="nothing")
+        system,
+        dataclasses.replace(problem, bound="M", gain_bound=1.1 * remark3.objective, floor=2.0, minimise="nothing"),
     )
     assert np.linalg.norm(given.M, ord=2, axis=(-2, -1)).max() <= 1.1 * remark3.objective * (1.0 + 1e-4)
 
@@ -261,19 +264,19 @@ def test_problems_that_make_no_sense_are_refused():
     with pytest.raises(ValueError, match="gamma is missing"):
         Problem(alpha=0.3)
     with pytest.raises(ValueError, match="given and minimised"):
-        Problem(alpha=0.3, gamma=1.0, gain=1.0)
+        Problem(alpha=0.3, gamma=1.0, gain_bound=1.0)
     with pytest.raises(ValueError, match="out of range"):
         Problem(alpha=0.3, gamma=np.inf)
     with pytest.raises(ValueError, match="floor"):
         Problem(alpha=0.3, gamma=1.0, floor=0.0)
     system, problem = scaled("consistent", True, 1)
-    with pytest.raises(ValueError, match="gain is missing"):
-        fastest(system, dataclasses.replace(problem, minimise="nothing"))
+    with pytest.raises(ValueError, match="gain_bound is missing"):
+        solve_for_largest_alpha(system, dataclasses.replace(problem, minimise="nothing"))
 
 
 def test_a_model_of_another_structure_is_refused():
     system, _ = scaled("consistent", True, 4)
-    with pytest.raises(ValueError, match="rows other than 2 and 3"):
+    with pytest.raises(ValueError, match="rows other than those of q̇"):
         ReducedModel.of(dataclasses.replace(system, E=[1.1 * E for E in system.E]))
 
 
@@ -313,10 +316,10 @@ def test_cone_program_has_the_inequalities_of_both_directions(integral, rules):
     """The cones of β follow those of α; M and P are the same, Q, X and τ have places of their own."""
     system, problem = scaled("consistent", integral, rules)
     model, reverse = ReducedModel.of(system), ReducedModel.of(reversed_time(system))
-    cone, plain = program(model, dataclasses.replace(problem, beta=3.0)), program(model, problem)
+    cone, plain = program(model, dataclasses.replace(problem, fastest_pole=3.0)), program(model, problem)
     x = np.random.default_rng(4).normal(size=len(cone.q))
-    v, back = cone.values(x), cone.values(x, cone.backward)
-    for name in ("P", "M", "L", "gamma2", "gain"):
+    v, back = cone.values(x), cone.values(x, cone.pole_layout)
+    for name in ("P", "M", "L", "gamma2", "g"):
         np.testing.assert_array_equal(getattr(v, name), getattr(back, name))
     slack = [getattr(one, name).ravel() for one in (v, back) for name in ("Q", "X", "tau")]
     assert len(np.unique(np.concatenate(slack))) == sum(map(len, slack))
@@ -332,8 +335,8 @@ def test_cone_program_has_the_inequalities_of_both_directions(integral, rules):
     assert cone.orders == plain.orders[:pairs] + pairs * [R.shape[-1]] + plain.orders[pairs:]
 
 
-@pytest.mark.parametrize(("integral", "rules", "beta"), [(True, 1, 15.0), (True, 4, 2.0), (False, 4, 2.0)])
-def test_same_optimum_as_both_full_inequalities(integral, rules, beta):
+@pytest.mark.parametrize(("integral", "rules", "pole"), [(True, 1, 15.0), (True, 4, 2.0), (False, 4, 2.0)])
+def test_same_optimum_as_both_full_inequalities(integral, rules, pole):
     """Plain cvxpy on Ψ and Φ, all slack kept, finds the same smallest gains; the bound is felt."""
     system, problem = scaled("consistent", integral, rules)
     reverse, problem = reversed_time(system), dataclasses.replace(problem, margin=1e-6)
@@ -341,7 +344,7 @@ def test_same_optimum_as_both_full_inequalities(integral, rules, beta):
     P, g = cp.Variable((n, n), symmetric=True), cp.Variable()
     M = {(j, k): cp.Variable((2, n)) for j in range(len(system.A)) for k in K}
     constraints = [np.eye(n) << P, *(cp.bmat([[g * np.eye(2), m], [m.T, P]]) >> 0 for m in M.values())]
-    for (i, j), (one, alpha) in itertools.product(system.pairs, ((system, problem.alpha), (reverse, -beta))):
+    for (i, j), (one, alpha) in itertools.product(system.pairs, ((system, problem.alpha), (reverse, -pole))):
         Q, X = cp.Variable((n, n)), cp.Variable((n, n))
         for k in K:
             tau, gamma2 = list(cp.Variable(len(system.uncertainties))), problem.gamma**2
@@ -349,21 +352,21 @@ def test_same_optimum_as_both_full_inequalities(integral, rules, beta):
             constraints.append(0.5 * (both[0] + both[1]) << -problem.margin * np.eye(both[0].shape[0]))
     reference = cp.Problem(cp.Minimize(g), constraints)
     reference.solve(solver=cp.CLARABEL)
-    found = solve(system, dataclasses.replace(problem, beta=beta))
+    found = solve(system, dataclasses.replace(problem, fastest_pole=pole))
     assert found.objective == pytest.approx(reference.value, rel=1e-4)
     assert found.objective > 1.005 * solve(system, problem).objective
 
 
 def test_a_solution_of_both_is_a_point_of_both_full_inequalities():
     system, problem = scaled("consistent", True, 4)
-    found = solve(system, dataclasses.replace(problem, beta=3.0))
-    Q, X, tau = found.backward
+    found = solve(system, dataclasses.replace(problem, fastest_pole=3.0))
+    Q, X, tau = found.pole_slack
     for (p, (i, j)), k in itertools.product(enumerate(system.pairs), range(len(system.E))):
         rest = {"gamma2": 0.0, "P": found.P, "L": found.L[i, k], "Q": Q[p], "X": X[p], "tau": tau[p, k]}
         phi = sum(full(reversed_time(system), a, k, -3.0, M=found.M[b, k], **rest) for a, b in ((i, j), (j, i)))
         unit = 1.0 / np.sqrt(np.abs(np.diag(phi)))
         assert np.linalg.eigvalsh(phi * unit * unit[:, np.newaxis]).max() < -1e-9
-    assert solve(system, problem).backward is None
+    assert solve(system, problem).pole_slack is None
 
 
 def test_a_solver_that_breaks_the_strip_alone_is_not_believed(monkeypatch):
@@ -378,12 +381,12 @@ def test_a_solver_that_breaks_the_strip_alone_is_not_believed(monkeypatch):
     monkeypatch.setattr(minimise, "_clarabel", lie)
     assert solve(system, problem).margin > 0.0
     with pytest.raises(Infeasible, match="Solved"):
-        solve(system, dataclasses.replace(problem, beta=3.0))
+        solve(system, dataclasses.replace(problem, fastest_pole=3.0))
 
 
 def test_a_fastest_pole_that_makes_no_sense_is_refused():
-    for beta in (0.3, 0.1, np.inf, np.nan):
-        with pytest.raises(ValueError, match="beta"):
-            Problem(alpha=0.3, gamma=1.0, beta=beta)
+    for pole in (0.3, 0.1, np.inf, np.nan):
+        with pytest.raises(ValueError, match="fastest_pole"):
+            Problem(alpha=0.3, gamma=1.0, fastest_pole=pole)
     with pytest.raises(ValueError, match="consistent form only"):
         reversed_time(scaled("paper", True, 4)[0])

@@ -5,7 +5,7 @@ import pytest
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
-from fuzzyarm.synthesis.error_model import consistent_reference, paper_form
+from fuzzyarm.synthesis.error_model import consistent_form, paper_form
 from fuzzyarm.synthesis.scaling import Scaling
 
 ARM = ArmParameters()
@@ -50,7 +50,7 @@ def test_scaled_and_si_inequality_are_congruent(rules, integral, form):
     """Psi = c D Psi_scaled D for random decision variables, with alpha = sigma alpha_scaled."""
     model = TSModel(ARM, NAMED_RULES[rules])
     if form == "consistent":
-        system = consistent_reference(model, integral)
+        system = consistent_form(model, integral)
     else:
         system = paper_form(model, integral, WEIGHT, common_multiplier=form != "paper")
     scaling = Scaling.of(system, ARM, lyapunov=0.37)
@@ -77,7 +77,7 @@ def test_scaled_and_si_inequality_are_congruent(rules, integral, form):
 
 def test_scaled_matrices_are_of_order_one():
     """What the scaling is for: SI entries spread over seven decades, scaled ones over three at most."""
-    system = consistent_reference(TSModel(ARM), True)
+    system = consistent_form(TSModel(ARM), True)
     scaled = Scaling.of(system, ARM, lyapunov=1.0).apply(system)
     for matrix in (*scaled.E, *(A for per_k in scaled.A for A in per_k), scaled.B):
         assert np.abs(matrix).max() < 3.0

@@ -1,7 +1,11 @@
-"""Random numbers that each lane draws for itself: a pure function of the lane's key and a counter.
+"""Random streams, one per episode of a lane: number k is a pure function of the stream's key and the counter k.
 
 SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is mix(s + k γ), mix a bijection of the
-64-bit words. A lane needs no generator object, draw k is available at once, and Numba and NumPy give the same bits.
+64-bit words. A lane needs no generator object, number k is available at once, and Numba and NumPy give the same bits.
+
+An episode counts like this: number 0 is the key of the lane's next episode, 1 to 17 are the domain randomisation in
+the order of `Draw`, and from 32 on every control step takes four for the encoder noise, two of angles and two of
+velocities.
 """
 
 from __future__ import annotations
@@ -13,10 +17,14 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 
+__all__ = ["NEXT_KEY", "NOISE", "NOISE_NUMBERS", "RANDOMISATION", "draw", "key_of", "mix", "normal_pair", "uniform"]
+
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 S27, S30, S31, S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
 RESOLUTION = 2.0**-53
+NEXT_KEY, RANDOMISATION, NOISE = np.uint64(0), np.uint64(1), np.uint64(32)  # counters, see above
+NOISE_NUMBERS = np.uint64(4)  # of a control step
 TWO_PI = 2.0 * np.pi
 
 

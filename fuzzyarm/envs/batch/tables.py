@@ -1,66 +1,114 @@
-"""The tables of all episodes that a batch of lanes may be in, below each other as the kernels read them."""
+"""The schedules of all episodes that a batch of lanes may be in, below each other as the kernels read them."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 
-from fuzzyarm.envs.batch.schedule import Episode
-from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.envs.batch.layout import START, Noise, Start
+from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.scenario import Scenario
 
-# A disturbance and a reference; None: a reference drawn from the randomisation's family.
-Task = tuple[Disturbance, JointReference | None]
+__all__ = ["MAX_ACCELERATION", "Tables", "check_reference", "distinct"]
+
+MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
+CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
+
+Item = TypeVar("Item")
 
 
 @dataclasses.dataclass(frozen=True)
 class Tables:
-    """Tasks and their episodes: one for a task with a reference of its own, one per member of the family for others.
+    """Scenarios and their schedules: one for a scenario with a reference, one per member of the family for others.
 
     Attributes:
-        references: of each episode.
-        episodes: one after the other.
-        starts: (episodes, 7), what `lane_kernels.begin` has to know of each.
-        table: (rows, 19), the episodes' tables below each other.
-        firsts: (tasks,) the first episode of each task.
+        references: of each schedule.
+        schedules: one after the other.
+        starts: (schedules, numbers of `Start`).
+        table: (rows, numbers of `Row`), the schedules below each other.
+        firsts: (scenarios,) the first schedule of each scenario.
     """
 
     references: tuple[JointReference, ...]
-    episodes: tuple[Episode, ...]
+    schedules: tuple[Schedule, ...]
     starts: np.ndarray
     table: np.ndarray
     firsts: np.ndarray
 
     @classmethod
-    def build(cls, tasks: Sequence[Task], family: tuple[JointReference, ...], control_period: float) -> Tables:
-        """Tabulate the tasks' episodes every `control_period` [s]."""
+    def build(cls, scenarios: Sequence[Scenario], family: tuple[JointReference, ...], control_period: float) -> Tables:
+        """Tabulate the scenarios' schedules every `control_period` [s]."""
         references: list[JointReference] = []
-        episodes: list[Episode] = []
+        schedules: list[Schedule] = []
         starts, firsts, row = [], [], 0
-        for disturbance, reference in tasks:
-            firsts.append(len(episodes))
-            payload, noise = disturbance.payload, disturbance.encoder_noise
-            spread = (0.0, 0.0) if noise is None else (noise.position, noise.velocity)
+        for disturbance, reference in scenarios:
+            firsts.append(len(schedules))
+            given = disturbance.encoder_noise
+            noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
             for member in family if reference is None else (reference,):
-                episode = Episode.build(member, disturbance, control_period)
-                last, at_tip = row + episode.steps, float(payload.at == "tip")
-                starts.append((row, last, payload.mass, at_tip, *spread, float(reference is None)))
+                schedule = Schedule.build(member, disturbance, control_period)
+                last = row + schedule.steps
+                start = Start(row, last, disturbance.payload.mass, noise, float(reference is None))
+                starts.append(np.hstack(start))
                 references.append(member)
-                episodes.append(episode)
+                schedules.append(schedule)
                 row = last + 1
-        table = np.concatenate([episode.table for episode in episodes])
-        return cls(tuple(references), tuple(episodes), np.array(starts), table, np.array(firsts))
+        table = np.concatenate([schedule.table for schedule in schedules])
+        return cls(tuple(references), tuple(schedules), np.array(starts), table, np.array(firsts))
 
     def followed_by(self, other: Tables) -> Tables:
-        """Return these tables with others below; the episodes of these keep their places."""
+        """Return these tables with others below; the schedules of these keep their places."""
         moved = other.starts.copy()
-        moved[:, :2] += len(self.table)
+        moved[:, [START.first, START.last]] += len(self.table)
         return Tables(
             self.references + other.references,
-            self.episodes + other.episodes,
+            self.schedules + other.schedules,
             np.concatenate([self.starts, moved]),
             np.concatenate([self.table, other.table]),
-            np.concatenate([self.firsts, other.firsts + len(self.episodes)]),
+            np.concatenate([self.firsts, other.firsts + len(self.schedules)]),
         )
+
+
+def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]:
+    """Return the distinct items, by identity, and the number (count,) of each lane's among them.
+
+    A single item is for all lanes.
+    """
+    if len(items) == 1:
+        return list(items), np.zeros(count, dtype=np.int64)
+    places: dict[object, int] = {}
+    kinds: list[Item] = []
+    place_of = np.empty(count, dtype=np.int64)
+    for lane, item in enumerate(items):
+        key = tuple(map(id, item)) if isinstance(item, tuple) else id(item)
+        if key not in places:
+            places[key] = len(kinds)
+            kinds.append(item)
+        place_of[lane] = places[key]
+    return kinds, place_of
+
+
+def check_reference(reference: JointReference, parameters: ArmParameters) -> None:
+    """Raise ValueError unless the plant can follow the reference, which was validated for its own arm."""
+    if reference.parameters.length != parameters.length:
+        raise ValueError(
+            f"reference was made for links of {reference.parameters.length} m, the plant has "
+            f"{parameters.length} m: build it with parameters=..."
+        )
+    motion = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS))
+    for name, unit, values, limit in (
+        ("angle", "rad", motion.q, parameters.joint_limit),
+        ("velocity", "rad/s", motion.dq, parameters.velocity_limit),
+        ("acceleration", "rad/s²", motion.ddq, (MAX_ACCELERATION, MAX_ACCELERATION)),
+    ):
+        peak = np.abs(values).max(axis=0)
+        if np.any(peak > limit):
+            raise ValueError(
+                f"reference {name} reaches {peak.tolist()} {unit}; this plant allows {limit} {unit}: "
+                "raise its duration or move its path"
+            )

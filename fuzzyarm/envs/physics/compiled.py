@@ -1,4 +1,4 @@
-"""Numba compilation with a disk cache that follows every physics source."""
+"""Compilation by Numba, with a cache on disk that follows every source that a kernel is made from."""
 
 from __future__ import annotations
 
@@ -13,32 +13,27 @@ from typing import Any
 
 from numba import njit
 
+__all__ = ["announced_compilation", "kernel"]
+
+_PACKAGE = Path(__file__).parents[2]
+
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile `function` with Numba and cache the machine code on disk.
 
     Numba's cache only watches the file that defines the function: an edit in `dynamics` or `friction`, called from
-    it, would leave stale machine code in use. A digest of all sources of `envs` in the function's name, from
+    it, would leave stale machine code in use. A digest of all sources that it may use, in the function's name from
     which the cache file is named, prevents that. Without a writable cache folder the function is compiled anew.
     """
-    function.__qualname__ = f"{function.__qualname__}_{_digest()}"
+    source = Path(function.__code__.co_filename)
+    room = source.relative_to(_PACKAGE).parts[0] if source.is_relative_to(_PACKAGE) else "envs"
+    # A law may use the layouts of other laws; the kernels of `envs` use nothing of them.
+    rooms = ("common", "envs") if room == "envs" else tuple(sorted({"common", "envs", "fuzzy_policy", room}))
+    function.__qualname__ = f"{function.__qualname__}_{_digest(rooms)}"
     try:
         return njit(cache=True, error_model="numpy", nogil=True)(function)
     except RuntimeError:
         return njit(error_model="numpy", nogil=True)(function)
-
-
-def direct(kernel: Any) -> Callable[..., Any]:
-    """Return the entry of a kernel that has been compiled, without the dispatch on types; before that the kernel.
-
-    This saves the single environment one part in thirty of its step. Arguments must always be of the types that the
-    kernel was compiled for.
-    """
-    if not kernel.signatures:
-        return kernel  # type: ignore[no-any-return]
-    (compiled,) = kernel.overloads.values()
-    entry: Callable[..., Any] = compiled.entry_point
-    return entry
 
 
 @contextlib.contextmanager
@@ -62,6 +57,7 @@ _compiled = False
 
 
 @functools.cache
-def _digest() -> str:
-    sources = sorted(Path(__file__).parents[1].rglob("*.py"))
+def _digest(rooms: tuple[str, ...]) -> str:
+    """Return a digest of all sources in folders of the package."""
+    sources = [path for room in rooms for path in sorted((_PACKAGE / room).rglob("*.py"))]
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]

@@ -7,19 +7,44 @@ Elementwise source, see `friction`.
 from __future__ import annotations
 
 import dataclasses
-import math
-import numbers
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
+from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint
+
+__all__ = [
+    "Arm",
+    "Payload",
+    "Plant",
+    "State",
+    "arm_constants",
+    "coriolis_torque",
+    "gravity_torque",
+    "inertia_and_gravity",
+    "joint_torque",
+    "loaded",
+    "lump",
+    "mass_matrix",
+    "plant_of",
+    "rigid_inverse_dynamics",
+    "solve_mass_matrix",
+    "tip_force_torque",
+    "tip_jacobian",
+    "tip_position",
+]
+
+PLACES = ("tip", "link")
 
 
 @dataclasses.dataclass(frozen=True)
 class Payload:
-    """A mass carried by the arm and not told to the controller (Case 3).
+    """A point mass on link 2 that the controller does not know of (Case 3).
+
+    Whatever has a `mass` and a `radius` is a payload: one at another place is a class with these two.
 
     Attributes:
         mass: carried mass [kg], >= 0.
@@ -32,11 +57,12 @@ class Payload:
 
     def __post_init__(self) -> None:
         """Check the mass and the place."""
-        is_number = isinstance(self.mass, numbers.Real) and not isinstance(self.mass, bool)
-        if not (is_number and 0.0 <= self.mass < math.inf):
-            raise ValueError(f"payload mass = {self.mass!r} kg is out of range; allowed: [0, inf) kg")
-        if self.at not in ("tip", "link"):
-            raise ValueError(f"payload at = {self.at!r} is unknown; choose 'tip' or 'link'")
+        checks.real("payload mass", self.mass, "kg", low=0.0)
+        checks.choice("payload at", self.at, PLACES)
+
+    def radius(self, parameters: ArmParameters) -> float:
+        """Return the distance of the mass from joint 2 [m] on a given arm."""
+        return parameters.length[1] if self.at == "tip" else parameters.mass_center[1]
 
 
 class Arm(NamedTuple):
@@ -69,24 +95,27 @@ class Arm(NamedTuple):
     length2: Any
 
 
-class Plant(NamedTuple):
-    """The fields of `ArmParameters` in their order, every number a scalar, or an array with one value per lane."""
+_UNLOADED = Arm._fields.index("motor_inertia1")  # from this field on a payload changes nothing
 
-    length: Any
-    mass: Any
-    inertia: Any
-    mass_center: Any
-    viscous_friction: Any
+
+class Plant(NamedTuple):
+    """The fields of `ArmParameters` in their order; every number a scalar, or an array with one value per lane."""
+
+    length: PerJoint
+    mass: PerJoint
+    inertia: PerJoint
+    mass_center: PerJoint
+    viscous_friction: PerJoint
     gravity: Any
-    motor_inertia: Any
-    stiffness: Any
-    damping: Any
-    static_friction: Any
-    coulomb_friction: Any
+    motor_inertia: PerJoint
+    stiffness: PerJoint
+    damping: PerJoint
+    static_friction: PerJoint
+    coulomb_friction: PerJoint
     stribeck_velocity: Any
-    torque_limit: Any
-    joint_limit: Any
-    velocity_limit: Any
+    torque_limit: PerJoint
+    joint_limit: PerJoint
+    velocity_limit: PerJoint
 
 
 class State(NamedTuple):
@@ -160,15 +189,14 @@ def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
         arm.c3 + mass * (radius * radius),
         arm.c4 + mass * gravity * length,
         arm.c5 + mass * gravity * radius,
-        *arm[5:],
+        *arm[_UNLOADED:],
     )
 
 
 def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
     """Lump Table 1 and a payload into the constants of (3), see `lump` and `loaded`."""
     payload = payload or Payload()
-    radius = parameters.length[1] if payload.at == "tip" else parameters.mass_center[1]
-    arm: Arm = loaded(lump(plant_of(parameters)), payload.mass, radius, parameters.gravity)
+    arm: Arm = loaded(lump(plant_of(parameters)), payload.mass, payload.radius(parameters), parameters.gravity)
     return arm
 
 

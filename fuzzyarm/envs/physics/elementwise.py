@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numba.extending import overload, register_jitable
 
+__all__ = ["gaussian", "positive_part", "root", "select", "sign", "sine_cosine", "smaller"]
+
 # π/2 = sum of the three; the first two have 33 bits, so k times them is exact for |k| < 2^20 (Cody and Waite).
 HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"))
 TWO_BY_PI = 2.0 / math.pi

@@ -27,8 +27,13 @@ from scipy.integrate import solve_ivp
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
+__all__ = ["integrate"]
+
 TipForce = Callable[[float], Sequence[float]]
 """Force on the tip (F_x, F_y) [N] at a time [s]."""
+
+MOTOR, LINK, MOTOR_VELOCITY, LINK_VELOCITY = range(0, 8, 2)
+"""Where each pair of entries begins in a state: angles of motors and links, then their velocities."""
 
 MAX_EVENTS = 1000
 """Events allowed in one call; a motor that sticks and slips at the joints' 331 rad/s has about four in 19 ms."""
@@ -126,7 +131,7 @@ class _Plant:
     def __init__(self, parameters: ArmParameters, payload: Payload, torque: np.ndarray, force: TipForce) -> None:
         (m1, m2), (r1, r2), (i1, i2) = parameters.mass, parameters.mass_center, parameters.inertia
         l1, l2 = parameters.length
-        carried = (payload.mass, l2 if payload.at == "tip" else r2)
+        carried = (payload.mass, payload.radius(parameters))
         beyond = ((m2, r2), carried)  # point masses on link 2: mass [kg], distance from joint 2 [m]
         m, mr, mrr = (sum(mass * r**power for mass, r in beyond) for power in range(3))
         self.length = l1, l2
@@ -140,12 +145,13 @@ class _Plant:
     def joint_torque(self, joint: int, y: Sequence[float] | np.ndarray) -> float:
         """Return Γ_t [N m] of one joint, (2)."""
         p = self.parameters
-        return p.stiffness[joint] * (y[joint] - y[joint + 2]) + p.damping[joint] * (y[joint + 4] - y[joint + 6])
+        bending, rate = y[MOTOR + joint] - y[LINK + joint], y[MOTOR_VELOCITY + joint] - y[LINK_VELOCITY + joint]
+        return p.stiffness[joint] * bending + p.damping[joint] * rate
 
     def mode(self, joint: int, y: np.ndarray) -> int:
         """Return the mode at a state: the sign of the velocity, at rest that of the net torque if it exceeds Γ_fs."""
-        if y[joint + 4] != 0.0:
-            return int(np.sign(y[joint + 4]))
+        if y[MOTOR_VELOCITY + joint] != 0.0:
+            return int(np.sign(y[MOTOR_VELOCITY + joint]))
         net = self.torque[joint] - self.joint_torque(joint, y)
         return int(np.sign(net)) if abs(net) > self.parameters.static_friction[joint] else 0
 
@@ -153,7 +159,7 @@ class _Plant:
         """Return the mode after the event that ended `mode`; a slip that ended gets velocity 0 exactly, in place."""
         if mode == 0:  # broken away; asking for |net| > Γ_fs again would hang on the last bit of the event's time
             return int(np.sign(self.torque[joint] - self.joint_torque(joint, y)))
-        y[joint + 4] = 0.0
+        y[MOTOR_VELOCITY + joint] = 0.0
         return self.mode(joint, y)
 
     def margin(self, joint: int, mode: int, y: np.ndarray) -> float:
@@ -162,16 +168,18 @@ class _Plant:
         if static == 0.0:
             return 1.0  # nothing to switch: without friction every mode has the same equations
         if mode != 0:
-            return float(mode * y[joint + 4])
+            return float(mode * y[MOTOR_VELOCITY + joint])
         return (1.0 + BREAK_AWAY_MARGIN) * static - abs(self.torque[joint] - self.joint_torque(joint, y))
 
     def derivative(self, modes: tuple[int, ...], time: float, state: np.ndarray) -> list[float]:
         """Return the time derivative of the state, with the friction of the modes; plain floats for speed."""
         y = state.tolist()
         joint_torque = self.joint_torque(0, y), self.joint_torque(1, y)
-        motor1, motor2 = (self.motor_acceleration(j, modes[j], joint_torque[j], y[j + 4]) for j in range(2))
-        link1, link2 = self.link_acceleration(y[2], y[3], y[6], y[7], joint_torque, self.force(time))
-        return [y[4], y[5], y[6], y[7], motor1, motor2, link1, link2]
+        _, _, q1, q2, *velocities = y
+        _, _, dq1, dq2 = velocities
+        motor1, motor2 = (self.motor_acceleration(j, modes[j], joint_torque[j], velocities[j]) for j in range(2))
+        link1, link2 = self.link_acceleration(q1, q2, dq1, dq2, joint_torque, self.force(time))
+        return [*velocities, motor1, motor2, link1, link2]
 
     def motor_acceleration(self, joint: int, mode: int, joint_torque: float, velocity: float) -> float:
         """Return q̈_a [rad/s²] of one motor from (1)."""

@@ -12,6 +12,8 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, sign, smaller
 
+__all__ = ["friction_torque", "stick_slip", "stribeck_magnitude"]
+
 
 @register_jitable
 def stribeck_magnitude(velocity: Any, coulomb: Any, static: Any, stribeck_velocity: Any) -> Any:

@@ -12,7 +12,7 @@ stick is exact. The torque is held over the control step; the tip force is linea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -29,9 +29,9 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip, stribeck_magnitude
+from fuzzyarm.envs.physics.records import BLOCK, PerJoint, Point, in_block, in_rows, places, reader, size, writer
 
-BLOCK = 32  # lanes that are advanced together: their numbers stay in the fastest cache
-ARM, TORQUE, FORCE = 8, 28, 30  # where the rows of `hold_block`'s array begin; the state's are the first eight
+__all__ = ["BLOCK", "ForceLine", "Hold", "held", "hold", "hold_block", "hold_numpy", "kick", "kick_twice", "step"]
 
 
 @register_jitable(forceinline=True)
@@ -99,21 +99,16 @@ def kick_twice(
         middle.motor2,
         middle.link1,
         middle.link2,
-        velocities[0],
-        velocities[1],
-        velocities[2],
-        velocities[3],
+        *velocities,
     )
     velocities, travelled = kick(start, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, h)
+    _, _, link_velocity1, link_velocity2 = velocities
     return State(
         start.motor1 + travelled[0],
         start.motor2 + travelled[1],
-        middle.link1 + half * velocities[2],
-        middle.link2 + half * velocities[3],
-        velocities[0],
-        velocities[1],
-        velocities[2],
-        velocities[3],
+        middle.link1 + half * link_velocity1,
+        middle.link2 + half * link_velocity2,
+        *velocities,
     )
 
 
@@ -131,16 +126,26 @@ def step(state: State, torque1: Any, torque2: Any, force_x: Any, force_y: Any, a
     force1, force2 = tip_force_torque(sin1, cos1, sin12, cos12, force_x, force_y, arm)
     gravity1, gravity2 = gravity_torque(sin1, sin12, arm)
     outer1, outer2 = force1 - gravity1, force2 - gravity2
-    middle = State(motor1, motor2, link1, link2, state[4], state[5], state[6], state[7])
+    middle = State(
+        motor1,
+        motor2,
+        link1,
+        link2,
+        state.motor_velocity1,
+        state.motor_velocity2,
+        state.link_velocity1,
+        state.link_velocity2,
+    )
     after: State = kick_twice(state, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, h)
     return after
 
 
 def held(state: State, torque: Sequence[Any], force: Sequence[Any], arm: Arm, h: float, substeps: int) -> State:
-    """Advance arrays or tensors of lanes over one control step; arguments as in `hold`, each a row of lanes."""
+    """Advance arrays or tensors of lanes over one control step; arguments in units of `hold`, each a row of lanes."""
+    mean_x, mean_y, change_x, change_y = force
     for substep in range(substeps):
         share = (substep + 0.5) / substeps - 0.5
-        force_x, force_y = force[0] + share * force[2], force[1] + share * force[3]
+        force_x, force_y = mean_x + share * change_x, mean_y + share * change_y
         state = step(state, torque[0], torque[1], force_x, force_y, arm, h)
     return state
 
@@ -148,50 +153,32 @@ def held(state: State, torque: Sequence[Any], force: Sequence[Any], arm: Arm, h:
 def hold_numpy(
     state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarray, h: float, substeps: int
 ) -> np.ndarray:
-    """Plain NumPy twin of `hold`, the reference back end of the tests: returns the new states."""
+    """Plain NumPy twin of `hold`, with the same units: the reference back end of the tests. Return the new states."""
     return np.stack(held(State(*state), tuple(torque), tuple(force), Arm(*arm), h, substeps))
 
 
-@register_jitable(forceinline=True)
-def state_at(work: np.ndarray, lane: int) -> State:
-    """Read a column of `hold_block`'s array."""
-    return State(
-        work[lane],
-        work[BLOCK + lane],
-        work[2 * BLOCK + lane],
-        work[3 * BLOCK + lane],
-        work[4 * BLOCK + lane],
-        work[5 * BLOCK + lane],
-        work[6 * BLOCK + lane],
-        work[7 * BLOCK + lane],
-    )
+class ForceLine(NamedTuple):
+    """A tip force that is linear in time over a control step: its mean and its change over the step [N]."""
+
+    mean: Point
+    change: Point
 
 
-@register_jitable(forceinline=True)
-def arm_at(work: np.ndarray, lane: int) -> Arm:
-    """Read a column of `hold_block`'s array."""
-    return Arm(
-        work[8 * BLOCK + lane],
-        work[9 * BLOCK + lane],
-        work[10 * BLOCK + lane],
-        work[11 * BLOCK + lane],
-        work[12 * BLOCK + lane],
-        work[13 * BLOCK + lane],
-        work[14 * BLOCK + lane],
-        work[15 * BLOCK + lane],
-        work[16 * BLOCK + lane],
-        work[17 * BLOCK + lane],
-        work[18 * BLOCK + lane],
-        work[19 * BLOCK + lane],
-        work[20 * BLOCK + lane],
-        work[21 * BLOCK + lane],
-        work[22 * BLOCK + lane],
-        work[23 * BLOCK + lane],
-        work[24 * BLOCK + lane],
-        work[25 * BLOCK + lane],
-        work[26 * BLOCK + lane],
-        work[27 * BLOCK + lane],
-    )
+class Hold(NamedTuple):
+    """What one arm needs for a control step: its state and constants, the motor torques and the tip force."""
+
+    state: State
+    arm: Arm
+    torque: PerJoint
+    force: ForceLine
+
+
+_AT = places(Hold)
+_read_hold, _write_hold = reader(Hold, in_block), writer(Hold, in_block)
+_read_state, _write_state = reader(State, in_block, _AT.state), writer(State, in_block, _AT.state)
+_state_of, _store_state = reader(State, in_rows), writer(State, in_rows)
+_arm_of, _torque_of, _force_of = reader(Arm, in_rows), reader(PerJoint, in_rows), reader(ForceLine, in_rows)
+_SIZE, _FORCE_ROWS = size(Hold), size(ForceLine)
 
 
 @register_jitable
@@ -202,8 +189,7 @@ def hold_block(work: np.ndarray, lanes: int, h: float, substeps: int) -> None:
     only then does the compiler see that lanes are independent, and turn the loop into SIMD code.
 
     Args:
-        work: rows of BLOCK numbers below each other, 34 or more: those of `State` and of `Arm`, two of torque, four
-            of force, see `hold`.
+        work: a block that begins with the rows of `Hold`, see `records.in_block`.
         lanes: how many numbers of each row are in use.
         h: sub-step [s].
         substeps: number of sub-steps.
@@ -211,12 +197,11 @@ def hold_block(work: np.ndarray, lanes: int, h: float, substeps: int) -> None:
     for substep in range(substeps):
         share = (substep + 0.5) / substeps - 0.5
         for lane in range(lanes):
-            force_x = work[FORCE * BLOCK + lane] + share * work[(FORCE + 2) * BLOCK + lane]
-            force_y = work[(FORCE + 1) * BLOCK + lane] + share * work[(FORCE + 3) * BLOCK + lane]
-            torque1, torque2 = work[TORQUE * BLOCK + lane], work[(TORQUE + 1) * BLOCK + lane]
-            now = step(state_at(work, lane), torque1, torque2, force_x, force_y, arm_at(work, lane), h)
-            for row in range(8):
-                work[row * BLOCK + lane] = now[row]
+            now = _read_hold(work, lane)
+            force_x = now.force.mean.x + share * now.force.change.x
+            force_y = now.force.mean.y + share * now.force.change.y
+            after = step(now.state, now.torque.joint1, now.torque.joint2, force_x, force_y, now.arm, h)
+            _write_state(work, lane, after)
 
 
 @kernel
@@ -226,8 +211,8 @@ def hold(state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarr
     Args:
         state: (8, lanes), the rows of `State`.
         torque: (2, lanes) motor torque [N m], held.
-        force: (4, lanes) tip force [N]: the mean x and y of the control step, then their changes over it; in between
-            the force is linear, each sub-step takes it at its own middle.
+        force: (4, lanes) tip force [N], the rows of `ForceLine`: the mean x and y of the control step, then their
+            changes over it; in between the force is linear, each sub-step takes it at its own middle.
         arm: (20, lanes), the rows of `Arm`.
         h: sub-step [s].
         substeps: number of sub-steps.
@@ -235,21 +220,15 @@ def hold(state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarr
     Raises:
         ValueError: `force` has not four rows (the other shapes are not checked).
     """
-    if force.shape[0] != 4:
+    if force.shape[0] != _FORCE_ROWS:
         raise ValueError("force must have four rows: x, y, change of x, change of y")
-    work = np.empty((FORCE + 4) * BLOCK)
+    work = np.empty(_SIZE * BLOCK)
     for start in range(0, state.shape[1], BLOCK):
         lanes = min(BLOCK, state.shape[1] - start)
         for lane in range(lanes):
-            for row in range(8):
-                work[row * BLOCK + lane] = state[row, start + lane]
-            for row in range(20):
-                work[(ARM + row) * BLOCK + lane] = arm[row, start + lane]
-            for row in range(2):
-                work[(TORQUE + row) * BLOCK + lane] = torque[row, start + lane]
-            for row in range(4):
-                work[(FORCE + row) * BLOCK + lane] = force[row, start + lane]
+            at = start + lane
+            whole = Hold(_state_of(state, at), _arm_of(arm, at), _torque_of(torque, at), _force_of(force, at))
+            _write_hold(work, lane, whole)
         hold_block(work, lanes, h, substeps)
-        for row in range(8):
-            for lane in range(lanes):
-                state[row, start + lane] = work[row * BLOCK + lane]
+        for lane in range(lanes):
+            _store_state(state, start + lane, _read_state(work, lane))

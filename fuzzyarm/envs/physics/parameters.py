@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
-import tomllib
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common import checks
+from fuzzyarm.common.documents import read_toml
 from fuzzyarm.common.files import write_atomically
+
+__all__ = ["ArmParameters"]
 
 Pair = tuple[float, float]
 
@@ -36,6 +38,10 @@ class ArmParameters:
     Raises:
         ValueError: a value is not finite, lies outside its range, or the mass matrix is not positive definite
             for every q2; the message names the field, the value and the range.
+
+    Examples:
+        >>> ArmParameters(mass=(12.0, 8.0)).mass
+        (12.0, 8.0)
     """
 
     length: Pair = _constant((0.5, 0.5), "L_1, L_2", "m", 0.0)
@@ -88,10 +94,7 @@ class ArmParameters:
             ValueError: the file is not TOML, or holds an unknown field or a value out of range.
             OSError: the file cannot be read.
         """
-        try:
-            values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ValueError(f"{path} is not a TOML file: {error}") from None
+        values = read_toml(Path(path))
         try:
             return cls.from_dict(values)
         except ValueError as error:
@@ -125,34 +128,17 @@ class ArmParameters:
 
 
 def _checked(field: dataclasses.Field[Any], value: Any) -> float | Pair:
-    """Return `value` as float or pair of floats, or raise with the field, the value and its range."""
+    """Return `value` as float or pair of floats; ValueError with the field, the value and its range."""
     meta = field.metadata
-    bracket = "(" if meta["open_low"] else "["
-    upper = f"{min(meta['high'], LARGEST):g}]"
-    allowed = f"allowed: {bracket}{meta['low']:g}, {upper} {meta['unit']}"
-    is_pair = isinstance(field.default, tuple)
-    if is_pair and not (isinstance(value, (tuple, list)) and len(value) == 2):
-        raise ValueError(f"{field.name} = {value!r} must be a pair (joint 1, joint 2); {allowed}")
-    accepted = []
-    for number in value if is_pair else (value,):
-        real = _real(number)
-        if not math.isfinite(real):
-            raise ValueError(f"{field.name} = {str(value)[:80]} must be finite numbers; {allowed}")
-        above = real > meta["low"] if meta["open_low"] else real >= meta["low"]
-        if not (above and real <= min(meta["high"], LARGEST)):
-            raise ValueError(f"{field.name} = {str(value)[:80]} is out of range; {allowed}")
-        accepted.append(real)
-    return (accepted[0], accepted[1]) if is_pair else accepted[0]
-
-
-def _real(number: Any) -> float:
-    """Return a real number as float, and nan for anything else."""
-    if isinstance(number, bool) or not isinstance(number, numbers.Real):
-        return math.nan
+    lowest = {"above" if meta["open_low"] else "low": meta["low"]}
+    bounds = {**lowest, "high": min(meta["high"], LARGEST)}
     try:
-        return float(number)
-    except OverflowError:
-        return math.inf
+        if not isinstance(field.default, tuple):
+            return checks.real(field.name, value, meta["unit"], **bounds)
+        first, second = checks.reals(field.name, value, len(field.default), meta["unit"], **bounds)
+    except TypeError as error:  # an arm may come from a file, where a wrong type is a wrong value
+        raise ValueError(str(error)) from None
+    return first, second
 
 
 def _require(condition: bool, message: str) -> None:

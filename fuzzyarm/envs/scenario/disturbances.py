@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 
+from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.records import JOINTS
+
+__all__ = [
+    "ConstantForce",
+    "Disturbance",
+    "EncoderNoise",
+    "MachiningForce",
+    "TipForce",
+    "TorqueBias",
+]
 
 
 class TipForce(Protocol):
-    """A force on the tip as a pure function of time and of the reference's tip velocity."""
+    """A force on the tip as a pure function of time and of the reference's tip velocity.
+
+    A new kind of force is a class with this method, in a file of its own: nothing else has to know of it.
+    """
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., 2) [N] at times (...) [s] for reference tip velocities (..., 2) [m/s]."""
@@ -42,10 +54,10 @@ class MachiningForce:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _finite("MachiningForce.base", self.base)
-        _finite("MachiningForce.swing", self.swing)
-        _finite("MachiningForce.duration", self.duration, above=0.0)
-        _finite("MachiningForce.fade_speed", self.fade_speed, above=0.0)
+        checks.real("MachiningForce.base", self.base, "N")
+        checks.real("MachiningForce.swing", self.swing, "N")
+        checks.real("MachiningForce.duration", self.duration, "s", above=0.0)
+        checks.real("MachiningForce.fade_speed", self.fade_speed, "m/s", above=0.0)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., 2) [N] at times (...) [s] for reference tip velocities (..., 2) [m/s]."""
@@ -66,7 +78,7 @@ class ConstantForce:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _pair("ConstantForce.force", self.force)
+        checks.reals("ConstantForce.force", self.force, 2, "N")
         _interval("ConstantForce", self.start, self.stop)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
@@ -84,7 +96,7 @@ class TorqueBias:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _pair("TorqueBias.torque", self.torque)
+        checks.reals("TorqueBias.torque", self.torque, JOINTS, "N m")
         _interval("TorqueBias", self.start, self.stop)
 
     def at(self, time: np.ndarray) -> np.ndarray:
@@ -101,13 +113,18 @@ class EncoderNoise:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _finite("EncoderNoise.position", self.position, at_least=0.0)
-        _finite("EncoderNoise.velocity", self.velocity, at_least=0.0)
+        checks.real("EncoderNoise.position", self.position, "rad", low=0.0)
+        checks.real("EncoderNoise.velocity", self.velocity, "rad/s", low=0.0)
 
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:
-    """What acts in one episode; compose any of the parts. `None` and the default payload mean: not there."""
+    """What acts in one episode; compose any of the parts. `None` and the default payload mean: not there.
+
+    Examples:
+        >>> Disturbance(tip_force=ConstantForce((0.0, 50.0)), payload=Payload(2.0)).payload.mass
+        2.0
+    """
 
     tip_force: TipForce | None = None
     payload: Payload = Payload()
@@ -116,26 +133,16 @@ class Disturbance:
 
     def __post_init__(self) -> None:
         """Check that each part is what its name says."""
-        for name, kind in (("payload", Payload), ("torque_bias", TorqueBias), ("encoder_noise", EncoderNoise)):
+        for name, kind in (("torque_bias", TorqueBias), ("encoder_noise", EncoderNoise)):
             part = getattr(self, name)
-            if not isinstance(part, kind) and (part is not None or name == "payload"):
+            if not isinstance(part, kind | None):
                 raise ValueError(f"Disturbance.{name} = {part!r} must be a {kind.__name__}")
+        if not (hasattr(self.payload, "mass") and hasattr(self.payload, "radius")):
+            raise ValueError(
+                f"Disturbance.payload = {self.payload!r} must have mass and radius(parameters), as Payload has"
+            )
         if self.tip_force is not None and not hasattr(self.tip_force, "at"):
             raise ValueError(f"Disturbance.tip_force = {self.tip_force!r} must have a method at(time, tip_velocity)")
-
-
-def _finite(name: str, *values: float, above: float = -math.inf, at_least: float = -math.inf) -> None:
-    for value in values:
-        is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-        if not (is_number and math.isfinite(value) and value > above and value >= at_least):
-            low = f"({above:g}" if above > at_least else f"[{at_least:g}" if math.isfinite(at_least) else "(-inf"
-            raise ValueError(f"{name} = {value!r} is out of range; allowed: {low}, inf)")
-
-
-def _pair(name: str, value: Sequence[float]) -> None:
-    if not (isinstance(value, Sequence | np.ndarray) and len(value) == 2):
-        raise ValueError(f"{name} = {value!r} must be two numbers; allowed: (-inf, inf) each")
-    _finite(name, *value)
 
 
 def _while_active(vector: tuple[float, float], time: np.ndarray, start: float, stop: float) -> np.ndarray:
@@ -146,6 +153,6 @@ def _while_active(vector: tuple[float, float], time: np.ndarray, start: float, s
 
 
 def _interval(name: str, start: float, stop: float) -> None:
-    _finite(f"{name}.start", start, at_least=0.0)
-    if not stop > start:
+    checks.real(f"{name}.start", start, "s", low=0.0)
+    if not (checks.is_real(stop) and stop > start):  # it may be infinite
         raise ValueError(f"{name}: start = {start!r} s and stop = {stop!r} s; allowed: 0 <= start < stop")

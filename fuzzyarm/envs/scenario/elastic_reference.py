@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
 
+__all__ = ["CHECKED_INSTANTS", "ElasticReference"]
+
 CHECKED_INSTANTS = 501  # evenly spaced, at which a new reference is held against the box
 PANELS = np.linspace(0.0, 36.0, 19)  # of x; e⁻³⁶ is what rounding leaves of one
 NODES = 10  # of each panel

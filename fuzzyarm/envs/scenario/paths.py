@@ -15,9 +15,12 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
+__all__ = ["Circle", "Lemniscate", "Line", "Point", "Spline", "TipPath"]
+
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
+# A point (x, y) [m], and p, dp/ds and d²p/ds² of a curve.
 Point = tuple[float, float]
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -53,6 +56,11 @@ class Circle:
 
     Raises:
         ValueError: a value is not finite or out of range.
+
+    Examples:
+        >>> position, first, second = Circle().points([0.0, 0.5])
+        >>> position.round(6).tolist()
+        [[0.35, 0.85], [0.35, 0.45]]
     """
 
     center: Point = (0.35, 0.65)

@@ -8,19 +8,34 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
+from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Plant
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import JOINTS, PerJoint, columns, size, times
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, TipPath
 from fuzzyarm.envs.scenario.reference import JointReference
 
+__all__ = [
+    "ALLOWED",
+    "RANDOMISATIONS",
+    "DomainRandomisation",
+    "Draw",
+    "Range",
+    "by_quantity",
+    "find_randomisation",
+    "reference_family",
+    "varied",
+]
+
 Range = tuple[float, float]
+"""Low and high end of what is drawn."""
+
 FAMILY = 32  # references in the family of "robust"
 FAMILY_SEED = 2022
 
@@ -30,26 +45,19 @@ class Draw(NamedTuple):
 
     Factors, one per joint: of the link's mass and inertia, of the motor's inertia, of joint stiffness and damping, of
     dry friction (static and Coulomb alike) and of viscous friction. Then the payload added to the case's [kg], the
-    factor of the case's tip force, the angles [rad] by which the start lies beside the reference, and the place of
+    factor of the case's tip force, the angles [rad] by which the start differs from the reference, and the index of
     the reference in the family (0 where there is none).
     """
 
-    mass1: Any
-    mass2: Any
-    motor_inertia1: Any
-    motor_inertia2: Any
-    stiffness1: Any
-    stiffness2: Any
-    damping1: Any
-    damping2: Any
-    dry_friction1: Any
-    dry_friction2: Any
-    viscous_friction1: Any
-    viscous_friction2: Any
+    mass: PerJoint
+    motor_inertia: PerJoint
+    stiffness: PerJoint
+    damping: PerJoint
+    dry_friction: PerJoint
+    viscous_friction: PerJoint
     payload: Any
     force: Any
-    angle1: Any
-    angle2: Any
+    angle: PerJoint
     reference: Any
 
 
@@ -58,16 +66,16 @@ def varied(plant: Plant, draw: Draw) -> Plant:
     """Return the plant with the factors of a draw."""
     return Plant(
         plant.length,
-        (plant.mass[0] * draw.mass1, plant.mass[1] * draw.mass2),
-        (plant.inertia[0] * draw.mass1, plant.inertia[1] * draw.mass2),
+        times(plant.mass, draw.mass),
+        times(plant.inertia, draw.mass),
         plant.mass_center,
-        (plant.viscous_friction[0] * draw.viscous_friction1, plant.viscous_friction[1] * draw.viscous_friction2),
+        times(plant.viscous_friction, draw.viscous_friction),
         plant.gravity,
-        (plant.motor_inertia[0] * draw.motor_inertia1, plant.motor_inertia[1] * draw.motor_inertia2),
-        (plant.stiffness[0] * draw.stiffness1, plant.stiffness[1] * draw.stiffness2),
-        (plant.damping[0] * draw.damping1, plant.damping[1] * draw.damping2),
-        (plant.static_friction[0] * draw.dry_friction1, plant.static_friction[1] * draw.dry_friction2),
-        (plant.coulomb_friction[0] * draw.dry_friction1, plant.coulomb_friction[1] * draw.dry_friction2),
+        times(plant.motor_inertia, draw.motor_inertia),
+        times(plant.stiffness, draw.stiffness),
+        times(plant.damping, draw.damping),
+        times(plant.static_friction, draw.dry_friction),
+        times(plant.coulomb_friction, draw.dry_friction),
         plant.stribeck_velocity,
         plant.torque_limit,
         plant.joint_limit,
@@ -93,7 +101,12 @@ class DomainRandomisation:
             arm's link lengths. Empty: no draw.
 
     Raises:
-        ValueError: a range is no pair of finite numbers low <= high, or leaves what is allowed for it.
+        TypeError: a range holds no real numbers, or the references are no `JointReference` objects.
+        ValueError: a range is no pair low <= high, or leaves what is allowed for it.
+
+    Examples:
+        >>> DomainRandomisation(payload=(0.0, 5.0), stiffness=(0.8, 1.2)).payload
+        (0.0, 5.0)
     """
 
     mass: Range = (1.0, 1.0)
@@ -110,12 +123,9 @@ class DomainRandomisation:
     def __post_init__(self) -> None:
         """Check every range."""
         for name, (low, high, unit) in ALLOWED.items():
-            _check_range(name, getattr(self, name), low, high, unit)
+            checks.interval(f"DomainRandomisation.{name}", getattr(self, name), unit, low=low, high=high)
         for reference in self.references:
-            if not isinstance(reference, JointReference):
-                raise ValueError(
-                    f"DomainRandomisation.references holds {reference!r}; it must hold JointReference objects only"
-                )
+            checks.instance("DomainRandomisation.references: entry", reference, JointReference)
 
     @property
     def varies(self) -> bool:
@@ -124,12 +134,14 @@ class DomainRandomisation:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Low and high of every entry of `Draw`, shape (17, 2); the reference's is [0, number of references)."""
-        pairs = [getattr(self, name) for name in ALLOWED]
-        per_joint = [pair for name, pair in zip(ALLOWED, pairs, strict=True) for _ in range(_entries(name))]
-        return np.array([*per_joint, (0.0, float(len(self.references)))])
+        """Low and high of every number of `Draw`, one row each; the reference's are [0, number of references)."""
+        table = np.empty((size(Draw), 2))
+        for name, where in columns(Draw)._asdict().items():
+            table[where] = (0.0, len(self.references)) if name == "reference" else getattr(self, name)
+        return table
 
 
+# By field: lowest and highest value allowed, and the unit.
 ALLOWED = {
     "mass": (0.01, 100.0, ""),
     "motor_inertia": (0.01, 100.0, ""),
@@ -137,15 +149,23 @@ ALLOWED = {
     "damping": (0.0, 100.0, ""),
     "dry_friction": (0.0, 100.0, ""),
     "viscous_friction": (0.0, 100.0, ""),
-    "payload": (0.0, 1000.0, " kg"),
+    "payload": (0.0, 1000.0, "kg"),
     "force": (0.0, 100.0, ""),
-    "angle": (-0.5, 0.5, " rad"),
+    "angle": (-0.5, 0.5, "rad"),
 }
 
 
-def _entries(name: str) -> int:
-    """Return how many entries of `Draw` a range is for: one per joint, but for the loads."""
-    return 1 if name in ("payload", "force") else 2
+def by_quantity(drawn: np.ndarray) -> dict[str, np.ndarray]:
+    """Return views of draws (numbers of `Draw`, lanes) by quantity, read-only.
+
+    (lanes, joints) where there is one number per joint, else (lanes,).
+    """
+    quantities = {}
+    for name, where in columns(Draw)._asdict().items():
+        rows = drawn[where]
+        quantities[name] = rows.T if len(rows) == JOINTS else rows[0]
+        quantities[name].flags.writeable = False  # every step's info shows the same arrays
+    return quantities
 
 
 def reference_family(parameters: ArmParameters, count: int = FAMILY) -> tuple[JointReference, ...]:
@@ -208,6 +228,7 @@ def _robust(parameters: ArmParameters) -> DomainRandomisation:
     )
 
 
+# What is drawn, by name.
 RANDOMISATIONS: dict[str, Callable[[ArmParameters], DomainRandomisation]] = {
     "nominal": lambda parameters: DomainRandomisation(),
     "plants": _plants,
@@ -221,15 +242,7 @@ def find_randomisation(randomisation: str | DomainRandomisation, parameters: Arm
         return randomisation
     if randomisation not in RANDOMISATIONS:
         raise ValueError(
-            f"unknown randomisation {randomisation!r}; choose from: {', '.join(RANDOMISATIONS)}, or give a DomainRandomisation"
+            f"unknown randomisation {randomisation!r}; choose from: {', '.join(RANDOMISATIONS)}, "
+            "or give a DomainRandomisation"
         )
     return RANDOMISATIONS[randomisation](parameters)
-
-
-def _check_range(name: str, value: Any, low: float, high: float, unit: str) -> None:
-    is_pair = isinstance(value, (tuple, list)) and len(value) == 2
-    numbers_only = is_pair and all(isinstance(x, numbers.Real) and not isinstance(x, bool) for x in value)
-    if not (numbers_only and low <= value[0] <= value[1] <= high):
-        raise ValueError(
-            f"DomainRandomisation.{name} = {value!r} must be a range (low, high) with {low:g} <= low <= high <= {high:g}{unit}"
-        )

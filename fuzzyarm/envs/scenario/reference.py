@@ -10,15 +10,25 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle, TipPath
+
+__all__ = [
+    "CHECKED_INSTANTS",
+    "SINGULARITY_MARGIN",
+    "JointReference",
+    "ReferenceSample",
+    "TipSample",
+    "joint_angles",
+    "quintic_time_law",
+]
 
 # The whole path must keep |q2| in [margin, π - margin] rad: det J = L1 L2 sin q2 vanishes at 0 and π.
 SINGULARITY_MARGIN = 0.05
@@ -59,6 +69,11 @@ class JointReference:
         TypeError: `path` has no method ``points``.
         ValueError: `duration` or `elbow_sign` is out of range, or the path is out of reach, too close to a singular
             configuration (`SINGULARITY_MARGIN`), or outside the limits of the joints or of their velocities.
+
+    Examples:
+        >>> sample = JointReference(Circle(radius=0.1), duration=2.0).sample(2.0)
+        >>> float(abs(sample.dq).max())
+        0.0
     """
 
     path: TipPath = dataclasses.field(default_factory=Circle)
@@ -72,9 +87,7 @@ class JointReference:
             raise TypeError(
                 f"path = {self.path!r} must have a method points(s), see fuzzyarm.envs.scenario.paths.TipPath"
             )
-        is_number = isinstance(self.duration, numbers.Real) and not isinstance(self.duration, bool)
-        if not (is_number and math.isfinite(self.duration) and self.duration > 0.0):
-            raise ValueError(f"duration = {self.duration!r} s is out of range; allowed: (0, inf) s")
+        checks.real("duration", self.duration, "s", above=0.0)
         if isinstance(self.elbow_sign, bool) or self.elbow_sign not in (1, -1):
             raise ValueError(f"elbow_sign = {self.elbow_sign!r} is out of range; allowed: 1 (q2 > 0) or -1 (q2 < 0)")
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)

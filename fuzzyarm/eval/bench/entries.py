@@ -1,7 +1,7 @@
-"""Entries of the speed table, and this project's own: one environment, the Numba batch, the torch batch.
+"""Entries of the speed table, and those of this project: one environment, the Numba batch, the torch batch.
 
-A entry opens to a function of wall time that returns environment steps per second: control steps with observation,
-reward and resets as they fall, under actions drawn beforehand.
+Opening an entry gives a function that runs for a wall time and returns environment steps per second. A step is a
+control step with observation, reward and the resets that are due, under actions drawn beforehand.
 """
 
 from __future__ import annotations
@@ -21,16 +21,31 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from fuzzyarm.envs.batch.lanes import LANES_PER_THREAD
-from fuzzyarm.envs.fuzzy_arm import MAX_DEFAULT_SUBSTEP, whole_substeps
+from fuzzyarm.envs.arguments import MAX_DEFAULT_SUBSTEP, whole_substeps
+from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.policies import load_policy
 
+__all__ = [
+    "TORCH_LANES",
+    "UNAVAILABLE",
+    "Entry",
+    "Measure",
+    "NotMeasured",
+    "draw_actions",
+    "numba_batch",
+    "own_batches",
+    "own_single",
+    "single_environment",
+    "timed",
+    "timed_batch",
+]
+
 Measure = Callable[[float], float]
 """Wall time to spend [s] -> environment steps per second."""
 
-TORQUE_SCALE = 0.1  # of the limits: the arm moves and slips, and lanes do not leave the joint domain
+TORQUE_SCALE = 0.1  # of the torque limits: the arm moves and slips, but does not leave the joint domain
 SUBSTEPS = whole_substeps(1e-3, None)
 
 
@@ -39,7 +54,7 @@ class NotMeasured(Exception):
 
 
 UNAVAILABLE = (NotMeasured, ImportError, gym.error.Error, RuntimeError)
-"""What opening a entry raises where a package, a compiler or a device is missing."""
+"""What opening an entry raises where a package, a compiler or a device is missing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,17 +62,17 @@ class Entry:
     """A line of the speed table.
 
     Attributes:
-        name: as the table calls it.
+        name: in the table.
         lanes: environments stepped by one call.
         threads: CPU threads it may use.
         substeps: sub-steps of the physics per control step.
         dtype: of the physics.
-        open: context manager around the function that measures; entering builds, leaving frees. Entering raises one of
-            `UNAVAILABLE` where that cannot be.
-        peer: heading of the ratio to this one; empty for this project's own.
-        tip_error: largest distance [m] of the tip from the event integrator's in the nominal case, with computed torque
-            in the loop; None where there is no such thing.
-        extra: optional dependencies of this package that it needs.
+        open: returns a context manager around the function that measures. Entering it builds the environment, leaving
+            it frees the environment; entering raises one of `UNAVAILABLE` where the entry cannot run.
+        peer: heading of the ratio to this entry; empty for the entries of this project.
+        tip_error: returns the largest distance [m] of the tip from the event integrator's in the nominal case, with
+            computed torque in the loop; None where it is not defined.
+        extra: the package's optional dependencies that the entry needs.
     """
 
     name: str
@@ -78,26 +93,26 @@ def own_single() -> Entry:
 
 
 TORCH_LANES = 4096
-"""From about here on a batch in tensors pays: a step costs a tenth of a millisecond however few lanes there are."""
+"""Smallest batch measured in torch: below, the fixed cost of a step, a tenth of a millisecond, dominates."""
 
 
 def own_batches(lanes: int, threads: int) -> list[Entry]:
     """Return this project's batched environments on at most so many threads, those in torch from `TORCH_LANES` on."""
-    used = min(threads, max(1, lanes // LANES_PER_THREAD))  # as many as help, which is the environment's own default
+    used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
     opened = functools.partial(_numba, lanes, used)
     numba = Entry("FuzzyArm-v0, Numba", lanes, used, SUBSTEPS, "float64", opened, tip_error=_numba_tip_error)
     in_torch = TORCH_TIP_ERRORS if lanes >= TORCH_LANES else ()
-    return [numba, *(_torch_contestant(lanes, threads, *key) for key in in_torch)]
+    return [numba, *(_torch_entry(lanes, threads, *key) for key in in_torch)]
 
 
-def _torch_contestant(lanes: int, threads: int, device: str, dtype: str) -> Entry:
+def _torch_entry(lanes: int, threads: int, device: str, dtype: str) -> Entry:
     name = f"FuzzyArm, torch.compile, {'GPU' if device == 'cuda' else 'CPU'}"
     opened, tip_error = functools.partial(_torch, lanes, threads, device, dtype), TORCH_TIP_ERRORS[device, dtype]
     return Entry(name, lanes, threads, SUBSTEPS, dtype, opened, tip_error=tip_error, extra="rl")
 
 
 def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_counter) -> Measure:
-    """Return the function that calls `advance` until the time is up, and at least once.
+    """Return a function that calls `advance` until the time is up, and at least once.
 
     Args:
         advance: takes some steps and returns how many.
@@ -116,7 +131,7 @@ def timed(advance: Callable[[], int], clock: Callable[[], float] = time.perf_cou
 
 
 def timed_batch(step: Callable[[Any], Any], actions: Iterable[Any], lanes: int) -> Measure:
-    """Return the function that calls `step` with the actions in turn; each call steps all lanes."""
+    """Return a function that calls `step` with the actions in turn; each call steps all lanes."""
     ring = itertools.cycle(actions)
 
     def advance() -> int:
@@ -136,7 +151,7 @@ def draw_actions(space: gym.Space, count: int, lanes: tuple[int, ...], scale: fl
 
 @contextlib.contextmanager
 def single_environment(name: str, scale: float) -> Iterator[Measure]:
-    """Open an environment of Gymnasium's registry; actions are drawn from its action space times `scale`."""
+    """Open an environment of Gymnasium's registry; actions are drawn from its action space times the factor `scale`."""
     env = gym.make(name)
     try:
         actions = list(draw_actions(env.action_space, 64, (), scale))
@@ -226,7 +241,7 @@ def _numba_tip_error() -> float:
 
 def _torch_tip_error(device: str, dtype: str) -> float:
     torch_env, torch = _torch_modules(device)
-    # Not compiled, which takes a minute for each number of lanes; tests hold the compiled step to this one.
+    # Not compiled, as that takes a minute for each number of lanes; tests compare the compiled step with this one.
     arm = torch_env.TorchFuzzyArm(2, device=device, dtype=getattr(torch, dtype), compiled=False)
     first = arm.reset(seed=0)
 
@@ -237,7 +252,7 @@ TORCH_TIP_ERRORS = {
     key: functools.partial(_torch_tip_error, *key)
     for key in (("cpu", "float64"), ("cpu", "float32"), ("cuda", "float32"))
 }
-"""By device and dtype. One function whatever the lanes, so that the error is found once."""
+"""By device and dtype. Batches of all sizes share one function, so that the error is computed once."""
 
 
 def _batch_tip_error(observation: Any, step: Callable[[np.ndarray], tuple[Any, ...]]) -> float:

@@ -10,13 +10,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import fuzzyarm
 from fuzzyarm.eval.bench.entries import Entry, Measure, NotMeasured, draw_actions, single_environment, timed_batch
 
-MUJOCO_ARM = Path(__file__).parents[3] / "benchmarks" / "mujoco_arm.py"  # a checkout has it, the wheel does not
-MUJOCO_METHODS = {"MuJoCo arm": ("Euler", True, 30), "MuJoCo arm, 1 ms": ("Euler", False, 1)}
-"""Integrator, positions read half a step back, sub-steps: the fastest with our tip error, and the fastest there is.
+__all__ = ["MUJOCO_ARM", "MUJOCO_METHODS", "batch_peers", "gymnasium_peers"]
 
-Chosen by `benchmarks/mujoco_arm.py`, which has the same as EQUAL_ACCURACY and FASTEST.
+MUJOCO_ARM = Path(fuzzyarm.__file__).parents[1] / "benchmarks" / "mujoco_arm.py"
+"""The arm in MuJoCo. A clone of the repository has it, an installed package does not."""
+
+MUJOCO_METHODS = {"MuJoCo arm": ("Euler", True, 30), "MuJoCo arm, 1 ms": ("Euler", False, 1)}
+"""By heading: integrator, whether positions are read half a step back, and sub-steps.
+
+The fastest method whose tip error is no larger than ours, and the fastest of all; `benchmarks/mujoco_arm.py` chose
+them, where they are EQUAL_ACCURACY and FASTEST.
 """
 
 
@@ -77,7 +83,7 @@ def _mujoco_tip_error(heading: str) -> float:
 
 
 MUJOCO_TIP_ERRORS = {heading: functools.partial(_mujoco_tip_error, heading) for heading in MUJOCO_METHODS}
-"""One function whatever the lanes, so that the error is found once."""
+"""By heading. Batches of all sizes share one function, so that the error is computed once."""
 
 
 @functools.cache

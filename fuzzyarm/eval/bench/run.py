@@ -1,4 +1,4 @@
-"""The speed table: entries take turns, a speed is a median over the rounds and a ratio one of the same rounds."""
+"""The speed table: entries take turns; a speed is a median over rounds, and a ratio is taken within each round."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ import contextlib
 import dataclasses
 import datetime
 import gc
-import itertools
 import json
-import math
 import os
 import statistics
 import tracemalloc
@@ -20,82 +18,20 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch, own_batches, own_single
-from fuzzyarm.eval.bench.peers import batch_peers, gymnasium_peers
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.bench.config import BenchConfig
+from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch
+from fuzzyarm.eval.provenance import current_provenance
+
+__all__ = ["Row", "memory_per_lane", "race", "run_bench", "spread", "write_document"]
 
 SCHEMA = "fuzzyarm-bench/1"
 PEER_LIBRARIES = ("envpool", "mujoco", "torch")
-SWEEP_LANES = tuple(4**power for power in range(10))
-MOST_PEER_LANES = 4096  # EnvPool takes a minute to open a thousand environments of one kind
-WARM_UP = 0.1  # s, after whatever the first step compiles
+WARM_UP = 0.1  # s, after the first step, which may compile
 MEMORY_LANES = (1024, 5120)
 """Two sizes of the batch; the memory of a lane is the difference between them."""
 
 
-@dataclasses.dataclass(frozen=True)
-class BenchConfig:
-    """What is measured, and for how long.
-
-    Attributes:
-        seconds: wall time of each entry in each round [s].
-        rounds: odd, so that the median is one of them, and at least 5.
-        lanes: sizes of the batches in the table.
-        threads: CPU threads that a batch may use.
-        sweep: also measure this project's batches over `SWEEP_LANES`.
-    """
-
-    seconds: float = 0.5
-    rounds: int = 5
-    lanes: tuple[int, ...] = (64, 1024, 65536)
-    threads: int = dataclasses.field(default_factory=lambda: os.cpu_count() or 1)
-    sweep: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the numbers before anything runs."""
-        cores = os.cpu_count() or 1
-        if not (math.isfinite(self.seconds) and self.seconds > 0.0):
-            raise ValueError(f"seconds = {self.seconds} is out of range; allowed: (0, inf)")
-        if self.rounds < 5 or self.rounds % 2 == 0:
-            raise ValueError(f"rounds = {self.rounds} must be odd and at least 5: the median is one of the rounds")
-        if not 1 <= self.threads <= cores:
-            raise ValueError(f"threads = {self.threads} is out of range; this machine allows [1, {cores}]")
-        if not self.lanes or len(set(self.lanes)) != len(self.lanes) or min(self.lanes) < 1:
-            raise ValueError(f"lanes = {list(self.lanes)} must be one or more different whole numbers from 1")
-
-    def groups(self) -> dict[str, list[Entry]]:
-        """Return the entries by heading; those under one heading take turns."""
-        groups = {"one environment": [own_single(), *gymnasium_peers()]}
-        for lanes in self.lanes:
-            peers = batch_peers(lanes, self.threads) if lanes <= MOST_PEER_LANES else []
-            groups[f"{lanes} lanes"] = own_batches(lanes, self.threads) + peers
-        return groups
-
-    def sweep_groups(self) -> dict[str, list[Entry]]:
-        """Return this project's batches by number of lanes, if they are to be measured."""
-        if not self.sweep:
-            return {}
-        # In torch the fastest only: each number of lanes is compiled anew, which takes a minute.
-        return {
-            f"sweep, {lanes} lanes": [
-                one for one in own_batches(lanes, self.threads) if one.dtype == "float32" or "torch" not in one.name
-            ]
-            for lanes in SWEEP_LANES
-        }
-
-    def turns(self) -> int:
-        """Return how often `bench` reports progress."""
-        groups = itertools.chain(self.groups().values(), self.sweep_groups().values())
-        return sum(map(len, groups)) * (self.rounds + 1) + 2
-
-    def command(self) -> str:
-        """Return the command line of this configuration."""
-        lanes = " ".join(map(str, self.lanes))
-        text = f"fuzzyarm bench --seconds {self.seconds:g} --rounds {self.rounds} --lanes {lanes}"
-        return f"{text} --threads {self.threads}{' --lanes-sweep' if self.sweep else ''}"
-
-
-def bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Measure everything and return the document that `fuzzyarm bench --json` prints.
 
     Args:
@@ -103,9 +39,9 @@ def bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None)
         progress: called `config.turns()` times with a few words on what comes next.
 
     Returns:
-        provenance, and under ``rows`` and ``sweep`` for each entry its configuration, ``steps_per_s`` (median and
-        quartiles; None if it was not measured, then ``reason`` says why), ``ratios`` to the peers of its group, and
-        ``tip_error_um``; ``memory_per_lane`` [bytes].
+        Provenance; under ``rows`` and ``sweep``, for each entry, its configuration, ``steps_per_s`` (median and
+        quartiles; None if it was not measured, and ``reason`` says why), ``ratios`` to the peers of its group, and
+        ``tip_error_um``; and ``memory_per_lane`` [bytes].
     """
     load_average = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     rows, sweep = (
@@ -115,7 +51,7 @@ def bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None)
     progress("accuracy")
     _add_tip_errors([*rows, *sweep])
     progress("memory")
-    made_with = provenance()
+    made_with = current_provenance()
     made_with["versions"] |= _versions(PEER_LIBRARIES)
     return {
         "schema": SCHEMA,
@@ -126,7 +62,7 @@ def bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None)
             "rounds": config.rounds,
             "seconds": config.seconds,
             "threads": config.threads,
-            "load_average": load_average,  # of the last minute before
+            "load_average": load_average,  # of the minute before the first turn
         },
         "rows": [row.to_dict() for row in rows],
         "sweep": [row.to_dict() for row in sweep],
@@ -136,7 +72,16 @@ def bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: None)
 
 @dataclasses.dataclass
 class Row:
-    """What is known of a entry: `speeds` and `ratios` by round, or the reason why there are none."""
+    """What was measured of an entry.
+
+    Attributes:
+        group: heading under which it took turns with others.
+        entry: what was measured.
+        speeds: environment steps per second in each round; empty if it was not measured.
+        ratios: speed over that of each peer, by the peer's heading, in each round.
+        tip_error_um: largest distance of the tip from the event integrator's [µm]; None if it was not measured.
+        reason: why it was not measured, None if it was.
+    """
 
     group: str
     entry: Entry
@@ -161,8 +106,15 @@ class Row:
 def race(name: str, group: Sequence[Entry], rounds: int, seconds: float, progress: Callable[[str], None]) -> list[Row]:
     """Let the entries of a group take turns, all of them in every round, and return a row for each.
 
-    The ratio of one of this project's own to a peer is taken round by round: what slows the machine for longer than a
+    The ratio of an own entry to a peer is taken round by round: a disturbance of the machine that lasts longer than a
     round slows both.
+
+    Args:
+        name: heading of the group.
+        group: its entries.
+        rounds: turns of each entry.
+        seconds: wall time of a turn [s].
+        progress: called before each turn with a few words on it.
     """
     rows = [Row(name, entry) for entry in group]
     measures: dict[int, Measure] = {}
@@ -217,14 +169,14 @@ def memory_per_lane() -> dict[str, Any]:
 
     few, many = MEMORY_LANES
     try:
-        traced(few)  # what is made once and kept does not count
+        traced(few)  # makes what is made once and kept, which does not count
         return {"bytes": (traced(many) - traced(few)) / (many - few), "reason": None}
     except UNAVAILABLE as error:
         return {"bytes": None, "reason": _reason(error)}
 
 
 def _add_tip_errors(rows: Sequence[Row]) -> None:
-    """Find the accuracy of what was measured, once for each back end."""
+    """Measure the accuracy of the entries that ran, once for each back end."""
     known: dict[Callable[[], float], float] = {}
     for row in rows:
         tip_error = row.entry.tip_error
@@ -255,7 +207,7 @@ def write_document(document: dict[str, Any], folder: Path) -> list[Path]:
     write_atomically(path, json.dumps(document, indent=1) + "\n")
     written = [path]
     if document["sweep"]:
-        # Imported here: without a figure no Matplotlib is loaded.
+        # Imported here, as Matplotlib takes a second to load.
         from fuzzyarm.eval.bench.throughput_figure import write_throughput_figure
 
         path = folder / "throughput.png"

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
-from rich import box
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
-QUIET = 0.5
-BUSY = (
+from fuzzyarm.common.console import print_paragraphs, print_table, table
+
+__all__ = ["print_speeds", "speed_cells", "speed_notes"]
+
+_QUIET = 0.5  # load average
+_BUSY = (
     "The machine was busy with other work when this began (load average {:.1f}). Entries with several threads "
     "suffer more from that than those with one: measure again on a quiet machine before comparing."
 )
 
 
 def speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Return the headings, and for each row its group and its cells, which are text."""
+    """Return the headings and, for each row, the texts below them."""
     peers = list(dict.fromkeys(peer for row in rows for peer in row["ratios"]))
     headings = ["group", "entry", "lanes", "threads", "dtype", "sub-steps", "steps/s [thousand]"]
     headings += [*(f"× {peer}" for peer in peers), "tip error [µm]"]
@@ -38,16 +40,16 @@ def speed_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[st
 
 
 def speed_notes(document: dict[str, Any]) -> list[str]:
-    """Return what has to be said below the table, a paragraph each."""
+    """Return the notes below the table, a paragraph each."""
     method, machine, versions = document["method"], document["machine"], document["versions"]
     notes = [
         f"Median (quartiles) of {method['rounds']} rounds of {method['seconds']:g} s in which the entries take "
         "turns; a ratio is FuzzyArm's speed over the peer's in the same round. A step is a control step of 1 ms with "
-        "observation, reward and resets as they fall; a peer's step is its own. The Numba batch uses as many of the "
-        f"{method['threads']} threads as help it, the others all. The same arm in MuJoCo has no "
-        "observation, reward, reset or static friction peak, which flatters it. Tip error: largest distance to the "
-        "event integrator in the nominal case, computed torque in the loop.",
-        *([BUSY.format(method["load_average"])] if (method["load_average"] or 0.0) > QUIET else []),
+        "observation, reward and the resets that are due; a peer's step is its own. The Numba batch uses as many of "
+        f"the {method['threads']} threads as help, the others use all. The same arm in MuJoCo has no observation, "
+        "reward, reset or static friction peak, which favours it. Tip error: largest distance to the event integrator "
+        "in the nominal case, with computed torque in the loop.",
+        *([_BUSY.format(method["load_average"])] if (method["load_average"] or 0.0) > _QUIET else []),
         f"Memory: {_memory(document['memory_per_lane'])}.",
     ]
     missing: dict[str, list[str]] = {}
@@ -61,25 +63,20 @@ def speed_notes(document: dict[str, Any]) -> list[str]:
 
 
 def print_speeds(document: dict[str, Any], console: Console) -> None:
-    """Print the table and its notes; of the sweep only what was measured."""
-    rows = [*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])]
-    headings, cells = speed_cells(rows)
+    """Print the table and its notes; of the sweep over lanes only what was measured."""
+    headings, cells = speed_cells([*document["rows"], *(row for row in document["sweep"] if row["steps_per_s"])])
     if console.is_terminal:
-        headings, cells = _narrow([text.replace(" ", "\n") for text in headings]), [_narrow(row) for row in cells]
-    table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
-    for heading in headings[1:]:
-        justify: Literal["left", "right"] = "left" if heading.startswith("entry") else "right"
-        table.add_column(escape(heading), justify=justify, no_wrap=not console.is_terminal, overflow="fold")
+        headings, cells = _narrow(headings), [_narrow(row) for row in cells]
+    rows = table(headings[1:], console=console)
     last = None
     for group, *row in cells:
         if group != last:
-            table.add_section()
-            table.add_row(f"[bold]{escape(group)}[/bold]")
+            rows.add_section()
+            rows.add_row(Text(group, style="bold"))
             last = group
-        table.add_row(*map(escape, row))
-    console.print(table)
-    for note in speed_notes(document):
-        console.print(f"\n{note}", highlight=False, markup=False)
+        rows.add_row(*map(Text, row))
+    print_table(rows, console)
+    print_paragraphs(console, speed_notes(document))
 
 
 def _narrow(cells: Sequence[str]) -> list[str]:

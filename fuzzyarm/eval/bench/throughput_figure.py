@@ -13,11 +13,13 @@ from matplotlib.figure import Figure
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.evaluation.figures import DASHES
 
+__all__ = ["draw_throughput", "write_throughput_figure"]
+
 MARKERS = "os^Dv"
 
 
 def write_throughput_figure(document: dict[str, Any], path: Path) -> None:
-    """Draw the sweep of a document of `bench` and write it as PNG.
+    """Draw the throughput in a document of `run.run_bench` and write it as PNG.
 
     Raises:
         OSError: the folder is missing or not writable; no file is left half written.

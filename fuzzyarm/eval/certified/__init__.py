@@ -1,1 +1,1 @@
-"""What is proven: the rigid loop that a certificate speaks of, put to the test."""
+"""What is proven: tests of the rigid loop that a certificate describes, and the report of its proof."""

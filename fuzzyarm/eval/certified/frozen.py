@@ -1,4 +1,4 @@
-"""The rigid loop with its premises frozen at a state of the box: a linear system, and the worst ones in the box.
+"""The rigid loop with its premises frozen at a state of the box, a linear system, and a search for the worst one.
 
     ē' = F ē + G w,      F = Ē(z)⁻¹ (Ā(z) + B̄ K̄_hv),      G = Ē(z)⁻¹ B̄,      z from (q, q̇).
 
@@ -18,24 +18,37 @@ from typing import Any
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.fuzzy_policy.states import INTEGRAL, PLANT, PLANT_STATES, POSITION, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import premises
+
+__all__ = [
+    "Objective",
+    "WorstPoint",
+    "find_worst_point",
+    "freeze",
+    "gain_at",
+    "lyapunov_rate",
+    "pole_rate",
+    "slowest_error",
+]
 
 LARGEST_FREQUENCY = 500.0  # [rad/s]; the gains fall beyond 100 rad/s
 GENERATIONS, POPULATION = 150, 16  # of the search; a second seed changes no result in the fourth digit
 
 
-def frozen(loop: RigidLoop, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def freeze(loop: RigidLoop, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return F (lanes, n_e, n_e) and G (lanes, n_e, 2) at angles [rad] and velocities [rad/s] (lanes, 2)."""
     z = premises(q, dq, loop.controller.model.parameters)
     (E, A), (gain, _), n = loop.descriptor(z), loop.law(z), loop.states
-    inverse = np.linalg.inv(E[:, 2:, 2:])
-    F, G = np.zeros((len(z), n, n)), np.zeros((len(z), n, 2))
-    F[:, :2, 2:4] = np.eye(2)
-    F[:, 4:, :2] = np.eye(2)[: n - 4]
+    inverse = np.linalg.inv(E[:, VELOCITY, VELOCITY])
+    F, G = np.zeros((len(z), n, n)), np.zeros((len(z), n, JOINTS))
+    F[:, POSITION, VELOCITY] = np.eye(JOINTS)
+    F[:, INTEGRAL, POSITION] = np.eye(n - PLANT_STATES, JOINTS)
     gain = gain.copy()
-    gain[:, :, :4] += A[:, 2:]
-    F[:, 2:4], G[:, 2:4] = inverse @ gain, inverse
+    gain[:, :, PLANT] += A[:, VELOCITY]
+    F[:, VELOCITY], G[:, VELOCITY] = inverse @ gain, inverse
     return F, G
 
 
@@ -52,7 +65,7 @@ def lyapunov_rate(F: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 
 def slowest_error(F: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return the error ē (lanes, n_e), V = 1, at which V decays at `lyapunov_rate`."""
+    """Return the error ē (lanes, n_e) [rad, rad/s, rad s], V = 1, at which V decays at `lyapunov_rate`."""
     root = np.linalg.cholesky(P)
     scaled = np.linalg.solve(root, F @ root)
     return np.asarray(np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))[1][:, :, -1] @ root.T)
@@ -60,7 +73,7 @@ def slowest_error(F: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 def gain_at(F: np.ndarray, G: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Return ‖C (sI - F)⁻¹ G‖ [rad/(N m)] (lanes,) at s (lanes,) [1/s]."""
-    response = np.linalg.solve(s[:, np.newaxis, np.newaxis] * np.eye(F.shape[-1]) - F, G)[:, :2]
+    response = np.linalg.solve(s[:, np.newaxis, np.newaxis] * np.eye(F.shape[-1]) - F, G)[:, POSITION]
     return np.asarray(np.linalg.norm(response, ord=2, axis=(1, 2)))
 
 
@@ -78,7 +91,7 @@ Objective = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """F, G and ω, with lanes, to what is to be largest (lanes,)."""
 
 
-def search(loop: RigidLoop, objective: Objective, *, moving: bool = True, seed: int = 0) -> WorstPoint:
+def find_worst_point(loop: RigidLoop, objective: Objective, *, moving: bool = True, seed: int = 0) -> WorstPoint:
     """Return where `objective` is largest over the box (25) and ω in [0, LARGEST_FREQUENCY], by differential evolution.
 
     Args:
@@ -92,15 +105,15 @@ def search(loop: RigidLoop, objective: Objective, *, moving: bool = True, seed: 
 
     def split(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         point = scale * x.T
-        return point[:, :2], point[:, 2:4], LARGEST_FREQUENCY * (0.5 + 0.5 * point[:, 4]) ** 2
+        return point[:, POSITION], point[:, VELOCITY], LARGEST_FREQUENCY * (0.5 + 0.5 * point[:, -1]) ** 2
 
     def loss(x: np.ndarray, /) -> Any:
         q, dq, omega = split(x)
-        return -objective(*frozen(loop, q, dq), omega)
+        return -objective(*freeze(loop, q, dq), omega)
 
     found = differential_evolution(
-        loss, Bounds([-1.0] * 5, [1.0] * 5), vectorized=True, updating="deferred", polish=False, rng=seed, init="sobol",
-        maxiter=GENERATIONS, popsize=POPULATION, tol=0.0,
+        loss, Bounds([-1.0] * len(scale), [1.0] * len(scale)), vectorized=True, updating="deferred", polish=False,
+        rng=seed, init="sobol", maxiter=GENERATIONS, popsize=POPULATION, tol=0.0,
     )  # fmt: skip
     q, dq, omega = split(found.x[:, np.newaxis])
     return WorstPoint(-float(found.fun), q[0], dq[0], float(omega[0]))

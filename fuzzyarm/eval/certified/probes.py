@@ -1,4 +1,4 @@
-"""Motions and disturbance torques that put the rigid loop to the test, a worst one among them."""
+"""Motions and disturbance torques for tests of the rigid loop, among them the worst torque that is found."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import dataclasses
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import ReferenceSample
-from fuzzyarm.eval.certified.frozen import frozen
+from fuzzyarm.eval.certified.frozen import freeze
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import STEP, Disturbance, Motion
+from fuzzyarm.fuzzy_policy.states import POSITION
+
+__all__ = ["Uniform", "joined", "library", "worst_torque"]
 
 FREQUENCIES = (1.0, 3.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0)  # [rad/s]
 DIRECTIONS = {"joint 1": (1.0, 0.0), "joint 2": (0.0, 1.0), "in phase": (0.7, 0.7), "antiphase": (0.7, -0.7)}
@@ -41,7 +45,7 @@ def library(duration: float, step: float = STEP, seed: int = 0) -> dict[str, np.
         for name, shape in shapes.items()
         for way, direction in DIRECTIONS.items()
     }
-    return probes | {f"noise {k}": rng.normal(size=(len(t), 2)) for k in range(4)}
+    return probes | {f"noise {k}": rng.normal(size=(len(t), JOINTS)) for k in range(4)}
 
 
 def joined(torques: np.ndarray, step: float = STEP) -> Disturbance:
@@ -61,7 +65,7 @@ def worst_torque(
 ) -> np.ndarray:
     """Return the torque (k, 2) [N m], largest value 1, that small errors about a motion amplify most.
 
-    About zero error the loop is linear, with the F(t), G(t) of `frozen`. Power iteration finds the largest singular
+    About zero error the loop is linear, with the F(t), G(t) of `freeze`. Power iteration finds the largest singular
     value of its map from w to the position error: forward through the loop, backward through its adjoint.
 
     Args:
@@ -74,10 +78,10 @@ def worst_torque(
     middles = HELD * (np.arange(round(duration / HELD)) + 0.5)
     move, push = _discrete(loop, motion, middles)
     n, controller = loop.states, loop.controller
-    weight = np.diag(np.arange(n) < 2).astype(float)
+    weight = np.diag(np.arange(n) < POSITION.stop).astype(float)
     if stored:
         weight += 2.0 * controller.alpha * np.linalg.inv(controller.P)
-    torque, errors = np.random.default_rng(0).normal(size=(len(middles), 2)), np.zeros((len(middles), n))
+    torque, errors = np.random.default_rng(0).normal(size=(len(middles), JOINTS)), np.zeros((len(middles), n))
     for _ in range(POWER_STEPS):
         e, costate = np.zeros(n), np.zeros(n)
         for k in range(len(middles)):
@@ -95,7 +99,7 @@ def worst_torque(
 def _discrete(loop: RigidLoop, motion: Motion, middles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the maps of ē (k, n_e, n_e) and of a held w (k, n_e, 2) over `HELD`, by the implicit midpoint rule."""
     target, n = motion.sample(middles), loop.states
-    F, G = frozen(loop, target.q.reshape(-1, 2), target.dq.reshape(-1, 2))
+    F, G = freeze(loop, target.q.reshape(-1, JOINTS), target.dq.reshape(-1, JOINTS))
     half, unit = 0.5 * HELD * F, np.eye(n)
     maps = np.linalg.solve(unit - half, np.concatenate([unit + half, HELD * G], axis=2))
     return maps[..., :n], maps[..., n:]

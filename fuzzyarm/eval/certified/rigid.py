@@ -1,9 +1,9 @@
-"""The rigid arm in continuous time under a controller of the consistent form: the loop its certificate speaks of.
+"""The rigid arm in continuous time under a controller of the consistent form: the loop its certificate describes.
 
     (M_b(q) + I_a) q̈ + C(q, q̇) q̇ + f_v q̇ + g(q) = u + d,      u = K_hv e + H_hv x_I + L_hv r,      ẋ_I = q - q_d,
 
-with feedback at every instant and no torque limit. d holds whatever else turns the joints: dry friction, tip forces,
-a payload. Equation (5) and the feedforward make of this, for ē = (e, x_I) and without any approximation,
+with continuous feedback and no torque limit. d holds all other torques on the joints: dry friction, tip forces, a
+payload. Equation (5) and the feedforward make of this, for ē = (e, x_I) and without any approximation,
 
     Ē(z) ē' = (Ā(z) + B̄ K̄_hv) ē + B̄ w,      w = d + ρ,      ρ = [A(z) x_r - E(z) ẋ_r]_3:4 + L_hv r,
 
@@ -19,15 +19,26 @@ from functools import cached_property
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.states import PLANT, POSITION, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import descriptor_terms, premises
+
+__all__ = ["RigidLoop"]
 
 
 @dataclasses.dataclass(frozen=True)
 class RigidLoop:
-    """The closed loop of the module for states in lanes; the controller's law in plain NumPy."""
+    """The closed loop of the module's docstring, for states in lanes; the controller's law in plain NumPy.
+
+    Attributes:
+        controller: a controller of the consistent form.
+
+    Raises:
+        ValueError: the controller is of the paper's form.
+    """
 
     controller: Controller
 
@@ -55,14 +66,14 @@ class RigidLoop:
         for index in [*model.kept_in_E, *model.kept_in_A]:  # the first one changes fastest, as in `TSModel`
             ratio = omega[:, index : index + 1]
             weights = np.concatenate([weights * (1.0 - ratio), weights * ratio], axis=1)
-        blended = (weights @ self._vertices).reshape(len(z), 2, -1)
+        blended = (weights @ self._vertices).reshape(len(z), JOINTS, -1)
         return blended[..., : self.states], blended[..., self.states :]
 
     @cached_property
     def _vertices(self) -> np.ndarray:
         """[K̄_ik L_ik] as rows, i slow and k fast."""
         both = np.concatenate([self.controller.gains, self.controller.feedforward_gains], axis=-1)
-        return both.reshape(-1, 2 * both.shape[-1])
+        return both.reshape(-1, JOINTS * both.shape[-1])
 
     def descriptor(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return E(z) and A(z) of (5), (lanes, 4, 4) each, at premises z (lanes, 5)."""
@@ -95,17 +106,18 @@ class RigidLoop:
             torque: w itself if `total`, so that d = w - ρ acts on the arm; otherwise d, and w = d + ρ.
             total: which of the two `torque` is.
         """
-        q, dq = target.q + error[:, :2], target.dq + error[:, 2:4]
+        q, dq = target.q + error[:, POSITION], target.dq + error[:, VELOCITY]
         z = premises(q, dq, self.controller.model.parameters)
         gain, feedforward = self.law(z)
         r = np.concatenate([np.broadcast_to(part, q.shape) for part in target], axis=1)
         forward = (feedforward @ r[..., np.newaxis])[..., 0]
         E, A = self.descriptor(z)
-        rho = (A[:, 2:] @ r[:, :4, np.newaxis] - E[:, 2:, 2:] @ r[:, 4:, np.newaxis])[..., 0] + forward
+        x_r, ddq_d = r[:, PLANT, np.newaxis], r[:, PLANT.stop :, np.newaxis]
+        rho = (A[:, VELOCITY] @ x_r - E[:, VELOCITY, VELOCITY] @ ddq_d)[..., 0] + forward
         d, w = (torque - rho, np.broadcast_to(torque, q.shape)) if total else (torque, torque + rho)
         u = (gain @ error[..., np.newaxis])[..., 0] + forward
-        rates = [error[:, 2:4], self.acceleration(q, dq, u + d) - target.ddq, error[:, :2]]
-        return np.concatenate(rates[: self.states // 2], axis=1), w
+        rates = [error[:, VELOCITY], self.acceleration(q, dq, u + d) - target.ddq, error[:, POSITION]]
+        return np.concatenate(rates[: self.states // JOINTS], axis=1), w
 
     def lyapunov(self, error: np.ndarray) -> np.ndarray:
         """Return V = ēᵀ P⁻¹ ē for errors (..., n_e)."""

@@ -8,11 +8,16 @@ from typing import Protocol
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import ReferenceSample
 from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.fuzzy_policy.states import POSITION, VELOCITY
+
+__all__ = ["STEP", "Disturbance", "Motion", "Run", "simulate"]
 
 STEP = 5e-4  # [s]; the fastest poles of the shipped loops lie near -250 rad/s
 FLOOR = 1e-20  # share of V(0) below which a rate of decay is not read: there rounding shows
+INTEGRALS = 3  # of zᵀz, wᵀw and V, integrated along with the error
 
 Disturbance = Callable[[np.ndarray], np.ndarray]
 """Times (k,) [s] to torques (k, lanes or 1, 2) [N m]; smooth, or with kinks at multiples of the step only."""
@@ -89,10 +94,10 @@ def simulate(
     def rate(k: int, y: np.ndarray) -> np.ndarray:
         error = y[:, :n]
         change, w = loop.error_rate(error, ReferenceSample(*(part[k] for part in targets)), torques[k], total=total)
-        integrands = [np.sum(error[:, :2] ** 2, axis=1), np.sum(w**2, axis=1), loop.lyapunov(error)]
+        integrands = [np.sum(error[:, POSITION] ** 2, axis=1), np.sum(w**2, axis=1), loop.lyapunov(error)]
         return np.column_stack([change, *integrands])
 
-    path = np.zeros((steps + 1, len(start), n + 3))
+    path = np.zeros((steps + 1, len(start), n + INTEGRALS))
     path[0, :, :n] = start
     for k in range(steps):
         y = path[k]
@@ -109,9 +114,9 @@ def _evaluate(loop: RigidLoop, t: np.ndarray, targets: ReferenceSample, path: np
     error, (output, taken, stored) = path[..., :n], np.moveaxis(path[..., n:], -1, 0)
     V, limits = loop.lyapunov(error), controller.model.parameters
     supply = output - controller.gamma**2 * taken + 2.0 * controller.alpha * stored
-    q, dq = (part.reshape(len(t), -1, 2) for part in targets[:2])
-    inside = (np.abs(q + error[..., :2]) <= limits.joint_limit) & (
-        np.abs(dq + error[..., 2:4]) <= limits.velocity_limit
+    q, dq = (part.reshape(len(t), -1, JOINTS) for part in targets[:2])
+    inside = (np.abs(q + error[..., POSITION]) <= limits.joint_limit) & (
+        np.abs(dq + error[..., VELOCITY]) <= limits.velocity_limit
     )
     in_box = np.logical_and.accumulate(inside.all(axis=-1), axis=0)
     return Run(t, error, V, output, taken, V - V[0] + supply, in_box)

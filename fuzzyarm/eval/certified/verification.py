@@ -1,4 +1,4 @@
-"""The report of `fuzzyarm verify`: what of a controller file is proven, and what that means."""
+"""The report of `fuzzyarm verify`: which claims of a controller file are proven, and what they mean."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify, residual_bound
 
+__all__ = ["Verification", "verify_file"]
+
 LISTED = 20  # claims in the printed report
 
 
 @dataclasses.dataclass(frozen=True)
 class Verification:
-    """The certificate of one file, with what depends on the reference on the paper's circle, where it applies.
+    """The certificate of one file; what depends on the reference is given for the paper's circle.
 
     Attributes:
         path: the file.
-        controller: what it holds.
-        certificate: what of it is proven.
+        controller: its content.
+        certificate: its claims, each proven or not.
         residual: bound (2,) on the feedforward residual [N m].
-        tip: what holds when it is told to bring the tip to the reference.
+        tip: what holds for the policy of this file with the ending -tip.
         seconds: time of the proof.
     """
 
@@ -51,12 +53,12 @@ class Verification:
             f"  {c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
             f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}{pole}",
             f"  {len(claims) - len(failed)} of {len(claims)} inequalities proven in exact rational arithmetic, "
-            f"smallest margin {self.certificate.margin:.2g}, {self.seconds:.2f} s",
+            f"smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s",
         ]
         # What fails first, then the smallest margins; a large model has hundreds of claims.
-        ranked = sorted(claims, key=lambda claim: (claim.proven, claim.margin))
+        ranked = sorted(claims, key=lambda claim: (claim.proven, claim.proof_margin))
         lines += [
-            f"  {'proven    ' if claim.proven else 'not proven'} {claim.name}, margin {claim.margin:.2g}"
+            f"  {'proven    ' if claim.proven else 'not proven'} {claim.name}, margin {claim.proof_margin:.2g}"
             for claim in ranked[:LISTED]
         ]
         if len(claims) > LISTED:
@@ -78,12 +80,15 @@ class Verification:
         return {
             "file": str(self.path),
             "proven": self.certificate.proven,
-            "margin": self.certificate.margin,
+            "margin": self.certificate.proof_margin,
             "seconds": self.seconds,
             "residual_bound": None if self.residual is None else self.residual.tolist(),
             "statement": self.certificate.statement if self.certificate.proven else None,
             "tip_statement": self.tip if self.certificate.proven else None,
-            "claims": [dataclasses.asdict(claim) for claim in self.certificate.claims],
+            "claims": [
+                {"name": claim.name, "proven": claim.proven, "margin": claim.proof_margin}
+                for claim in self.certificate.claims
+            ],
         }
 
 

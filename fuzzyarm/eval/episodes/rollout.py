@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-from typing import Any, Protocol
+import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.episodes.loop import Step, Timed, episodes
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
-
-class Predictor(Protocol):
-    """Anything with the `predict` of stable-baselines3."""
-
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """Return the action and the next state."""
-        ...
+__all__ = ["SIGNALS", "Rollout", "Signals", "record_rollout"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,57 +69,74 @@ class Rollout:
     domain_use: np.ndarray
 
 
-_FROM_INFO = (
-    "time",
-    "tip",
-    "tip_reference",
-    "tip_error",
-    "circularity_error",
-    "circularity_error_motor",
-    "q_motor",
-    "dq_motor",
-    "q_link",
-    "dq_link",
-    "torque",
-    "friction_torque",
-    "external_force",
-)
+SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
+"""The fields of a `Rollout` that the environment's info has by the same name."""
 
 
-def rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, case: str, seed: int) -> Rollout:
-    """Run one episode of `env` from `reset(seed=seed)` under `policy` and record it."""
-    observation, _ = env.reset(seed=seed)
-    state, start = None, np.ones(1, dtype=bool)
-    infos, references, rewards, timings = [], [], [], []
-    terminated = truncated = False
-    while not (terminated or truncated):
-        begin = time.perf_counter()
-        action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
-        timings.append(time.perf_counter() - begin)
-        start = np.zeros(1, dtype=bool)
-        observation, reward, terminated, truncated, info = env.step(action)
-        infos.append(info)
-        references.append(observation[4:8])
-        rewards.append(reward)
-    signals = {name: np.array([info[name] for info in infos]) for name in _FROM_INFO}
-    reference = np.array(references)
-    limits = env.parameters
-    shares = [
-        np.abs(signals[name]) / limit
-        for side in ("motor", "link")
-        for name, limit in ((f"q_{side}", limits.joint_limit), (f"dq_{side}", limits.velocity_limit))
-    ]
-    return Rollout(
+class Signals:
+    """All signals of one arm, step by step, and the `Rollout` that they make."""
+
+    def __init__(self, lane: int | None = None) -> None:
+        """Begin with no steps; `lane` is that of a batch, None a single arm."""
+        self._lane: Any = ... if lane is None else lane
+        self._steps: list[Step] = []
+
+    def add(self, step: Step) -> None:
+        """Keep a step, unless the episode has ended before."""
+        if step.running[self._lane]:
+            self._steps.append(step)
+
+    def rollout(
+        self,
+        *,
+        policy: str,
+        case: str,
+        seed: int,
+        control_period: float,
+        parameters: ArmParameters,
+        step_time: float = math.nan,
+    ) -> Rollout:
+        """Return the episode; arguments as the fields of `Rollout`, times [s]; `parameters` for the joints' limits."""
+        lane, last = self._lane, self._steps[-1]
+        signals = {name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS}
+        reference = observed(np.array([step.observation for step in self._steps])[:, lane])
+        completed = bool(last.completed[lane])
+        return Rollout(
+            policy=policy,
+            case=case,
+            seed=seed,
+            control_period=control_period,
+            completed=completed,
+            reason="" if completed else str(np.asarray(last.info["reason"])[lane]),
+            step_time=step_time,
+            q_reference=reference.q_reference,
+            dq_reference=reference.dq_reference,
+            reward=np.array([step.reward for step in self._steps])[:, lane],
+            domain_use=_domain_use(signals, parameters),
+            **signals,
+        )
+
+
+def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, case: str, seed: int) -> Rollout:
+    """Run one episode of `env` from ``reset(seed=seed)`` under `policy` and record it."""
+    timed, signals = Timed(policy), Signals()
+    for step in episodes(env, timed, env.reset(seed=seed)):
+        signals.add(step)
+    return signals.rollout(
         policy=policy_name,
         case=case,
         seed=seed,
         control_period=env.control_period,
-        completed=truncated,
-        reason=infos[-1].get("reason", ""),
-        step_time=float(np.median(timings)),
-        q_reference=reference[:, :2],
-        dq_reference=reference[:, 2:],
-        reward=np.array(rewards),
-        domain_use=np.concatenate(shares, axis=1).max(axis=1),
-        **signals,
+        parameters=env.parameters,
+        step_time=timed.median,
     )
+
+
+def _domain_use(signals: Mapping[str, np.ndarray], parameters: ArmParameters) -> np.ndarray:
+    """Return the largest share of the joint box (25) in use, (n,)."""
+    shares = [
+        np.abs(signals[f"{quantity}_{side}"]) / limit
+        for side in ("motor", "link")
+        for quantity, limit in (("q", parameters.joint_limit), ("dq", parameters.velocity_limit))
+    ]
+    return np.asarray(np.concatenate(shares, axis=1).max(axis=1))

@@ -15,7 +15,10 @@ import numpy as np
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.rollout import Rollout
 
+__all__ = ["NAME", "digest", "read_rollouts", "write_rollouts"]
+
 NAME = "rollouts.npz"
+"""Name of the file in an evaluation's folder."""
 _FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
 
 

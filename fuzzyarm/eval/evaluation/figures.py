@@ -1,12 +1,11 @@
-"""Figures 2-10 of the paper for any policies, and the overview: draw them all, then write them.
+"""Figures 2-10 of the paper for any policies, and the overview: all are drawn, then written.
 
-Every figure over time is a grid: one row per `Panel`, one column per case. What a figure shows is data
-(`TIME_FIGURES`, `OVERVIEW`); the drawing exists once. Only this module imports Matplotlib, and not its pyplot.
+Every figure over time is a grid with a row per `Panel` and a column per case. What a figure shows is data
+in `panels`. Matplotlib is used without pyplot, which keeps global state.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -23,77 +22,43 @@ from matplotlib.lines import Line2D
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation.panels import OVERVIEW, TIME_FIGURES, Panel
 
-# In the plane, deviations are drawn this many times larger: the first with which the best policy's stay within ROOM,
-# a share of the curve's size. What is farther away is cut off.
+__all__ = [
+    "BAND",
+    "DASHES",
+    "FOCUS",
+    "LOWEST",
+    "MAGNIFICATIONS",
+    "REFERENCE",
+    "ROOM",
+    "SMALL",
+    "draw_figures",
+    "write_figures",
+]
+
 MAGNIFICATIONS = (20, 10, 5, 2, 1)
+"""In the plane, deviations are drawn magnified by the first of these factors with which the best policy's deviation
+stays within `ROOM`."""
 ROOM = 0.5
-# An error panel is scaled to the policies whose peak is within this factor of the best one's, or of SMALL, the error
-# in mm from which on a better one no longer counts: near zero no policy would be left on the scale.
+"""Space for magnified deviations, as a share of the curve's size; deviations beyond it are cut off."""
 FOCUS, SMALL = 5.0, 2.0
-LOWEST = 1e-3  # of a logarithmic axis; in mm that is a micrometre, a few times the error of the simulation
-# Strokes and gaps, in line widths; the first is solid. Nine of them beside the style's eight colours: each of eight
-# policies has its own of both, and no two of 72 look alike.
+"""An error panel is scaled to the policies whose peak is at most `FOCUS` times that of the best policy. A best peak
+below `SMALL` [mm] counts as `SMALL`: otherwise a nearly perfect policy would push all others off the scale."""
+LOWEST = 1e-3
+"""Lower end of a logarithmic axis; in mm it is a micrometre, a few times the error of the simulation."""
+# Strokes and gaps, in line widths; the first is solid. There are nine beside the style's eight colours: up to eight
+# policies differ in both, and up to 72 differ in one of them.
 _STROKES = ((), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (2, 2), (3, 1, 1, 1, 1, 1), (9, 1.5, 3, 1.5), (1, 3))
 DASHES: tuple[Any, ...] = tuple((0, strokes) if strokes else "-" for strokes in _STROKES)
+"""Line styles of Matplotlib, in the order in which policies get them."""
 REFERENCE: Mapping[str, Any] = {"label": "reference", "color": "black", "linewidth": 0.9, "zorder": 3.0}
-# Over time the reference is a band under the curves: as a line it would hide them, or they it.
+# Over time the reference is a wide band below the curves: a line would hide the curves or be hidden by them.
 BAND: Mapping[str, Any] = {"label": "reference", "color": "#CCCCCC", "linewidth": 4.0, "zorder": 1.9}
 
-Signal = Callable[[Rollout], np.ndarray]
 Styles = Mapping[str, Mapping[str, Any]]
 Columns = Mapping[str, Sequence[Rollout]]
 Limits = tuple[float, float]
-
-
-@dataclasses.dataclass(frozen=True)
-class Panel:
-    """One quantity over time, a row of a figure.
-
-    Attributes:
-        quantity, unit: label of the vertical axis.
-        signal: what is drawn of a rollout, (n,) [unit].
-        scale: panels of a figure with the same scale share their limits.
-        target: what the signal should follow, (n,) [unit]; None if there is no such thing.
-        log: whether the axis is logarithmic; what is below its lowest decade is drawn at its edge.
-        is_error: a policy far worse than the best (`FOCUS`) runs off the panel and is named there; it does not
-            flatten the others.
-    """
-
-    quantity: str
-    unit: str
-    signal: Signal
-    scale: str = ""
-    target: Signal | None = None
-    log: bool = False
-    is_error: bool = False
-
-
-_CIRCULARITY = Panel("circularity error", "mm", lambda r: 1e3 * r.circularity_error, is_error=True)
-TIME_FIGURES: dict[str, tuple[Panel, ...]] = {
-    "circularity": (
-        _CIRCULARITY,
-        # No error: a policy that brings the tip to the circle leads the motors beside it.
-        Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor),
-    ),
-    "torque": (
-        Panel("motor torque,\njoint 1", "N m", lambda r: r.torque[:, 0], scale="joint 1"),
-        Panel("motor torque,\njoint 2", "N m", lambda r: r.torque[:, 1], scale="joint 2"),
-    ),
-    "velocity": (
-        Panel("motor velocity,\njoint 1", "rad/s", lambda r: r.dq_motor[:, 0], target=lambda r: r.dq_reference[:, 0]),
-        Panel("motor velocity,\njoint 2", "rad/s", lambda r: r.dq_motor[:, 1], target=lambda r: r.dq_reference[:, 1]),
-    ),
-    "motor-position": (
-        Panel("motor angle less\nq_d, joint 1", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 0]),
-        Panel("motor angle less\nq_d, joint 2", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 1]),
-    ),
-    "friction": (
-        Panel("friction torque,\njoint 1", "N m", lambda r: r.friction_torque[:, 0], scale="joint 1"),
-        Panel("friction torque,\njoint 2", "N m", lambda r: r.friction_torque[:, 1], scale="joint 2"),
-    ),
-}
-OVERVIEW = (Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)
 
 
 def write_figures(rollouts: Sequence[Rollout], folder: Path, progress: Callable[[], None] | None = None) -> list[Path]:
@@ -127,7 +92,7 @@ def write_figures(rollouts: Sequence[Rollout], folder: Path, progress: Callable[
 
 
 def draw_figures(rollouts: Sequence[Rollout]) -> dict[str, Figure]:
-    """Return every figure by its name, ``<case>-<figure>`` or ``overview``; of several seeds the first is drawn."""
+    """Return every figure by its name, ``<case>-<figure>`` or ``overview``; with several seeds the first is drawn."""
     if not rollouts:
         raise ValueError("no rollouts to draw: run at least one episode first")
     first: dict[str, dict[str, Rollout]] = {}
@@ -242,9 +207,10 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: Styles) -> Fig
     axes.plot(reference[:, 1], reference[:, 0], **REFERENCE)
     axes.plot(*reference[0, ::-1], "o", color="black", markersize=5, zorder=4.0)
     third, last = len(reference) // 3, len(reference) - 1
-    (x, y), (x_ahead, y_ahead) = reference[third], reference[min(third + 10, last)]
+    ahead = min(third + 10, last)
+    (x, y), (x_ahead, y_ahead) = reference[third], reference[ahead]
     arrow = {"arrowstyle": "-|>", "color": "black", "mutation_scale": 15, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", (y_ahead, x_ahead), (y, x), arrowprops=arrow)  # which way the curve goes
+    axes.annotate("", (y_ahead, x_ahead), (y, x), arrowprops=arrow)  # the direction of motion
     axes.set(xlim=(low[1], high[1]), ylim=(high[0], low[0]), aspect="equal")
     axes.set(xlabel="y, to the side [m]", ylabel="x, down [m]", title=f"{title}, tip deviation × {factor}")
     _legend(figure, episodes, styles, [Line2D([], [], **REFERENCE)])
@@ -282,7 +248,7 @@ def _longest(episodes: Sequence[Rollout]) -> Rollout:
 
 
 def _finished(episodes: Sequence[Rollout]) -> Sequence[Rollout]:
-    """Return those which went on to the end, or all if none did."""
+    """Return the completed episodes, or all if none is."""
     return [episode for episode in episodes if episode.completed] or episodes
 
 

@@ -1,12 +1,12 @@
-"""Policies of several evaluations in one table, the best first.
+"""Policies of several evaluations ranked in one table, the best first.
 
 The score of a policy in one seed is the geometric mean over the cases of the rms tip error [mm], so that half the error
 in an easy case counts as much as half the error in a hard one; over several seeds it is their interquartile mean with a
-bootstrap interval of 95 % (`fuzzyarm.eval.evaluation.statistics`). Smaller is better. A policy that lost the path in any episode,
-because it ended early or its tip was more than 100 mm off, has no score and ranks after all that have one, by the
-number of such episodes.
+bootstrap interval of 95 % (`statistics`). Smaller is better. A policy that lost the path in any episode, because it
+ended early or its tip was more than 100 mm off, has no score and ranks after all that have one, by the number of such
+episodes.
 
-Only like is ranked with like: the same cases, seeds, noise, control period, arm and version of fuzzyarm.
+Only comparable files are ranked together: the same cases, seeds, noise, control period, arm and version of fuzzyarm.
 """
 
 from __future__ import annotations
@@ -18,17 +18,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from fuzzyarm.common.console import print_paragraphs, print_table
+from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
 
-LOST = 100.0  # mm, half the radius of the paper's circle
+__all__ = ["LOST", "Leaderboard", "Standing", "markdown", "print_leaderboard", "rank_policies"]
+
+LOST = 100.0
+"""Tip error [mm], half the radius of the paper's circle, above which an episode counts as lost."""
+_LEFT = ("policy", "certificate", "from")  # headings of the columns that are aligned left
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +47,7 @@ class Standing:
         worst: largest tip error of all episodes [mm].
         lost: number of episodes in which the path was lost.
         episodes: number of episodes.
-        certified: whether anything is proven of it.
+        certified: whether it has a certificate.
     """
 
     policy: str
@@ -57,7 +61,7 @@ class Standing:
 
     @property
     def order(self) -> tuple[int, float]:
-        """What is ranked by, smaller first."""
+        """Sort key, the best policy first."""
         return self.lost, math.inf if self.score is None else self.score.mean
 
 
@@ -70,17 +74,17 @@ class Leaderboard:
 
     @property
     def ranks(self) -> list[int]:
-        """1 for the best; equals share a rank."""
+        """Rank of each standing, from 1; policies of equal score share a rank."""
         orders = [standing.order for standing in self.standings]
         return [1 + orders.index(order) for order in orders]
 
 
-def leaderboard(paths: Sequence[Path]) -> Leaderboard:
+def rank_policies(paths: Sequence[Path]) -> Leaderboard:
     """Rank the policies of results files, or of the folders that hold them.
 
     Raises:
-        ValueError: a file is missing, damaged or given twice, or two are not comparable; the message names the first
-            difference.
+        ValueError: a file is missing, damaged or given twice, or two files are not comparable; the message names the
+            first difference.
         OSError: a file cannot be read.
     """
     read = [read_results(path) for path in paths]
@@ -122,7 +126,7 @@ def _in_words(results: Results) -> str:
 
 def _standings(results: Results) -> list[Standing]:
     standings = []
-    for policy in map(policy_label, results.config.policies):
+    for policy in (resolve(name).label for name in results.config.policies):
         rows = [row for row in results.rows if row["policy"] == policy]
         lost = [row for row in rows if not row["completed"] or row["tip_error_max_mm"] > LOST]
         rms = {
@@ -185,22 +189,20 @@ def _notes(board: Leaderboard) -> str:
 
 
 def print_leaderboard(board: Leaderboard, console: Console) -> None:
-    """Print the table: with lines in a terminal, plain columns when piped."""
-    table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
+    """Print the table and its notes."""
     headings, cells = _cells(board)
-    for heading in headings:
-        left = heading in ("policy", "certificate", "from")
-        table.add_column(Text(heading), justify="left" if left else "right", no_wrap=not console.is_terminal)
+    left = [headings.index(heading) for heading in _LEFT]
+    table = new_table(headings, left, console=console, fold=True)
     for row in cells:
         table.add_row(*map(Text, row))
-    console.print(table)
-    console.print(Text(f"\n{_notes(board)}"))
+    print_table(table, console, keys=2)
+    print_paragraphs(console, [_notes(board)])
 
 
 def markdown(board: Leaderboard) -> str:
     """Return the table and its notes as Markdown."""
     headings, cells = _cells(board)
-    rule = [" --- |" if heading in ("policy", "certificate", "from") else " ---: |" for heading in headings]
+    rule = [" --- |" if heading in _LEFT else " ---: |" for heading in headings]
     lines = [f"| {' | '.join(headings)} |", f"|{''.join(rule)}"]
     lines += [f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |" for row in cells]
     return "\n".join([*lines, "", _notes(board)])

@@ -1,4 +1,4 @@
-"""An evaluation run again from its ``results.json``, and every number of it compared."""
+"""An evaluation that is run again from its ``results.json``, with every number compared."""
 
 from __future__ import annotations
 
@@ -7,28 +7,29 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from fuzzyarm.common.console import print_table
+from fuzzyarm.common.console import table as new_table
+from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation.results_file import Results
 from fuzzyarm.eval.evaluation.run import evaluate
-from fuzzyarm.policies.files import policy_files
-from fuzzyarm.policies.registry import is_code, policy_label
+from fuzzyarm.policies import Kind, resolve, resolve_all
 
-RELATIVE, ABSOLUTE = 1e-6, 1e-9
+__all__ = ["Comparison", "Difference", "print_comparison", "recheck_results"]
+
+_RELATIVE, _ABSOLUTE = 1e-6, 1e-9
 """Numbers agree if they differ by at most the larger of 1e-6 of the larger one and 1e-9, in the unit of the number."""
 
-CLOCK = ("predict_us",)
-"""Not compared: the one kind of number that differs from run to run."""
-
-SHOWN = 20  # differences in the table
+_SHOWN = 20  # differences in the table
+_WIDEST = 40  # characters of a text in the table
+_IDENTITY = ("case", "policy", "seed")
 
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """A value that is not what it was; None where there is no such value.
+    """A value that differs from the recorded one; None where a value is missing.
 
     Attributes:
         place: the episode, or the policy whose certificate it is.
@@ -44,8 +45,15 @@ class Difference:
 
 
 @dataclasses.dataclass(frozen=True)
-class Check:
-    """The outcome: how many numbers of how many rows were compared, what differs, and what it was made with then."""
+class Comparison:
+    """The outcome of a recheck.
+
+    Attributes:
+        numbers: how many numbers were compared.
+        rows: of how many episodes.
+        differences: the values that differ.
+        notes: what the file was made with that is different now, in words; that alone is no difference.
+    """
 
     numbers: int
     rows: int
@@ -53,7 +61,9 @@ class Check:
     notes: list[str]
 
 
-def check(results: Results, code: Sequence[str] = (), progress: Callable[[], None] | None = None) -> Check:
+def recheck_results(
+    results: Results, code: Sequence[str] = (), progress: Callable[[], None] | None = None
+) -> Comparison:
     """Run an evaluation again and compare.
 
     Args:
@@ -72,7 +82,7 @@ def check(results: Results, code: Sequence[str] = (), progress: Callable[[], Non
     fresh = evaluate(results.config, progress)
     old = _flat(results.rows, results.bounds or {})
     new = _flat(fresh.rows, {} if results.bounds is None else fresh.bounds)
-    return Check(
+    return Comparison(
         numbers=sum(not isinstance(value, str | bool) for value in old.values()),
         rows=len(results.rows),
         differences=[
@@ -85,8 +95,8 @@ def check(results: Results, code: Sequence[str] = (), progress: Callable[[], Non
 
 
 def _check_consent(results: Results, code: Sequence[str]) -> None:
-    """See that the user has named exactly the code that would be run."""
-    needed = [name for name in results.config.policies if is_code(name)]
+    """Check that the user has named exactly the code that would be run."""
+    needed = [name for name in results.config.policies if resolve(name).kind is Kind.CODE]
     unasked = [name for name in needed if name not in code]
     if unasked:
         flags = " ".join(f"--policy {name}" for name in unasked)
@@ -103,16 +113,16 @@ def _check_consent(results: Results, code: Sequence[str]) -> None:
 
 
 def _check_files(results: Results) -> None:
-    """See that every policy is made from the files that were measured."""
+    """Check that every policy is made from the files that were evaluated."""
     if results.policy_files is None:
         return
-    for name in results.config.policies:
-        then, now = results.policy_files[policy_label(name)], policy_files(name)
+    for label, spec in resolve_all(results.config.policies, run_code=True).items():
+        then, now = results.policy_files[label], spec.files()
         changed = sorted(file for file in then.keys() | now.keys() if then.get(file) != now.get(file))
         if changed and now:  # an unknown policy has no files; `evaluate` says more of it
             raise ValueError(
-                f"policy {name} is not the one that was measured: {', '.join(changed)} has another content (SHA-256) "
-                f"than {results.path} records; put the old file back, or evaluate anew"
+                f"policy {spec.name} is not the one that was measured: {', '.join(changed)} has another content "
+                f"(SHA-256) than {results.path} records; put the old file back, or evaluate anew"
             )
 
 
@@ -121,9 +131,11 @@ def _flat(
 ) -> dict[tuple[str, str], Any]:
     """Return everything that is compared by (place, name)."""
     flat: dict[tuple[str, str], Any] = {}
+    wall_times = [name for name, metric in METRICS.items() if not metric.reproducible]
+    not_compared = (*_IDENTITY, *wall_times)
     for row in rows:
         place = f"{row['policy']}, {row['case']}, seed {row['seed']}"
-        flat |= {(place, k): v for k, v in row.items() if k not in ("case", "policy", "seed", *CLOCK)}
+        flat |= {(place, name): value for name, value in row.items() if name not in not_compared}
     for policy, claimed in bounds.items():
         flat |= {(f"{policy}, certificate", k): v for k, v in (claimed or {}).items()}
     return flat
@@ -131,12 +143,12 @@ def _flat(
 
 def _same(then: Any, now: Any) -> bool:
     if isinstance(then, int | float) and isinstance(now, int | float):
-        return math.isclose(then, now, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+        return math.isclose(then, now, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
     return bool(then == now)
 
 
 def _notes(then: Results, now: Mapping[str, Any]) -> list[str]:
-    """Say what was another thing when the file was made; that alone is no difference."""
+    """Return in words what the file was made with that is different now."""
     made = {
         "commit": (then.commit, now["commit"]),
         "processor": (then.processor, now["machine"]["cpu"]),
@@ -148,19 +160,16 @@ def _notes(then: Results, now: Mapping[str, Any]) -> list[str]:
     return notes
 
 
-def print_check(found: Check, console: Console) -> None:
+def print_comparison(found: Comparison, console: Console) -> None:
     """Print what agrees or what differs, then the notes."""
     if found.differences:
-        table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
-        for heading in ("policy, case, seed", "number"):
-            table.add_column(heading, no_wrap=True)
-        for heading in ("recorded", "now", "relative"):
-            table.add_column(heading, no_wrap=True, justify="right")
-        for difference in found.differences[:SHOWN]:
+        headings = ["policy, case, seed", "number", "recorded", "now", "relative"]
+        table = new_table(headings, left=(0, 1), console=console)
+        for difference in found.differences[:_SHOWN]:
             cells = (difference.place, difference.name, *map(_cell, (difference.recorded, difference.measured)))
             table.add_row(*map(Text, (*cells, _relative(difference))))
-        console.print(table)
-        left = len(found.differences) - SHOWN
+        print_table(table, console)
+        left = len(found.differences) - _SHOWN
         if left > 0:
             console.print(f"and {left} more", highlight=False)
         console.print(f"{len(found.differences)} values of {found.rows} rows differ", highlight=False)
@@ -171,7 +180,7 @@ def print_check(found: Check, console: Console) -> None:
 
 
 def _cell(value: Any) -> str:
-    return "-" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)[:40]
+    return "-" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)[:_WIDEST]
 
 
 def _relative(difference: Difference) -> str:

@@ -1,4 +1,4 @@
-"""The result table, for a terminal (rich) or plain for a pipe, and the same cells for the README."""
+"""The table of results, for the terminal and as Markdown for the README."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from statistics import median
 from typing import Any
 
-from rich import box
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
+from fuzzyarm.common.console import print_table
+from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
+
+__all__ = ["COLUMNS", "markdown_table", "print_results", "table_rows"]
 
 COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("tip error max [mm]", ("tip_error_max_mm",), "{:#.3g}"),
@@ -22,7 +24,8 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("work [J]", ("energy",), "{:.0f}"),
     ("predict [µs]", ("predict_us",), "{:.1f}"),
 )
-"""Heading, the metrics shown in one cell, and their format. Nothing of the motor side: that is not where the tip is."""
+"""Heading, the metrics shown in one cell, and their format. Metrics of the motor side are left out: they do not say
+where the tip is."""
 
 
 def table_rows(rows: Sequence[dict[str, Any]]) -> list[tuple[str, str, list[str]]]:
@@ -49,23 +52,17 @@ def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> s
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
 
 
-def print_table(rows: Sequence[dict[str, Any]], console: Console) -> None:
-    """Print the table: with lines in a terminal, plain columns when piped."""
-    table = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("policy", no_wrap=True)
-    for heading, _, _ in COLUMNS:
-        name, unit = heading.split(" [")
-        # In a terminal a word a line keeps the columns narrow; brackets would be markup to rich.
-        text = "\n".join([*name.split(), f"[{unit}"]) if console.is_terminal else heading
-        table.add_column(escape(text), justify="right", no_wrap=not console.is_terminal)
+def print_results(rows: Sequence[dict[str, Any]], console: Console) -> None:
+    """Print the table, the policies of each case below its title."""
+    table = new_table(["policy", *(heading for heading, _, _ in COLUMNS)], console=console)
     last = None
     for case, policy, cells in table_rows(rows):
         if case != last:
             table.add_section()
-            table.add_row(f"[bold]{escape(case)}[/bold]")
+            table.add_row(Text(case, style="bold"))
             last = case
-        table.add_row(escape(policy), *map(escape, cells))
-    console.print(table)
+        table.add_row(*map(Text, (policy, *cells)))
+    print_table(table, console)
 
 
 def markdown_table(rows: Sequence[dict[str, Any]]) -> str:

@@ -1,17 +1,17 @@
-"""``results.json`` read back: what was run, the rows, and everything that can be wrong with the file."""
+"""``results.json`` read back and checked: what was run, the rows of metrics, and what they were made with."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.disturbances import EncoderNoise
+from fuzzyarm.common.checks import instance, real, truth
+from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
+
+__all__ = ["NAME", "Results", "read_results"]
 
 NAME = "results.json"
 _IDENTITY = ("case", "policy", "seed")
@@ -27,11 +27,11 @@ class Results:
         config: what was run.
         rows: one for each episode: case, policy, seed, completed, reason, and finite numbers.
         certificates: by policy, in words; None without one.
-        bounds: numbers of the certificates by policy; None in a file that is older than they.
-        policy_files: digests by policy, see `fuzzyarm.policies.files`; None in a file that is older than they.
+        bounds: numbers of the certificates by policy; None in files made before they were stored.
+        policy_files: digests by policy, see `PolicySpec.files`; None in files made before they were stored.
         versions: of fuzzyarm and its libraries.
         commit, processor: what else it was made with.
-        document: the file as it is, for what else it says.
+        document: the whole content of the file, as parsed.
     """
 
     path: Path
@@ -58,84 +58,72 @@ def read_results(path: Path) -> Results:
     if not path.is_file():
         raise ValueError(f"{path} is not there; {again}")
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is not JSON ({str(error)[:80]}); {again}") from None
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != SCHEMA:
-        raise ValueError(f"{path}: the schema is {str(schema)[:80]!r}, this version reads {SCHEMA!r}; {again}")
+        document = read_json(path)
+    except DocumentError as error:
+        raise ValueError(f"{error}; {again}") from None
+    try:
+        check_schema(document, SCHEMA)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}; {again}") from None
     try:
         return _from_document(path, document)
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
-        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)[:200]
+    except (KeyError, TypeError, ValueError) as error:
+        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise ValueError(f"{path} is damaged ({problem}); {again}") from None
 
 
+@dataclasses.dataclass(frozen=True)
+class _Document:
+    """The keys of the file and their types; those with a default are missing in older files."""
+
+    schema: str
+    config: EvaluationConfig
+    commit: str | None
+    versions: dict[str, str | None]
+    machine: dict[str, Any]
+    certificates: dict[str, str | None]
+    results: list[dict[str, Any]]
+    certified_bounds: dict[str, dict[str, float | str] | None] | None = None
+    policy_files: dict[str, dict[str, str]] | None = None
+    command: str | None = None
+    date: str = ""
+    rollouts_sha256: str = ""
+
+
 def _from_document(path: Path, document: dict[str, Any]) -> Results:
-    config = _config(document["config"])
-    labels = [policy_label(name) for name in config.policies]
-    rows = document["results"]
+    read = record(document, _Document)
+    config, rows = read.config, read.results
+    labels = [resolve(name).label for name in config.policies]
     if len(rows) != len(labels) * len(config.cases) * config.seeds:
         raise ValueError(f"{len(rows)} rows are not one for each policy, case and seed")
     planned = [(case, name, seed) for case in config.cases for name in labels for seed in range(config.seeds)]
     for row, episode in zip(rows, planned, strict=True):
         _check_row(row, episode)
-    bounds, files = document.get("certified_bounds"), document.get("policy_files")
+    bounds, files = read.certified_bounds, read.policy_files
     return Results(
         path=path,
         config=config,
         rows=rows,
-        certificates={name: _text_or_none(document["certificates"][name]) for name in labels},
-        bounds=None if bounds is None else {name: _checked_bounds(bounds[name]) for name in labels},
-        policy_files=None if files is None else {name: dict(files[name].items()) for name in labels},
-        versions={"fuzzyarm": document["versions"]["fuzzyarm"], **document["versions"]},
-        commit=document["commit"],
-        processor=document["machine"]["cpu"],
+        certificates={name: read.certificates[name] for name in labels},
+        bounds=None if bounds is None else {name: bounds[name] for name in labels},
+        policy_files=None if files is None else {name: files[name] for name in labels},
+        versions={"fuzzyarm": read.versions["fuzzyarm"], **read.versions},
+        commit=read.commit,
+        processor=read.machine["cpu"],
         document=document,
     )
 
 
-def _config(given: dict[str, Any]) -> EvaluationConfig:
-    position, velocity = given["encoder_noise"]
-    EncoderNoise(position, velocity)  # checks the numbers
-    if not (_is_number(given["control_period"]) and all(isinstance(name, str) for name in given["policies"])):
-        raise ValueError("control_period must be a number, policies must be names")
-    return EvaluationConfig(
-        policies=tuple(given["policies"]),
-        cases=tuple(given["cases"]),
-        seeds=given["seeds"],
-        encoder_noise=(position, velocity),
-        control_period=given["control_period"],
-        parameters=ArmParameters.from_dict(given["parameters"]),
-    )
-
-
 def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
+    """Check that a row is that of an episode, (case, policy, seed), and that its metrics are numbers."""
     missing = [name for name in _NEEDED if name not in row]
     if missing:
         raise ValueError(f"a row lacks {', '.join(missing)}")
-    if tuple(row[name] for name in _IDENTITY) != episode:
-        raise ValueError(f"where the row of {episode} belongs there is {tuple(row[name] for name in _IDENTITY)}")
-    if not (isinstance(row["completed"], bool) and isinstance(row["reason"], str)):
-        raise ValueError(f"completed = {row['completed']!r}, reason = {row['reason']!r} are no truth value and text")
+    identity = tuple(row[name] for name in _IDENTITY)
+    if identity != episode:
+        raise ValueError(f"where the row of {episode} belongs there is {identity}")
+    truth("completed", row["completed"])
+    instance("reason", row["reason"], str)
     for name, value in row.items():
-        if name not in (*_IDENTITY, "completed", "reason") and not _is_number(value):
-            raise ValueError(f"{name} of {episode} is {value!r}, no finite number")
-
-
-def _text_or_none(value: Any) -> str | None:
-    if not (value is None or isinstance(value, str)):
-        raise ValueError(f"certificate {value!r} is no text")
-    return value
-
-
-def _checked_bounds(claimed: Any) -> dict[str, Any] | None:
-    if claimed is None:
-        return None
-    if not all(isinstance(value, str) or _is_number(value) for value in claimed.values()):
-        raise ValueError(f"certified bounds {claimed} are no finite numbers and texts")
-    return dict(claimed)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if name not in (*_IDENTITY, "completed", "reason"):
+            real(f"{name} of {episode}", value)

@@ -12,43 +12,39 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common.checks import distinct, real, whole
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES, find_case
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
-from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import Predictor, Rollout, rollout
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.fuzzy_policy.controller import Controller
-from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
-from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy, tip_statement
-from fuzzyarm.fuzzy_policy.proof.certificate import statement
-from fuzzyarm.policies.files import policy_files
-from fuzzyarm.policies.registry import COMPARED, policy_label
-from fuzzyarm.policies.user_code import find_policy
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.policies import COMPARED, resolve_all
+
+__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"
 
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationConfig:
-    """What is run.
+    """What an evaluation runs.
 
     Attributes:
-        policies: names as `find_policy` takes them.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
         cases: names of cases.
         seeds: number of episodes of each policy in each case, seeded 0, 1, ...
         encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
-        control_period: [s].
-        parameters: the arm, of the plant and of the policies' models.
+        control_period: time between two actions [s].
+        parameters: the arm, for the plant and for the policies' models.
     """
 
     policies: tuple[str, ...] = COMPARED
-    cases: tuple[str, ...] = tuple(CASES)
+    cases: tuple[str, ...] = PAPER_CASES
     seeds: int = 1
     encoder_noise: tuple[float, float] = (0.0, 0.0)
     control_period: float = 1e-3
@@ -58,12 +54,11 @@ class EvaluationConfig:
         """Check names and numbers before anything runs."""
         for case in self.cases:
             find_case(case)
-        for name in ("policies", "cases"):
-            given = getattr(self, name)
-            if not given or len(set(given)) != len(given):
-                raise ValueError(f"{name} = {list(given)} must be one or more different names")
-        if self.seeds < 1:
-            raise ValueError(f"seeds = {self.seeds} is out of range; allowed: [1, inf)")
+        distinct("policies", self.policies)
+        distinct("cases", self.cases)
+        whole("seeds", self.seeds, low=1)
+        EncoderNoise(*self.encoder_noise)
+        real("control_period", self.control_period, "s", above=0.0)
         if self.seeds > 1 and not any(self.encoder_noise):
             raise ValueError(
                 f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"
@@ -90,7 +85,7 @@ class EvaluationConfig:
 class Evaluation:
     """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with.
 
-    `certificates` are in words; `bounds` are their numbers and the controller file they are of, see `certified_bounds`.
+    `certificates` are in words, `bounds` in numbers: `text` and `bounds` of `PolicyCertificate`.
     """
 
     config: EvaluationConfig
@@ -126,18 +121,14 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         ValueError: a policy is unknown, fails or does not fit the robot, or the reference does not fit it.
         OSError: a controller file cannot be read.
     """
-    policies: dict[str, Predictor] = {
-        policy_label(name): find_policy(name, control_period=config.control_period, robot=config.parameters)
-        for name in config.policies
-    }
-    if len(policies) < len(config.policies):
-        raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
+    specs = resolve_all(config.policies, run_code=True)
+    policies = {label: spec.load(config.control_period, config.parameters) for label, spec in specs.items()}
     reference = JointReference(parameters=config.parameters)
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts = []
     for case in config.cases:
         env = FuzzyArmEnv(
-            disturbance=dataclasses.replace(CASES[case].disturbance, encoder_noise=noise),
+            disturbance=dataclasses.replace(find_case(case).disturbance, encoder_noise=noise),
             reference=reference,
             parameters=config.parameters,
             control_period=config.control_period,
@@ -145,65 +136,26 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         for name, policy in policies.items():
             for seed in range(config.seeds):
                 try:
-                    rollouts.append(rollout(env, policy, policy_name=name, case=case, seed=seed))
+                    rollouts.append(record_rollout(env, policy, policy_name=name, case=case, seed=seed))
                 except ValueError as error:  # its action was refused, or it failed
                     raise ValueError(f"policy {name} in case {case}, seed {seed}: {error}") from error
                 if progress:
                     progress()
     rows = [
         {"case": run.case, "policy": run.policy, "seed": run.seed, "completed": run.completed, "reason": run.reason}
-        | metrics(run)
+        | metrics_of(run)
         for run in rollouts
     ]
-    certificates = {name: certificate_text(policy, reference) for name, policy in policies.items()}
-    bounds = {name: certified_bounds(policy, reference) for name, policy in policies.items()}
+    proofs = {name: policy.certificate(reference) for name, policy in policies.items()}
+    certificates = {name: None if proof is None else proof.text for name, proof in proofs.items()}
+    bounds = {name: None if proof is None else proof.bounds for name, proof in proofs.items()}
     made_with = {
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **provenance(),
-        "policy_files": {policy_label(name): policy_files(name) for name in config.policies},
+        **current_provenance(),
+        "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with)
-
-
-def certified_controller(policy: Predictor) -> Controller | None:
-    """Return the controller whose certificate holds for a policy; None without a certificate."""
-    if isinstance(policy, FuzzyPolicy):
-        return policy.controller
-    # The proof of the paper's form is of the reference model in the loop, which a tip policy replaces.
-    if isinstance(policy, TipPolicy) and isinstance(policy.law, FuzzyPolicy) and policy.law.controller.form != "paper":
-        return policy.law.controller
-    return None
-
-
-def certificate_text(policy: Predictor, reference: JointReference) -> str | None:
-    """Return what is proven of a policy on a reference, and what is not; None without a certificate."""
-    controller = certified_controller(policy)
-    if controller is None:
-        return None
-    return statement(controller) + (f" {tip_statement(reference)}" if isinstance(policy, TipPolicy) else "")
-
-
-def certified_bounds(policy: Predictor, reference: JointReference) -> dict[str, Any] | None:
-    """Return the proven decay rate [1/s] and L2 gain, the form they are of, and the digest of the controller file."""
-    controller = certified_controller(policy)
-    if controller is None or (isinstance(policy, TipPolicy) and not _bent_in_box(reference)):
-        return None
-    return {
-        "form": controller.form,
-        "alpha": controller.alpha,
-        "gamma": controller.gamma,
-        "controller_digest": json.loads(controller.to_json())["digest"],
-    }
-
-
-def _bent_in_box(reference: JointReference) -> bool:
-    """Return whether the motors of a tip policy stay in the box along a reference; else its certificate is void."""
-    try:
-        ElasticReference(reference)
-    except ValueError:
-        return False
-    return True
 
 
 def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:

@@ -1,7 +1,7 @@
-"""What several runs of one training, which differ by their seed, come to: a middle value and how far it can be trusted.
+"""Statistics of runs that differ in their seed only: the interquartile mean and its bootstrap interval.
 
-The interquartile mean of n values is the mean without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest: of five values that of
-the middle three. One run that went wrong does not move it, and it uses more of the runs than the median does.
+The interquartile mean of n values is the mean without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest; of five values it is
+the mean of the middle three. A single failed run does not move it, and it uses more of the runs than the median does.
 """
 
 from __future__ import annotations
@@ -12,9 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import bootstrap, trim_mean
 
+__all__ = ["LEVEL", "RESAMPLES", "SEED", "Estimate", "estimate", "interquartile_mean"]
+
 LEVEL = 0.95
+"""Confidence level of the interval."""
 RESAMPLES = 9999
-SEED = 0  # of the resampling: the same values give the same interval
+"""Number of bootstrap samples."""
+SEED = 0
+"""Seed of the resampling, fixed: the same values give the same interval."""
 
 
 class Estimate(NamedTuple):
@@ -33,9 +38,9 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def estimate(values: Sequence[float]) -> Estimate:
     """Return the interquartile mean of some runs, with a bootstrap interval of 95 % if there are two or more.
 
-    The interval holds the 2.5 % to 97.5 % percentiles of the means of `RESAMPLES` samples drawn with replacement. It
-    speaks of the training, not of these runs alone, but with five runs it is somewhat narrow: of normal or log-normal
-    values it covers the true interquartile mean in about nine samples of ten.
+    The interval spans the 2.5 % to 97.5 % percentiles of the means of `RESAMPLES` samples drawn with replacement. It
+    estimates where the interquartile mean of all possible runs lies. With five runs it is somewhat narrow: for normal
+    or log-normal values it covers the true interquartile mean in about nine cases of ten.
 
     Args:
         values: one number per run.
@@ -45,11 +50,11 @@ def estimate(values: Sequence[float]) -> Estimate:
     """
     numbers = np.asarray(values, dtype=float)
     if numbers.ndim != 1 or not len(numbers) or not np.isfinite(numbers).all():
-        raise ValueError(f"values = {list(values)} must be one or more finite numbers; count runs without one apart")
+        raise ValueError(f"values = {list(values)} must be one or more finite numbers; count failed runs separately")
     mean = float(interquartile_mean(numbers))
     if len(numbers) == 1:
         return Estimate(mean, None, None)
-    # Percentiles: the corrections of the default method are undefined for equal values.
+    # The corrections of the default method, BCa, are undefined for equal values; plain percentiles are not.
     found = bootstrap(
         (numbers,),
         interquartile_mean,

@@ -1,7 +1,7 @@
-"""The controllers of section 6.2, and two more that tell why ours differ.
+"""The controllers of section 6.2, and two more that explain why our numbers differ from the paper's.
 
 "Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of A
-and the bound (24); "consistent form" is this project's `fuzzy_policy.consistent_reference`.
+and the bound (24). "Consistent form" is the form of this project, see `fuzzy_policy.proof.consistent_reference`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,31 @@ import numpy as np
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.policies import load_policy
 
-RULES = (32, 4)
+__all__ = [
+    "FEW",
+    "FORMS",
+    "MANY",
+    "PAPERS_OWN",
+    "PAPER_H",
+    "PAPER_K",
+    "PAPER_L",
+    "RULES",
+    "SWAPPED",
+    "TITLES",
+    "compared_policies",
+    "key_of",
+]
+
+MANY, FEW = RULES = (32, 4)
+"""Numbers of rules of the controllers that the paper compares."""
 FORMS = ("printed", "consistent")
-FILES = {"printed-32": "paper-32-integral.json", "printed-4": "paper-4-integral-common.json"}
-CONSISTENT = {"consistent-32": "fuzzy-32", "consistent-4": "fuzzy-4"}
+"""Forms of Theorem 2: as the paper prints it, and with a consistent feedforward."""
+_FILES = {"printed-32": "paper-32-integral.json", "printed-4": "paper-4-integral-common.json"}
+_POLICIES = {"consistent-32": "fuzzy-32", "consistent-4": "fuzzy-4"}
 SWAPPED = "printed-4-swapped"
+"""Key of the printed form's controller with the feedforward of the consistent form."""
 PAPERS_OWN = "papers-gains"
+"""Key of the controller with the gains that the paper prints."""
 TITLES: Mapping[str, str] = {
     "printed-32": "printed form, 32 rules",
     "printed-4": "printed form, 4 rules",
@@ -30,8 +49,9 @@ TITLES: Mapping[str, str] = {
     SWAPPED: "printed form's K and H, consistent form's L, 4 rules",
     PAPERS_OWN: "the paper's own K_1k, H_1k, L_1k, 4 rules",
 }
+"""Titles of the controllers by their key: `key_of` for the first four."""
 
-# Section 6.2, k = 1 and 2. H with the sign of K (README, "Reading of the paper").
+# Gains printed in section 6.2 for i = 1 and k = 1, 2. H gets the sign of K, see "Reading of the paper" in the README.
 PAPER_K = np.array(
     [
         [[-6.31e4, 1.16e4, -978.0, -18.0], [0.91e4, -6.513e4, 44.0, -591.0]],
@@ -47,18 +67,24 @@ PAPER_L = np.array(
 )
 
 
+def key_of(form: str, rules: int) -> str:
+    """Return the key of the controller of a form in `FORMS` with a number of rules in `RULES`."""
+    return f"{form}-{rules}"
+
+
 def compared_policies() -> dict[str, FuzzyPolicy]:
-    """Return the policies by their key in `TITLES`; the first four are proven while they load."""
+    """Return the policies by their key in `TITLES`; the first four are proven while they are loaded."""
     found: dict[str, Any] = {}
-    for key, name in FILES.items():
+    for key, name in _FILES.items():
         with resources.as_file(resources.files("fuzzyarm.fuzzy_policy.controllers") / name) as path:
             found[key] = load_policy(path)
-    found |= {key: load_policy(name) for key, name in CONSISTENT.items()}
+    found |= {key: load_policy(name) for key, name in _POLICIES.items()}
     policies = cast(dict[str, FuzzyPolicy], found)
-    printed, consistent = (policies[f"{form}-4"].controller for form in FORMS)
-    # Theorem 2 proves this one too, with the file's P, Q and X, but at another γ than the file's (`evidence`).
+    printed, consistent = (policies[key_of(form, FEW)].controller for form in FORMS)
+    # Theorem 2 also proves this law, with P, Q and X of the printed form's file but a larger γ, see `evidence`.
     swapped = dataclasses.replace(printed, feedforward=consistent.feedforward_gains)
-    # Not proven. The paper prints i = 1 only; E_p1 is its vertex of the smallest z1, which is ours as well.
+    # This law is not proven. The paper prints the gains for i = 1 only, so they are used for i = 2 as well. Its E_p1 is
+    # the vertex of the smallest z1, as is ours.
     papers = dataclasses.replace(
         printed,
         gains=np.stack([np.concatenate([PAPER_K, PAPER_H], axis=-1)] * 2),

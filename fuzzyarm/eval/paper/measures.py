@@ -1,6 +1,6 @@
 """How each number is measured: functions from the evidence to values by label.
 
-The label is a controller's key (`controllers.TITLES`) or a few words.
+A label is the key of a controller in `controllers.TITLES`, or a few words.
 """
 
 from __future__ import annotations
@@ -11,24 +11,57 @@ import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.paper.controllers import FORMS, RULES, TITLES
+from fuzzyarm.eval.paper.controllers import FORMS, RULES, TITLES, key_of
 from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, Evidence
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.states import PLANT
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis.complexity import Size, full_size, paper_formula
-from fuzzyarm.synthesis.design import PAPER_WEIGHT
 from fuzzyarm.synthesis.error_model import paper_form
+from fuzzyarm.synthesis.specification import PAPER_WEIGHT
+
+__all__ = [
+    "TABLE_2_RULES",
+    "Measure",
+    "bounded_M",
+    "circularity",
+    "circularity_of",
+    "decay_rate",
+    "feedforward_at_rest",
+    "fewest_rules",
+    "force_range",
+    "gamma_with_other_L",
+    "largest",
+    "largest_feedforward_gain",
+    "largest_gain",
+    "payload_mass",
+    "payload_share",
+    "peak",
+    "peak_torque",
+    "printed_size",
+    "rigid_torque",
+    "rule_difference",
+    "shortest_episode",
+    "smallest",
+    "tip_speed",
+    "true_size",
+    "unbounded_gain",
+    "weight",
+    "worst_case",
+]
 
 Measure = Callable[[Evidence], Mapping[str, float]]
+"""Returns numbers by what they belong to, such as the key of a controller."""
 TABLE_2_RULES = (32, 16, 8, 4)
-INSTANTS = 3001  # of the reference, evenly spaced; the middle one, where it is fastest, is among them
+"""Numbers of rules in Table 2."""
+_INSTANTS = 3001  # evenly spaced along the reference; one of them is the middle, where the reference is fastest
 
 
-# Of the reference and the cases --------------------------------------------------------------------------------------
+# Measures of the reference and of the cases ---------------------------------------------------------------------------
 
 
 def tip_speed(evidence: Evidence) -> dict[str, float]:
@@ -38,7 +71,7 @@ def tip_speed(evidence: Evidence) -> dict[str, float]:
 
 
 def rigid_torque(evidence: Evidence) -> dict[str, float]:
-    """Return the largest |Γ| [N m] of (4), rigid joints, along the reference, with viscous and Stribeck friction."""
+    """Return the largest |Γ| [N m] of (4), rigid joints, along the reference; with viscous and Stribeck friction."""
     reference, parameters = evidence.reference, evidence.reference.parameters
     arm, motion = arm_constants(parameters), reference.sample(_instants(evidence))
     coulomb, static = np.array(parameters.coulomb_friction), np.array(parameters.static_friction)
@@ -49,7 +82,10 @@ def rigid_torque(evidence: Evidence) -> dict[str, float]:
 
 
 def force_range(evidence: Evidence) -> dict[str, float]:
-    """Return the smallest and the largest f_e [N] over the motion, from the force at a tip speed of 1 m/s."""
+    """Return the smallest and the largest f_e [N] over the motion.
+
+    The force is evaluated at a tip speed of 1 m/s, at which it is not faded.
+    """
     force = CASES["machining"].disturbance.tip_force or MachiningForce()
     time = _instants(evidence)
     size = np.linalg.norm(force.at(time, np.tile([1.0, 0.0], (len(time), 1))), axis=-1)
@@ -62,88 +98,91 @@ def payload_mass(evidence: Evidence) -> dict[str, float]:
 
 
 def payload_share(evidence: Evidence) -> dict[str, float]:
-    """Return it in per cent of m_2."""
+    """Return the carried mass of Case 3 in per cent of m_2."""
     return {"of m_2": 100.0 * payload_mass(evidence)["payload"] / evidence.reference.parameters.mass[1]}
 
 
-# Of the inequalities and their solutions -----------------------------------------------------------------------------
+# Measures of the inequalities and of their solutions ------------------------------------------------------------------
 
 
 def fewest_rules(evidence: Evidence) -> dict[str, float]:
-    """Return the smallest number of rules with a solution of Theorem 2 proven (0: none), and how many files are."""
+    """Return the smallest number of rules for which a solution of Theorem 2 is proven (0: none), and how many are."""
     proven = [evidence.witnesses[name].model.rules for name in WITNESSES if name in evidence.proven]
     return {"fewest rules": min(proven, default=0), f"proven of {len(WITNESSES)} witnesses": len(proven)}
 
 
 def unbounded_gain(evidence: Evidence) -> dict[str, float]:
-    """Return the largest entry of K where no bound was asked for, 0 if that file is not proven."""
+    """Return the largest entry of K of the design without the bound (24); 0 if its file is not proven."""
     proven = HIGH_GAIN in evidence.proven
-    return {"4 rules": _largest(evidence.witnesses[HIGH_GAIN].gains[..., :4]) if proven else 0.0}
+    return {"4 rules": _largest(evidence.witnesses[HIGH_GAIN].gains[..., PLANT]) if proven else 0.0}
 
 
 def bounded_M(evidence: Evidence) -> dict[str, float]:
     """Return the largest |M_ik|, M_ik = [K_ik H_ik] P11, the left side of (24)."""
     result = {}
     for key in _printed():
-        gains, n_e = evidence.controllers[key].gains, evidence.controllers[key].gains.shape[-1]
-        products = gains @ evidence.controllers[key].P[:n_e, :n_e]
+        gains, P = evidence.controllers[key].gains, evidence.controllers[key].P
+        n_e = gains.shape[-1]
+        products = gains @ P[:n_e, :n_e]
         result[key] = float(np.linalg.norm(products, ord=2, axis=(-2, -1)).max())
     return result
 
 
-def largest_gain(array: str, columns: slice) -> Measure:
-    """Return the measure of the largest entry of an array of gains of the printed forms, in some columns."""
+def largest_gain(columns: slice) -> Measure:
+    """Return the measure of the largest entry of K̄ = [K H] of the printed forms in some columns, see `states`."""
+    return lambda evidence: {key: _largest(evidence.controllers[key].gains[..., columns]) for key in _printed()}
 
-    def measure(evidence: Evidence) -> dict[str, float]:
-        return {key: _largest(getattr(evidence.controllers[key], array)[..., columns]) for key in _printed()}
 
-    return measure
+def largest_feedforward_gain(evidence: Evidence) -> dict[str, float]:
+    """Return the largest entry of L of the printed forms."""
+    return {key: _largest(evidence.controllers[key].feedforward_gains) for key in _printed()}
 
 
 def gamma_with_other_L(evidence: Evidence) -> dict[str, float]:
-    """Return the smallest γ at which Theorem 2 proves the printed form, 4 rules, with another L, see `Evidence`."""
+    """Return the smallest γ at which Theorem 2 proves the printed form, 4 rules, with another L; see `Evidence`."""
     return dict(evidence.gamma_with)
 
 
 def decay_rate(evidence: Evidence) -> dict[str, float]:
-    """Return the proven α [1/s]; that it is proven was checked when the controllers were loaded."""
-    return {f"{form}-{rules}": evidence.controllers[f"{form}-{rules}"].alpha for form in FORMS for rules in RULES}
+    """Return α [1/s]; it is proven, since `load_policy` refuses controllers that are not."""
+    keys = [key_of(form, rules) for form in FORMS for rules in RULES]
+    return {key: evidence.controllers[key].alpha for key in keys}
 
 
 def weight(evidence: Evidence) -> dict[str, float]:
-    """Return the diagonal of Q, the same for both printed forms or NaN."""
+    """Return the diagonal of Q; NaN for an entry in which the two printed forms differ."""
     first, second = (evidence.controllers[key].weight for key in _printed())
-    assert first is not None and second is not None  # the printed form has one
+    assert first is not None and second is not None  # every controller of the printed form has a Q
     return {
-        f"Q{i + 1}{i + 1}": float(a) if a == b else float("nan")
-        for i, (a, b) in enumerate(zip(first, second, strict=True))
+        f"Q{number}{number}": float(a) if a == b else float("nan")
+        for number, (a, b) in enumerate(zip(first, second, strict=True), start=1)
     }
 
 
 def printed_size(entry: str) -> Measure:
-    """Return the measure of N_var or N_row by Remark 4's formula, `entry` a field of `Size`."""
+    """Return the measure of N_var or N_row by the formula of Remark 4; `entry` is a field of `Size`."""
     return _sizes(lambda model: paper_formula(len(model.A_vertices), len(model.E_vertices)), entry)
 
 
 def true_size(entry: str) -> Measure:
-    """Return the measure of the size of Theorem 2 (for 32 rules 1) as it is printed, without integral."""
+    """Return the measure of the true size of the printed theorem without integral action: 1 for 32 rules, else 2."""
     return _sizes(
         lambda model: full_size(paper_form(model, False, np.array(PAPER_WEIGHT), common_multiplier=True)), entry
     )
 
 
-# Of the rollouts -----------------------------------------------------------------------------------------------------
+# Measures of the rollouts ---------------------------------------------------------------------------------------------
 
 
 def circularity(case: str, side: str, of: Callable[[np.ndarray], float]) -> Measure:
-    """Return the measure of the circularity error [mm] in a case, `of` the smallest, the largest, or the largest size.
+    """Return the measure of the circularity error [mm] of each controller in a case.
 
     Args:
         case: the case.
         side: "tip" (links) or "motors", as if the joints were rigid.
-        of: from the errors over time to one number.
+        of: function from the errors (n,) over time to one number: `smallest`, `largest` or `peak`.
     """
-    return by_controller(case, lambda run: of(1e3 * circularity_of(run, side)))
+    return _by_controller(case, lambda run: of(1e3 * circularity_of(run, side)))
 
 
 def circularity_of(run: Rollout, side: str) -> np.ndarray:
@@ -152,17 +191,17 @@ def circularity_of(run: Rollout, side: str) -> np.ndarray:
 
 
 def peak(values: np.ndarray) -> float:
-    """Return the largest absolute value."""
+    """Return the largest absolute value of an array of any shape."""
     return float(np.abs(values).max())
 
 
 def smallest(values: np.ndarray) -> float:
-    """Return the smallest value."""
+    """Return the smallest value of an array of any shape."""
     return float(values.min())
 
 
 def largest(values: np.ndarray) -> float:
-    """Return the largest value."""
+    """Return the largest value of an array of any shape."""
     return float(values.max())
 
 
@@ -173,33 +212,38 @@ def worst_case(side: str) -> Measure:
 
 
 def rule_difference(evidence: Evidence) -> dict[str, float]:
-    """Return the largest difference of tip circularity between 32 and 4 rules [mm], as long as both go on."""
+    """Return the largest difference between the tip circularity errors with 32 and 4 rules [mm].
+
+    It is taken up to the end of the shorter of the two episodes.
+    """
     result = {}
     for form in FORMS:
-        for number, case in enumerate(CASES, start=1):
-            many, few = (evidence.rollouts[f"{form}-{rules}", case].circularity_error for rules in RULES)
+        for number, case in enumerate(PAPER_CASES, start=1):
+            many, few = (evidence.rollouts[key_of(form, rules), case].circularity_error for rules in RULES)
             n = min(len(many), len(few))
             result[f"{form} form, Case {number}"] = 1e3 * peak(many[:n] - few[:n])
     return result
 
 
 def peak_torque(joint: int) -> Measure:
-    """Return the measure of a joint's largest |Γ| in Case 1 [N m], `joint` from 0."""
-    return by_controller("nominal", lambda run: peak(run.torque[:, joint]))
+    """Return the measure of the largest |Γ| of a joint in Case 1 [N m]; `joint` counts from 0."""
+    return _by_controller("nominal", lambda run: peak(run.torque[:, joint]))
 
 
 def shortest_episode(evidence: Evidence) -> dict[str, float]:
-    """Return the end of the shortest episode of the three cases [s]: the reference's, or where it left the box (25)."""
-    return {key: min(float(evidence.rollouts[key, case].time[-1]) for case in CASES) for key in TITLES}
+    """Return the duration of the shortest episode of the three cases [s].
+
+    It is shorter than the reference if an episode left the box (25).
+    """
+    return {key: min(float(evidence.rollouts[key, case].time[-1]) for case in PAPER_CASES) for key in TITLES}
 
 
 def feedforward_at_rest(evidence: Evidence) -> dict[str, float]:
-    """Return what L_hv r asks of joint 1 at t = 0, where the arm rests on the reference [N m]."""
+    """Return the torque L_hv r of joint 1 at t = 0, where the arm rests on the reference [N m]."""
     return {key: _feedforward(controller, evidence) for key, controller in evidence.controllers.items()}
 
 
-def by_controller(case: str, of: Callable[[Rollout], float]) -> Measure:
-    """Return the measure of one number of the rollout of each controller in a case."""
+def _by_controller(case: str, of: Callable[[Rollout], float]) -> Measure:
     return lambda evidence: {key: of(evidence.rollouts[key, case]) for key in TITLES}
 
 
@@ -220,7 +264,7 @@ def _sizes(size: Callable[[TSModel], Size], entry: str) -> Measure:
 
 
 def _printed() -> tuple[str, ...]:
-    return tuple(f"printed-{rules}" for rules in RULES)
+    return tuple(key_of("printed", rules) for rules in RULES)
 
 
 def _largest(gains: np.ndarray) -> float:
@@ -228,4 +272,4 @@ def _largest(gains: np.ndarray) -> float:
 
 
 def _instants(evidence: Evidence) -> np.ndarray:
-    return np.linspace(0.0, evidence.reference.duration, INSTANTS)
+    return np.linspace(0.0, evidence.reference.duration, _INSTANTS)

@@ -1,4 +1,4 @@
-"""The table "the paper says / we measure": printed, as Markdown and as JSON."""
+"""What the paper says beside what we measure: tables in the terminal, Markdown and JSON."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
+from fuzzyarm.common import console as terminal
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.paper import drift
 from fuzzyarm.eval.paper.claim import Claim
 from fuzzyarm.eval.paper.claims import CLAIMS, ROLLOUTS, STATEMENTS, TABLE_2
 from fuzzyarm.eval.paper.controllers import TITLES
 from fuzzyarm.eval.paper.evidence import Evidence
-from fuzzyarm.eval.provenance import provenance
+from fuzzyarm.eval.provenance import current_provenance
+
+__all__ = ["Comparison", "compare", "print_report", "renewed", "write_report"]
 
 SCHEMA = "fuzzyarm-paper/1"
 COLUMNS: Mapping[str, str] = {
@@ -30,18 +31,26 @@ COLUMNS: Mapping[str, str] = {
     "printed-4-swapped": "printed K, H, consistent L, 4",
     "papers-gains": "the paper's own gains, 4",
 }
-WORDS = ("where", "the paper says", "we measure")
-LEFT = (*WORDS, "Number of rules")  # columns of words
+"""Headings of the controllers' columns by their key."""
+WHERE, SAYS, MEASURE, RULES = "where", "the paper says", "we measure", "Number of rules"
+TEXT_COLUMNS = (WHERE, SAYS, MEASURE, RULES)  # aligned left
 SIGN = {"equal": "", "order": "~ ", "at most": "<= ", "more than": "> "}
 LEGEND = (
-    "* is the paper's number: to the digits it prints; for sizes of gains within a factor of ten; for a bound within "
-    "it; of a comparison the same way round. Without a number in the paper nothing is marked."
+    "* agrees with the paper: in all printed digits; sizes of gains: within a factor of ten; a bound: it is kept; a "
+    "comparison: it has the same order. Where the paper gives no number, nothing is marked."
 )
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """What was measured of every claim, what had been stored, what has drifted, and what it was made with."""
+    """Our value of every claim, the stored one, and how they differ.
+
+    Attributes:
+        measured: what was measured now.
+        stored: what had been stored.
+        drifted: the numbers that have drifted from the stored ones.
+        made_with: commit, versions and machine of this measurement.
+    """
 
     measured: drift.Numbers
     stored: drift.Numbers
@@ -49,7 +58,7 @@ class Comparison:
     made_with: Mapping[str, Any]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON."""
+        """Return everything as plain data for JSON."""
         return {"schema": SCHEMA, **self.made_with, "claims": [self._entry(claim) for claim in CLAIMS]}
 
     def _entry(self, claim: Claim) -> dict[str, Any]:
@@ -74,13 +83,13 @@ class Comparison:
 
 
 def compare(evidence: Evidence, stored: drift.Numbers) -> Comparison:
-    """Measure every claim and hold it against the stored numbers."""
+    """Measure every claim and compare it with the stored numbers."""
     measured = {claim.key: dict(claim.measure(evidence)) for claim in CLAIMS}
-    return Comparison(measured, stored, drift.find_drift(CLAIMS, measured, stored), provenance())
+    return Comparison(measured, stored, drift.find_drift(CLAIMS, measured, stored), current_provenance())
 
 
 def renewed(comparison: Comparison) -> Comparison:
-    """Return the comparison with what was measured taken for what is stored."""
+    """Return the comparison of the measured numbers with themselves: what it is after they have been stored."""
     return dataclasses.replace(comparison, stored=comparison.measured, drifted=[])
 
 
@@ -92,45 +101,45 @@ def write_report(comparison: Comparison, figures: Sequence[Path], folder: Path) 
     return [text, data]
 
 
+class _Table(NamedTuple):
+    """A table of the report: its title, its headings and its rows of cells."""
+
+    title: str
+    headings: list[str]
+    rows: list[list[str]]
+
+    @property
+    def text_columns(self) -> list[int]:
+        """Indices of the columns that hold text and no numbers."""
+        return [index for index, heading in enumerate(self.headings) if heading in TEXT_COLUMNS]
+
+
 def print_report(comparison: Comparison, console: Console) -> None:
-    """Print the tables and the reasons: with lines and fewer words in a terminal, plain columns when piped."""
+    """Print the tables and the reasons: with lines and fewer columns in a terminal, plain columns when piped."""
     narrow = console.is_terminal
-    for title, headings, rows in _tables(comparison, narrow):
-        table = Table(
-            title=title,
-            title_justify="left",
-            box=box.SIMPLE_HEAD if narrow else None,
-            pad_edge=False,
-            padding=(0, 1, 0, 0),
-        )
-        for heading in headings:
-            side: Literal["left", "right"] = "left" if heading in LEFT else "right"
-            table.add_column(escape(heading), justify=side, no_wrap=not narrow)
-        for row in rows:
+    for shown in _tables(comparison, narrow):
+        table = terminal.table(shown.headings, shown.text_columns, console=console, title=shown.title, fold=narrow)
+        for row in shown.rows:
             table.add_row(*map(escape, row))
-        console.print(table)
+        terminal.print_table(table, console)
     console.print(LEGEND, highlight=False, markup=False)
-    for number, reason in enumerate(_reasons(), start=1):
+    for reason, number in _reason_numbers().items():
         console.print(f"({number}) {reason}", highlight=False, markup=False)
 
 
-def _tables(comparison: Comparison, narrow: bool) -> list[tuple[str, list[str], list[list[str]]]]:
-    """Return title, headings and rows of the three tables; narrow ones have no keys, and a value a line."""
-    words = [WORDS[0], WORDS[2]] if narrow else [*WORDS]
+def _tables(comparison: Comparison, narrow: bool) -> list[_Table]:
+    """Return the three tables; `narrow` ones have no keys of claims, and each value on a line of its own."""
+    texts = [WHERE, MEASURE] if narrow else [WHERE, SAYS, MEASURE]
     return [
-        (
+        _Table(
             "Statements and settings",
-            [*WORDS, "paper", "ours", "why"],
+            [WHERE, SAYS, MEASURE, "paper", "ours", "why"],
             [_statement_row(claim, comparison, narrow) for claim in STATEMENTS],
         ),
-        (
-            "Table 2",
-            ["Number of rules", *comparison.measured[TABLE_2[0].key], "why"],
-            _table_2_rows(comparison),
-        ),
-        (
+        _Table("Table 2", [RULES, *comparison.measured[TABLE_2[0].key], "why"], _table_2_rows(comparison)),
+        _Table(
             "On the arm",
-            [*words, "paper", *COLUMNS.values(), "why"],
+            [*texts, "paper", *COLUMNS.values(), "why"],
             [_rollout_row(claim, comparison, narrow) for claim in ROLLOUTS],
         ),
     ]
@@ -138,9 +147,11 @@ def _tables(comparison: Comparison, narrow: bool) -> list[tuple[str, list[str], 
 
 def _statement_row(claim: Claim, comparison: Comparison, narrow: bool) -> list[str]:
     values = comparison.measured[claim.key]
-    ours = [f"{TITLES.get(label, label)}: {_marked(claim, label, value)}" for label, value in values.items()]
+    marked = {label: _marked(claim, label, value) for label, value in values.items()}
     if len(values) == 1:
-        ours = [text.rsplit(": ", 1)[1] for text in ours]
+        ours = list(marked.values())
+    else:
+        ours = [f"{TITLES.get(label, label)}: {text}" for label, text in marked.items()]
     papers = [text for text in dict.fromkeys(_papers(claim, label) for label in values) if text != "-"]
     between = "\n" if narrow else ", "
     cells = [", ".join(papers) or "-", between.join(ours), _note(claim)]
@@ -148,11 +159,12 @@ def _statement_row(claim: Claim, comparison: Comparison, narrow: bool) -> list[s
 
 
 def _table_2_rows(comparison: Comparison) -> list[list[str]]:
-    """Return the paper's two rows, each followed by ours."""
-    rows = []
+    """Return the rows of the paper, N_var and N_row, each followed by the rows that we measure for it."""
+    rows: list[list[str]] = []
     for claim in TABLE_2:
         values = comparison.measured[claim.key]
-        papers = [claim.says.split(":")[0] + ", the paper", *(_papers(claim, label) for label in values), ""]
+        name, _, _ = claim.says.partition(":")
+        papers = [f"{name}, the paper", *(_papers(claim, label) for label in values), ""]
         if papers not in rows:
             rows.append(papers)
         ours = [_marked(claim, label, value) for label, value in values.items()]
@@ -162,8 +174,10 @@ def _table_2_rows(comparison: Comparison) -> list[list[str]]:
 
 def _rollout_row(claim: Claim, comparison: Comparison, narrow: bool) -> list[str]:
     values = comparison.measured[claim.key]
-    words = [claim.where, _quantity(claim, narrow)] if narrow else [claim.where, claim.says, _quantity(claim, narrow)]
-    return [*words, _papers(claim, ""), *(_marked(claim, key, values[key]) for key in COLUMNS), _note(claim)]
+    quantity = _quantity(claim, narrow)
+    texts = [claim.where, quantity] if narrow else [claim.where, claim.says, quantity]
+    # The paper's number is the same for all controllers.
+    return [*texts, _papers(claim, ""), *(_marked(claim, key, values[key]) for key in COLUMNS), _note(claim)]
 
 
 def _quantity(claim: Claim, narrow: bool) -> str:
@@ -181,28 +195,29 @@ def _marked(claim: Claim, label: str, value: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Return four digits, from 1000 up to a million no fraction."""
+    """Return a number with four digits; between 1000 and a million, with all digits before the decimal point."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.4g}"
 
 
 def _note(claim: Claim) -> str:
-    return f"({_reasons().index(claim.reason) + 1})" if claim.reason else ""
+    return f"({_reason_numbers()[claim.reason]})" if claim.reason else ""
 
 
-def _reasons() -> list[str]:
-    """Return every reason once, in the order of the claims."""
-    return list(dict.fromkeys(claim.reason for claim in CLAIMS if claim.reason))
+def _reason_numbers() -> dict[str, int]:
+    """Return the number of each reason, which counts from 1 in the order of the claims."""
+    reasons = dict.fromkeys(claim.reason for claim in CLAIMS if claim.reason)
+    return {reason: number for number, reason in enumerate(reasons, start=1)}
 
 
 def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
     """Return tables, reasons, tolerances and figures as Markdown."""
-    lines = ["# The paper's numbers, measured anew", ""]
+    lines = ["# The paper's numbers, recomputed", ""]
     for title, headings, rows in _tables(comparison, narrow=False):
-        aligned = ["---" if heading in LEFT else "---:" for heading in headings]
+        aligned = ["---" if heading in TEXT_COLUMNS else "---:" for heading in headings]
         escaped = [[cell.replace("*", "\\*").replace("|", "\\|") for cell in row] for row in rows]
         lines += [f"## {title}", "", *(f"| {' | '.join(cells)} |" for cells in (headings, aligned, *escaped)), ""]
     lines += [LEGEND.replace("*", "\\*"), "", "## Why", ""]
-    lines += [f"{number}. {reason}" for number, reason in enumerate(_reasons(), start=1)]
+    lines += [f"{number}. {reason}" for reason, number in _reason_numbers().items()]
     lines += ["", "## Drift", "", *_drift_lines(comparison), ""]
     if figures:
         lines += ["## Figures", "", *(f"![{path.stem}]({path.name})" for path in figures), ""]
@@ -218,7 +233,7 @@ def _drift_lines(comparison: Comparison) -> list[str]:
         groups.setdefault(_allowance(claim), []).append(claim.key)
     allowed = "; ".join(f"{allowance}: {', '.join(keys)}" for allowance, keys in groups.items())
     moved = [f"- {entry}" for entry in comparison.drifted]
-    head = f"{len(moved)} of {count} numbers are farther from the stored ones than allowed. Allowed: {allowed}."
+    head = f"{len(moved)} of {count} numbers differ from the stored ones by more than allowed. Allowed: {allowed}."
     return [head, "", *moved]
 
 

@@ -1,1 +1,1 @@
-"""`fuzzyarm report`: one self-contained HTML page from the folder of an evaluation."""
+"""The page of `fuzzyarm report`: one self-contained HTML file for the folder of an evaluation."""

@@ -1,13 +1,16 @@
-// The arms, each as the rollout left it at the present instant.
+// The picture of each arm at the current instant of its rollout.
 
-/** Base, elbow and tip [m] at joint angles [rad]. */
+/** Return base, elbow and tip [m] at joint angles [rad]. */
 function joints(q1, q2) {
   const [length1, length2] = report.length;
   const elbow = [length1 * Math.cos(q1), length1 * Math.sin(q1)];
   return [[0, 0], elbow, [elbow[0] + length2 * Math.cos(q1 + q2), elbow[1] + length2 * Math.sin(q1 + q2)]];
 }
 
-/** What every picture shows [m]: base, elbow of the steadiest run of each case, the reference with room around it. */
+/**
+ * Return the part of the plane [m] that every picture shows: the base, the reference with room around it, and the elbow
+ * of one run of each case, the one that went farthest with the smallest error.
+ */
 function viewOf(scenes) {
   const low = [-0.1, -0.06], high = [0.1, 0.06];
   const include = (point, room) => point.forEach((value, axis) => {
@@ -17,8 +20,11 @@ function viewOf(scenes) {
   for (const { runs, time, reference } of scenes) {
     const steadier = (a, b) => b.samples - a.samples || a.peak - b.peak;
     const { samples, link } = [...runs].sort(steadier)[0];
-    for (let k = 0; k < samples; k += 10) include(joints(link[2 * k], link[2 * k + 1])[1], 0.06);
-    for (let k = 0; k < time.length; k += 10) include([reference[2 * k], reference[2 * k + 1]], ROOM);
+    for (let k = 0; k < samples; k += 10) {
+      const [, elbow] = joints(...pairAt(link, k));
+      include(elbow, 0.06);
+    }
+    for (let k = 0; k < time.length; k += 10) include(pairAt(reference, k), ROOM);
   }
   return { low, high };
 }
@@ -27,23 +33,27 @@ function drawArm(canvas, policy) {
   const { scene } = state, run = scene.runs[policy], k = sampleOf(run);
   const context = fitted(canvas), [width, height] = [canvas.clientWidth, canvas.clientHeight];
   const { low, high } = view;
+  // Gravity points down: x of the robot's frame is drawn downwards, y to the right.
   const scale = Math.min(width / (high[1] - low[1]), height / (high[0] - low[0]));
   const pixel = ([x, y]) => [
     0.5 * width + scale * (y - 0.5 * (low[1] + high[1])), 0.5 * height + scale * (x - 0.5 * (low[0] + high[0]))];
-  const reference = (sample) => [scene.reference[2 * sample], scene.reference[2 * sample + 1]];
+  const reference = (sample) => pairAt(scene.reference, sample);
   const factor = factorOf(run);
-  const magnified = (sample) =>
-    reference(sample).map((value, axis) => value + factor * run.deviation[2 * sample + axis]);
+  const magnified = (sample) => {
+    const deviation = pairAt(run.deviation, sample);
+    return reference(sample).map((value, axis) => value + factor * deviation[axis]);
+  };
   const thickness = 0.03 * scale * (report.length[0] + report.length[1]);
 
   disc(context, pixel([0, 0]), scale * (report.length[0] + report.length[1]), colours.reach);
   const path = Array.from(scene.time, (_, sample) => pixel(reference(sample)));
   stroke(context, path, colours.reference, Math.max(2, 0.012 * scale));
 
-  // the arm as its motors stand, then the links
-  const motors = [0, 1].map((joint) => run.link[2 * k + joint] + BENDING * run.bending[2 * k + joint]);
+  // The arm at its motor angles, with magnified bending, lies under the links.
+  const angles = pairAt(run.link, k), bending = pairAt(run.bending, k);
+  const motors = angles.map((angle, joint) => angle + BENDING * bending[joint]);
   stroke(context, joints(...motors).map(pixel), colours.soft, 1.5, [5, 4]);
-  const links = joints(run.link[2 * k], run.link[2 * k + 1]).map(pixel);
+  const links = joints(...angles).map(pixel), [, , tip] = links;
   drawMounting(context, links[0], thickness);
   for (const [start, end, share] of [[0, 1, 1], [1, 2, 0.75]]) {
     stroke(context, [links[start], links[end]], colours.edge, share * thickness + 3);
@@ -53,13 +63,13 @@ function drawArm(canvas, policy) {
     disc(context, links[joint], 0.6 * thickness, colours.edge);
     disc(context, links[joint], 0.27 * thickness, colours.paper);
   }
-  if (scene.payload) drawPayload(context, links[2], scene.payload, scale);
+  if (scene.payload) drawPayload(context, tip, scene.payload, scale);
   if (scene.force) {
-    const [down, right] = scene.force.subarray(2 * state.sample, 2 * state.sample + 2);
-    drawForce(context, links[2], [right, down], scale);
+    const [down, right] = pairAt(scene.force, state.sample);
+    drawForce(context, tip, [right, down], scale);
   }
 
-  // where the tip has been, and in pale where it will be
+  // The path of the tip: its future part is pale.
   const trace = Array.from({ length: run.samples }, (_, sample) => pixel(magnified(sample)));
   context.globalAlpha = 0.28;
   stroke(context, trace, colourOf(policy), 1.5);
@@ -89,7 +99,7 @@ function drawPayload(context, tip, mass, scale) {
   context.fillText(`${mass}`, ...tip);
 }
 
-/** An arrow that pushes the tip; `force` is [right, down] in N. */
+/** Draw an arrow that points at the tip; `force` is [right, down] in N. */
 function drawForce(context, tip, force, scale) {
   const size = Math.hypot(...force);
   if (size < 1) return;
@@ -104,6 +114,7 @@ function drawForce(context, tip, force, scale) {
   context.fillText(`${size.toFixed(0)} N`, ...at(shaft + 14, 0));
 }
 
+/** Write when and why an episode ended early. */
 function drawEnd(context, width, ended) {
   context.font = font(12, "600");
   context.textAlign = "center";
@@ -118,6 +129,7 @@ function drawEnd(context, width, ended) {
   });
 }
 
+/** Break a text into lines of at most `width` pixels. */
 function wrapped(context, text, width) {
   const lines = [""];
   for (const word of text.split(" ")) {
@@ -128,7 +140,7 @@ function wrapped(context, text, width) {
   return lines;
 }
 
-/** How many times larger deviations are drawn: as chosen, or so that three policies in four stay near the reference. */
+/** Return the magnification of deviations: the chosen one, or one that keeps most policies near the reference. */
 function magnification() {
   if ($("magnification").value !== "auto") return Number($("magnification").value);
   const peaks = state.scene.runs.map((run) => run.peak).sort((a, b) => a - b);
@@ -136,7 +148,7 @@ function magnification() {
   return MAGNIFICATIONS.findLast((factor) => factor * typical <= 1.2 * ROOM) ?? 1;
 }
 
-/** The same for one run: unless chosen otherwise, what would be far out of the picture is drawn to scale. */
+/** Return the magnification for a run: with automatic choice, a run that would leave the picture is drawn to scale. */
 function factorOf(run) {
   const factor = magnification();
   return $("magnification").value === "auto" && factor * run.peak > 5 * ROOM ? 1 : factor;

@@ -1,24 +1,24 @@
-// Colours of the page's style, canvases in CSS pixels, and the shapes drawn on them.
+// Colours of the page's style, canvases in CSS pixels, and the shapes that are drawn on them.
 
 const probe = document.createElement("span");
 document.body.append(probe);
 probe.hidden = true;
 let colours = {};
 
-/** Canvases need colours as values: resolve those of the style for the present theme. */
+/** Read the colours of the style for the current theme; canvases cannot use CSS variables. */
 function readColours() {
   const names = ["paper", "ink", "soft", "line", "reference", "reach", "steel", "edge", "force", "payload"];
-  for (const name of [...names, ...report.policies.map((_, policy) => `p${policy % 8}`)]) {
+  for (const name of [...names, ...report.policies.map((_, policy) => colourClass(policy))]) {
     probe.style.color = `var(--${name})`;
     colours[name] = getComputedStyle(probe).color;
   }
 }
 
-const colourOf = (policy) => colours[`p${policy % 8}`];
+const colourOf = (policy) => colours[colourClass(policy)];
 const dashesOf = (policy) => DASHES[policy % DASHES.length];
 const font = (size, weight = "") => `${weight} ${size}px ${getComputedStyle(document.body).fontFamily}`;
 
-/** Fit a canvas to its box and return its context, in CSS pixels. */
+/** Fit a canvas to its box, clear it, and return its context in CSS pixels. */
 function fitted(canvas) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
@@ -33,6 +33,7 @@ function fitted(canvas) {
   return context;
 }
 
+/** Return a new element with properties and children. */
 function element(tag, properties = {}, ...children) {
   const made = Object.assign(document.createElement(tag), properties);
   made.append(...children);

@@ -1,62 +1,90 @@
-"""The certified bounds beside the worst observed, and what the certificates say."""
+"""The section of certificates: certified bounds beside the worst observed values, and the certificates in words."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Mapping
 from html import escape
+from typing import Any
 
-from fuzzyarm.eval.report.chart import Axis, Bound, chart, figure
+from fuzzyarm.eval.report.chart import Axis, Bound, draw_chart, figure
 from fuzzyarm.eval.report.observed import Observed
 from fuzzyarm.eval.report.stored import StoredEvaluation
-from fuzzyarm.fuzzy_policy.proof.certificate import NOT_COVERED
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
+
+__all__ = ["SCOPE", "Observations", "bound_charts", "bound_note", "statements"]
 
 SCOPE = (
     "A certificate is proven for the rigid arm in continuous time, as long as it stays inside the box, and not for the "
     "sampled elastic arm of the replay. " + NOT_COVERED
 )
 NOTE = (
-    "❘ certified bound, hatched: what it rules out. ● and digits: the worst observed on the rigid arm when this report "
-    "was made, that is the slowest decay of the Lyapunov function in undisturbed rollouts, and the largest gain over a "
-    "library of torques and the worst torque found by power iteration, along the reference and at the worst held "
-    "posture. A -tip policy has its controller file's bounds, observed once for both."
-)
-# title, label of the axis, key of the certified value, unit, whether it bounds from below, what is observed
-_CHARTS: tuple[tuple[str, str, str, float, bool, Callable[[Observed], float]], ...] = (
-    ("Decay rate", "decay rate of the error [1/s]", "alpha", 1.0, True, lambda seen: seen.decay),
-    ("L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 1e6, False, lambda seen: seen.gain),
+    "❘ certified bound; the hatched range is what it rules out. ● and digits: the worst observed on the rigid arm when "
+    "this report was made, that is the slowest decay of the Lyapunov function in undisturbed rollouts, and the largest "
+    "gain over a library of torques and the worst torque found by power iteration, along the reference and at the "
+    "worst held posture. A -tip policy has the bounds of its controller file, which is observed once for both policies."
 )
 
-Observations = dict[str, Observed | str]
+Observations = Mapping[str, Observed | str]
+"""What was observed by policy, or in words why nothing was, see `observe_policies`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _BoundChart:
+    """A chart of one certified bound.
+
+    Attributes:
+        title: above the chart.
+        label: of the axis, with the unit.
+        key: of the certified value in the bounds.
+        scale: factor from SI units to the unit of the axis.
+        at_least: whether the certified value is a lower bound.
+        worst: the worst value observed, in SI units.
+    """
+
+    title: str
+    label: str
+    key: str
+    scale: float
+    at_least: bool
+    worst: Callable[[Observed], float]
+
+
+_CHARTS = (
+    _BoundChart("Decay rate", "decay rate of the error [1/s]", "alpha", 1.0, True, lambda seen: seen.decay),
+    _BoundChart("L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 1e6, False, lambda seen: seen.gain),
+)
 
 
 def bound_charts(stored: StoredEvaluation, observed: Observations) -> str:
-    """Return the charts of both bounds; a policy without a certificate has the words instead."""
+    """Return a chart of each kind of bound; a policy without comparable bounds has a text in its row."""
     figures = []
-    for title, label, key, unit, at_least, worst in _CHARTS:
-        rows: list[tuple[str, Bound | str]] = []
-        for name, claimed in stored.bounds.items():
-            seen = observed.get(name)
-            if claimed is None:
-                rows.append((name, "no certificate"))
-            elif claimed["form"] != "consistent":
-                rows.append((name, "of other quantities"))
-            else:
-                value = unit * worst(seen) if isinstance(seen, Observed) else None
-                rows.append((name, Bound(unit * claimed[key], value, at_least)))
-        values = [max(b.certified, b.observed or 0.0) for _, b in rows if isinstance(b, Bound)]
-        axis = Axis(label, 0.0, 1.25 * max(values, default=1.0))
-        figures.append(figure(title, chart(axis, rows, f"{title}: certified bound and worst observed")))
+    for spec in _CHARTS:
+        rows = [(name, _row(spec, claimed, observed.get(name))) for name, claimed in stored.bounds.items()]
+        values = [max(bound.certified, bound.observed or 0.0) for _, bound in rows if isinstance(bound, Bound)]
+        axis = Axis(spec.label, 0.0, 1.25 * max(values, default=1.0))
+        chart = draw_chart(axis, rows, f"{spec.title}: certified bound and worst observed")
+        figures.append(figure(spec.title, chart))
     return "".join(figures)
 
 
+def _row(spec: _BoundChart, claimed: Mapping[str, Any] | None, seen: Observed | str | None) -> Bound | str:
+    if claimed is None:
+        return "no certificate"
+    if claimed["form"] != "consistent":
+        return "of other quantities"
+    worst = spec.scale * spec.worst(seen) if isinstance(seen, Observed) else None
+    return Bound(spec.scale * claimed[spec.key], worst, spec.at_least)
+
+
 def bound_note(observed: Observations) -> str:
-    """Return what the charts show, and why a bound has nothing observed beside it."""
+    """Return the note below the charts: what they show, and why a policy was not observed."""
     reasons = [f" {name}: {text}." for name, text in observed.items() if isinstance(text, str)]
     return escape(NOTE + "".join(reasons))
 
 
-def statements(certificates: dict[str, str | None]) -> str:
-    """Return every certificate in words, folded up, and the policies that have none."""
+def statements(certificates: Mapping[str, str | None]) -> str:
+    """Return every certificate in words, as a folded paragraph, and the names of the policies that have none."""
     parts = [
         f'<details class="note"><summary>{escape(name)}: what is proven</summary><p>{escape(text)}</p></details>'
         for name, text in certificates.items()

@@ -1,4 +1,7 @@
-"""Small charts as SVG, a row for each policy: colours come from the page's style, so that dark and light both work."""
+"""Small charts as SVG with a row for each policy.
+
+Colours are classes of the page's style, so that a chart fits the dark and the light theme.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,11 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-WIDTH, LEFT, RIGHT, TOP, ROW, BOTTOM = 390, 150, 76, 6, 25, 40  # [px]
-LONGEST_NAME = 19  # characters; a longer name is cut, its tooltip has all of it
+__all__ = ["PALETTE", "Axis", "Bound", "Errors", "digits", "draw_chart", "figure"]
+
+WIDTH, LEFT, RIGHT, TOP, ROW, BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
+LONGEST_NAME = 19  # characters; a longer name is cut, and its tooltip shows all of it
+PALETTE = 8  # number of policy colours in page.css; further policies start again with the first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,13 +27,13 @@ class Axis:
     log: bool = False
 
     def x(self, value: float) -> float:
-        """Return where a value stands [px]; values beyond the axis stand at its ends."""
+        """Return the position of a value [px]; a value beyond the axis is drawn at its end."""
         low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
         place = math.log10(max(value, 1e-300)) if self.log else value
         return LEFT + (WIDTH - LEFT - RIGHT) * min(max((place - low) / (high - low), 0.0), 1.0)
 
     def ticks(self) -> list[float]:
-        """Return decades, or at most six round numbers."""
+        """Return the labelled values: decades, or at most six round numbers."""
         if self.log:
             exponents = range(round(math.log10(self.low)), round(math.log10(self.high)) + 1)
             return [10.0**k for k in exponents if len(exponents) < 6 or k % 2 == 0]
@@ -39,7 +45,7 @@ class Axis:
 
 @dataclasses.dataclass(frozen=True)
 class Errors:
-    """Root mean square and maximum of an error, and whether the former is the best."""
+    """An error of a policy: its root mean square, its maximum, whether the former is the best, and a mark after it."""
 
     rms: float
     maximum: float
@@ -49,15 +55,27 @@ class Errors:
 
 @dataclasses.dataclass(frozen=True)
 class Bound:
-    """What is certified and the worst observed, if anything; `at_least`: the certified value bounds from below."""
+    """A certified bound and the worst observed value.
+
+    Attributes:
+        certified: the bound.
+        observed: the worst value that was observed; None if nothing was.
+        at_least: whether the bound is a lower one.
+    """
 
     certified: float
     observed: float | None
     at_least: bool
 
 
-def chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], description: str) -> str:
-    """Return the SVG of rows (policy, what is drawn of it); words stand where there is nothing to draw."""
+def draw_chart(axis: Axis, rows: Sequence[tuple[str, Errors | Bound | str]], description: str) -> str:
+    """Return the SVG of a chart.
+
+    Args:
+        axis: the common axis.
+        rows: name of each policy, and what is drawn of it: errors, a bound, or a text where there is neither.
+        description: for screen readers and the tooltip.
+    """
     bottom = TOP + ROW * len(rows)
     parts = [
         f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {bottom + BOTTOM}" width="{WIDTH}" '
@@ -78,7 +96,7 @@ def _row(axis: Axis, name: str, index: int, content: Errors | Bound | str) -> st
     y = TOP + ROW * (index + 0.5)
     short = name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
     label = (
-        f'<g class="p{index % 8}"><title>{escape(name)}</title><rect class="key" x="0" y="{y - 5}" width="9" '
+        f'<g class="p{index % PALETTE}"><title>{escape(name)}</title><rect class="key" x="0" y="{y - 5}" width="9" '
         f'height="10" rx="2"/><text class="name" x="16" y="{y + 4}">{escape(short)}</text>'
     )
     if isinstance(content, str):
@@ -99,7 +117,7 @@ def _errors(axis: Axis, y: float, errors: Errors) -> str:
 
 
 def _bound(axis: Axis, y: float, bound: Bound) -> str:
-    """Return what the certificate rules out, hatched, its limit, and a disc at the worst observed."""
+    """Return the range that the certificate excludes, hatched, its limit, and a disc at the worst observed value."""
     limit = axis.x(bound.certified)
     start, end = (axis.x(axis.low), limit) if bound.at_least else (limit, axis.x(axis.high))
     sign = "≥" if bound.at_least else "≤"
@@ -116,12 +134,12 @@ def _bound(axis: Axis, y: float, bound: Bound) -> str:
 
 
 def digits(value: float) -> str:
-    """Return three digits, trailing zeros included, or all digits before the point."""
+    """Return a number with three digits, trailing zeros included; from 1000 on, with all digits before the point."""
     return f"{value:.0f}" if value >= 1000.0 else f"{value:#.3g}".rstrip(".")
 
 
 def _number(value: float) -> str:
-    """Return a tick's label, small and large powers of ten with superscripts."""
+    """Return the label of a tick; small and large powers of ten have superscripts."""
     exponent = math.log10(value) if value > 0.0 else 0.0
     if exponent == round(exponent) and not -2 <= exponent <= 3:
         return "10" + str(round(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -1,14 +1,17 @@
 "use strict";
-// The replay: arms and curves of the embedded rollouts. The frame is the robot's: x points down, y to the right.
+// The data of the replay: the embedded rollouts, and what the reader has chosen.
+// Positions are in the frame of the robot: x points down, y to the right.
 
-const BENDING = 20; // the arm as its motors stand is drawn with the joints' bending this many times larger
+const PALETTE = 8; // number of policy colours in page.css
+const BENDING = 20; // magnification of the joints' bending in the arm that is drawn at its motor angles
 const MAGNIFICATIONS = [1, 2, 5, 10, 25, 50, 100, 250, 1000, 10000];
 const ROOM = 0.12; // [m] around the reference, for magnified deviations
-// An axis with focus leaves out curves whose peak is beyond FOCUS times the best one's, or SMALL's [mm, mrad].
+// An axis with focus is not scaled to curves whose peak exceeds FOCUS times the smallest peak, or FOCUS times SMALL
+// [mm, mrad] if that is larger.
 const FOCUS = 5, SMALL = 2;
-const LOWEST = 1e-4; // [mm] of a logarithmic axis, below the error of the simulation
+const LOWEST = 1e-4; // [mm], lower end of a logarithmic axis; smaller than the error of the simulation
 const DASHES = [[], [7, 3], [2, 2.5], [9, 3, 2, 3], [14, 4], [4, 4], [5, 2, 2, 2, 2, 2], [14, 3, 5, 3], [2, 6]];
-const STEP = 0.25; // [s] between pictures for readers who prefer reduced motion
+const STEP = 0.25; // [s] between two pictures for readers who prefer reduced motion
 
 const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
 const rootMeanSquare = (values) => Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length);
@@ -16,7 +19,11 @@ const $ = (id) => document.getElementById(id);
 const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 const systemDark = matchMedia("(prefers-color-scheme: dark)");
 
-/** Little-endian float32 in base64 to numbers. */
+/** The two numbers of a sample, of both joints or (x, y), in an array that holds them one after the other. */
+const pairAt = (values, sample) => [values[2 * sample], values[2 * sample + 1]];
+const colourClass = (policy) => `p${policy % PALETTE}`;
+
+/** Decode little-endian float32 numbers in base64. */
 function floats(text) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   return new Float32Array(bytes.buffer);
@@ -26,7 +33,7 @@ function decodedRun(run) {
   const decoded = { ended: run.ended };
   for (const name of ["deviation", "link", "bending", "torque", "circularity"]) decoded[name] = floats(run[name]);
   decoded.samples = decoded.circularity.length;
-  decoded.error = decoded.circularity.map((_, k) => Math.hypot(decoded.deviation[2 * k], decoded.deviation[2 * k + 1]));
+  decoded.error = decoded.circularity.map((_, k) => Math.hypot(...pairAt(decoded.deviation, k)));
   decoded.peak = largest(decoded.error);
   return decoded;
 }
@@ -44,5 +51,5 @@ const state = { scene: report.cases[0], sample: 0, clock: 0, playing: false, cho
 report.policies.forEach((_, policy) => state.chosen.add(policy));
 
 const chosen = () => report.policies.map((_, policy) => policy).filter((policy) => state.chosen.has(policy));
-/** The sample of a run at the present instant; a run that ended early stays at its last. */
+/** The sample of a run at the current instant; a run that ended early stays at its last sample. */
 const sampleOf = (run) => Math.min(state.sample, run.samples - 1);

@@ -1,38 +1,38 @@
-"""What the rigid loop of a controller file is seen to do, to stand beside what its certificate promises.
+"""The worst that is observed on the rigid arm, to stand beside the certified bounds of a controller file.
 
-A few seconds a file: the searches and rollouts of ``benchmarks/certified_bounds.py``, at half its resolution in time.
+It takes a few seconds a file: the searches and rollouts of ``benchmarks/certified_bounds.py`` with twice its time step.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, search, slowest_error
-from fuzzyarm.eval.certified.probes import Uniform, joined, library, worst_torque
+from fuzzyarm.eval.certified.extremes import decay_rates, disturbed_run, worst_posture
+from fuzzyarm.eval.certified.probes import library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
-from fuzzyarm.eval.certified.rigid_rollout import Motion, simulate
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, certified_bounds, certified_controller
-from fuzzyarm.policies import load_policy
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.eval.certified.rigid_rollout import Motion
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.policies.spec import PolicySpec, resolve
 
-STEP = 1e-3  # [s] of the rollouts, an order below the fastest time constant of the shipped loops
-AMPLITUDE = 100.0  # [N m]
-LANES, DECAY_DURATION = 200, 0.2  # undisturbed rollouts at random states, [s]
-NOTHING = joined(np.zeros((2, 1, 2)))
+__all__ = ["Observed", "observe", "observe_policies"]
+
+STEP = 1e-3  # [s] of the rollouts; the fastest time constant of the shipped loops is about 4e-3 s
 
 
 @dataclasses.dataclass(frozen=True)
 class Observed:
-    """The worst seen on the rigid arm in continuous time.
+    """The worst that was observed on the rigid arm in continuous time.
 
     Attributes:
-        decay: slowest rate -V'/2V of undisturbed rollouts [1/s].
+        decay: smallest decay rate -V'/2V of undisturbed rollouts [1/s].
         gain: largest ‖q - q_d‖₂ / ‖w‖₂ of disturbed rollouts from zero error [rad/(N m)].
-        probe: the disturbance of that largest gain.
+        probe: name of the disturbance with that largest gain.
     """
 
     decay: float
@@ -41,74 +41,65 @@ class Observed:
 
 
 def observe(loop: RigidLoop, reference: JointReference) -> Observed:
-    """Return the worst seen in rollouts, where a search expects the worst and elsewhere.
+    """Return the slowest decay and the largest gain of rollouts of a loop.
 
-    Decay: `LANES` errors at random states of the box, and the error and state at which V decays slowest. Gain: the
-    library of torques and the worst torque found by power iteration, along the reference and at the held posture of
-    largest frozen gain.
+    The decay is that of rollouts from random states and from the state at which V decays slowest. The gain is that
+    under a library of torques and the worst torque found by power iteration, along the reference and at the held
+    posture of largest frozen gain.
     """
-    at_rest = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
-    posture = Uniform(0.98 * at_rest.q[np.newaxis], np.zeros((1, 2)))
-    gain, probe = max(_gain(loop, motion, reference.duration) for motion in (reference, posture))
-    return Observed(min(_slowest_decay(loop), _random_decay(loop)), gain, probe)
+    gain, probe = max(_largest_gain(loop, motion, reference.duration) for motion in (reference, worst_posture(loop)))
+    return Observed(decay_rates(loop, STEP).observed, gain, probe)
 
 
-def _slowest_decay(loop: RigidLoop) -> float:
-    """Start where V decays slowest in the box, a promille inside it, and along that error."""
-    P = loop.controller.P
-    slowest = search(loop, lambda F, G, omega: -lyapunov_rate(F, P))
-    q, dq = 0.999 * slowest.q[np.newaxis], 0.999 * slowest.dq[np.newaxis]
-    error = 1e-4 * slowest_error(frozen(loop, q, dq)[0], P)
-    run = simulate(loop, Uniform(q - error[:, :2], dq - error[:, 2:4]), error, NOTHING, 0.01, step=2e-5)
-    return float(run.rate.min())
+def observe_policies(
+    config: EvaluationConfig, bounds: Mapping[str, Mapping[str, Any] | None]
+) -> dict[str, Observed | str]:
+    """Return what is observed of every certified policy by its name, or in words why nothing is observed.
 
-
-def _random_decay(loop: RigidLoop) -> float:
-    P, limits, rng = loop.controller.P, loop.controller.model.parameters, np.random.default_rng(0)
-    inner = [rng.uniform(-0.6, 0.6, (LANES, 2)) * limit for limit in (limits.joint_limit, limits.velocity_limit)]
-    errors = rng.normal(size=(LANES, loop.states)) @ np.linalg.cholesky(P).T
-    errors *= (rng.uniform(0.01, 0.3, LANES) / np.abs(errors[:, :2]).max(axis=1))[:, np.newaxis]
-    return float(simulate(loop, Uniform(*inner), errors, NOTHING, DECAY_DURATION, step=STEP).rate.min())
-
-
-def _gain(loop: RigidLoop, motion: Motion, duration: float) -> tuple[float, str]:
-    """Return the largest gain about a motion [rad/(N m)] and the torque that has it."""
-    probes = library(duration, STEP) | {"worst torque found": worst_torque(loop, motion, duration, step=STEP)}
-    torques = AMPLITUDE * np.stack(list(probes.values()), axis=1)
-    run = simulate(loop, motion, np.zeros((len(probes), loop.states)), joined(torques, STEP), duration, step=STEP)
-    # Beyond the box nothing is claimed: a gain counts up to where a rollout leaves it.
-    return max(zip(np.where(run.in_box, run.gain, 0.0).max(axis=0).tolist(), probes, strict=True))
-
-
-def observe_policies(config: EvaluationConfig, bounds: dict[str, Any]) -> dict[str, Observed | str]:
-    """Return what is observed of every certified policy by its name, or in words why there is nothing to observe.
-
-    A controller file stands for all policies that use it.
+    Policies that use the same controller file share its result.
 
     Args:
         config: of the evaluation.
         bounds: certified bounds by policy, as `evaluate` stored them; None for a policy without a certificate.
     """
-    reference, seen = JointReference(parameters=config.parameters), {}
+    reference = JointReference(parameters=config.parameters)
+    by_file: dict[str, Observed] = {}
     result: dict[str, Observed | str] = {}
-    for given in config.policies:
-        name = policy_label(given)
-        claimed = bounds[name]
+    for spec in map(resolve, config.policies):
+        claimed = bounds[spec.label]
         if claimed is None:
             continue
-        if claimed["form"] != "consistent":
-            result[name] = f"not observed: the bounds of the {claimed['form']} form are of other quantities"
+        controller = _controller(spec, claimed, config, reference)
+        if isinstance(controller, str):
+            result[spec.label] = f"not observed: {controller}"
             continue
-        try:
-            policy = load_policy(given, control_period=config.control_period, robot=config.parameters)
-        except (OSError, ValueError):
-            result[name] = "not observed: the controller file is gone or no longer proven"
-            continue
-        controller, digest = certified_controller(policy), claimed["controller_digest"]
-        if controller is None or certified_bounds(policy, reference) != claimed:
-            result[name] = "not observed: the controller file has changed since the evaluation"
-            continue
-        if digest not in seen:
-            seen[digest] = observe(RigidLoop(controller), reference)
-        result[name] = seen[digest]
+        digest = claimed["controller_digest"]
+        if digest not in by_file:
+            by_file[digest] = observe(RigidLoop(controller), reference)
+        result[spec.label] = by_file[digest]
     return result
+
+
+def _controller(
+    spec: PolicySpec, claimed: Mapping[str, Any], config: EvaluationConfig, reference: JointReference
+) -> Controller | str:
+    """Return the controller that the claimed bounds are of, or why it cannot be observed."""
+    if claimed["form"] != "consistent":
+        return f"the bounds of the {claimed['form']} form are of other quantities"
+    try:
+        policy = spec.load(config.control_period, config.parameters)
+    except (OSError, ValueError):
+        return "the controller file is gone or no longer proven"
+    certificate = policy.certificate(reference)
+    if certificate is None or certificate.bounds != claimed:
+        return "the controller file has changed since the evaluation"
+    return certificate.controller
+
+
+def _largest_gain(loop: RigidLoop, motion: Motion, duration: float) -> tuple[float, str]:
+    """Return the largest gain about a motion [rad/(N m)] and the name of the torque that causes it."""
+    probes = library(duration, STEP) | {"worst torque found": worst_torque(loop, motion, duration, step=STEP)}
+    run = disturbed_run(loop, motion, probes, duration, STEP)
+    # The certificate claims nothing outside the box, so gains count only until a rollout leaves it.
+    gains = np.where(run.in_box, run.gain, 0.0).max(axis=0)
+    return max(zip(gains.tolist(), probes, strict=True))

@@ -1,4 +1,4 @@
-// The page: what the reader does, and what is shown then.
+// The page: its controls, and what they show.
 
 const view = viewOf(report.cases);
 const plots = PLOTS.map((kind) => new Plot(kind));
@@ -8,12 +8,12 @@ const arms = report.policies.map((name, policy) => {
   canvas.style.aspectRatio = (view.high[1] - view.low[1]) / (view.high[0] - view.low[0]);
   const note = element("span", { className: "badge" });
   const caption = element("figcaption", {}, element("b", { textContent: name }), note);
-  const figure = element("figure", { className: `p${policy % 8}` }, caption, canvas, readout);
+  const figure = element("figure", { className: colourClass(policy) }, caption, canvas, readout);
   figure.dataset.policy = policy;
   return { figure, canvas, readout, note };
 });
 
-/** Millimetres with three digits, below one in micrometres. */
+/** Return a length in millimetres, or in micrometres if it is small. */
 function lengthText(metres) {
   const millimetres = 1e3 * metres;
   if (millimetres >= 100) return `${millimetres.toFixed(0)} mm`;
@@ -23,6 +23,7 @@ function lengthText(metres) {
 
 const signed = (value) => value.toFixed(1).replace("-", "−");
 
+/** Draw the current instant. */
 function show() {
   const { scene, sample } = state, time = `${scene.time[sample].toFixed(3)} s`;
   $("scrubber").value = sample;
@@ -33,13 +34,13 @@ function show() {
     drawArm(canvas, policy);
     readout.replaceChildren(
       element("b", { textContent: lengthText(run.error[k]) }),
-      element("span", { textContent: `Γ ${signed(run.torque[2 * k])}, ${signed(run.torque[2 * k + 1])} N m` }),
+      element("span", { textContent: `Γ ${pairAt(run.torque, k).map(signed).join(", ")} N m` }),
     );
   }
   plots.forEach((plot) => plot.draw());
 }
 
-/** Lay everything out anew: another case, choice of policies, size or theme. */
+/** Lay out and draw everything again, after a change of the case, the chosen policies, the size or the theme. */
 function refresh() {
   readColours();
   const { scene } = state;
@@ -72,7 +73,7 @@ function refresh() {
   show();
 }
 
-/** The sample nearest to a time [s]. */
+/** Return the sample nearest to a time [s]. */
 function nearest(time) {
   const times = state.scene.time;
   let [low, high] = [0, times.length - 1];
@@ -153,7 +154,7 @@ function build() {
       else state.chosen.delete(policy);
       refresh();
     });
-    const chip = element("label", { className: `chip p${policy % 8}` }, box, element("canvas"), name);
+    const chip = element("label", { className: `chip ${colourClass(policy)}` }, box, element("canvas"), name);
     const highlight = (on) => () => {
       state.highlighted = on ? policy : null;
       plots.forEach((plot) => plot.prepare());
@@ -170,7 +171,7 @@ function build() {
   for (const part of [document.querySelector(".controls"), $("policies"), $("key"), $("theme")]) part.hidden = false;
 }
 
-/** Keys of the whole page, unless the focused control uses them itself. */
+/** Handle the keys of the page, unless the focused control uses the key itself. */
 function onKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const focused = event.target.tagName, own = focused === "SELECT" || event.target.closest("[role=region]");

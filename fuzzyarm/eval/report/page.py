@@ -1,7 +1,7 @@
-"""The HTML page of an evaluation: one file, nothing fetched, everything escaped.
+"""The HTML page of an evaluation: one file that fetches nothing and in which all text is escaped.
 
-``page.html`` has the structure, ``page.css`` the look, and the scripts, joined as one, the replay. A content security
-policy names the digests of script and style, so that a browser runs and loads nothing else.
+``page.html`` holds the structure and ``page.css`` the style; the scripts, which are joined into one, run the replay. A
+content security policy names the digests of script and style, so that a browser runs and loads nothing else.
 """
 
 from __future__ import annotations
@@ -22,29 +22,31 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.certificates import SCOPE, Observations, bound_charts, bound_note, statements
 from fuzzyarm.eval.report.observed import observe_policies
-from fuzzyarm.eval.report.payload import payload
+from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
-from fuzzyarm.eval.report.summary import error_charts, finished, table
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.eval.report.summary import error_charts, finished, metrics_table
+from fuzzyarm.policies import resolve
+
+__all__ = ["command", "render_page", "write_report"]
 
 SCRIPTS = ("data.js", "canvas.js", "arms.js", "plots.js", "page.js")
 
 
 def write_report(folder: Path, out: Path) -> None:
-    """Write the report of the evaluation in `folder` to `out`, whole or not at all.
+    """Write the report of the evaluation in `folder` to `out`, atomically.
 
     Raises:
         ValueError: the folder holds no evaluation, or a damaged or mixed one; nothing is written.
         OSError: a file cannot be read or written.
     """
     stored = read_evaluation(folder)
-    write_atomically(out, page(stored, observe_policies(stored.config, stored.bounds)))
+    write_atomically(out, render_page(stored, observe_policies(stored.config, stored.bounds)))
 
 
-def page(stored: StoredEvaluation, observed: Observations) -> str:
-    """Return the page; `observed` stands beside the certified bounds, see `observe_policies`."""
+def render_page(stored: StoredEvaluation, observed: Observations) -> str:
+    """Return the HTML of the page; it shows what was `observed` beside the certified bounds."""
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, SCRIPTS))
-    config, data, early = stored.config, payload(stored), not finished(stored.rows)
+    config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
     return Template(structure).substitute(
         policy=_security_policy(style, script),
         title="Robot-arm tracking, policies compared",
@@ -54,7 +56,7 @@ def page(stored: StoredEvaluation, observed: Observations) -> str:
         glance=error_charts(stored.rows),
         glance_note=" of the policies that finished; × ended early" if early else "",
         sampling=escape(_sampling(config, data["stride"])),
-        table=table(stored.rows),
+        table=metrics_table(stored.rows),
         table_note=escape(_table_note(config, early)),
         scope=escape(SCOPE),
         bounds=bound_charts(stored, observed),
@@ -67,7 +69,7 @@ def page(stored: StoredEvaluation, observed: Observations) -> str:
 
 
 def command(config: EvaluationConfig) -> str:
-    """Return the command that makes an evaluation of this configuration; of another arm it cannot name the file."""
+    """Return the command of an evaluation with this configuration; FILE stands for the unknown file of another arm."""
     default = EvaluationConfig()
     named = dataclasses.replace(config, parameters=default.parameters, control_period=default.control_period)
     robot = "" if config.parameters == default.parameters else " --robot FILE"
@@ -79,7 +81,7 @@ def _part(name: str) -> str:
 
 
 def _security_policy(style: str, script: str) -> str:
-    """Allow this style, this script and the empty icon, and nothing from anywhere."""
+    """Return a content security policy that allows this style, this script and the empty icon, and nothing else."""
     style_digest, script_digest = (
         base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii") for text in (style, script)
     )
@@ -90,7 +92,7 @@ def _security_policy(style: str, script: str) -> str:
 
 
 def _script_data(data: dict[str, Any]) -> str:
-    """Return JSON that cannot end the script element it stands in."""
+    """Return JSON in which no text can end the script element that contains it."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -119,17 +121,17 @@ def _sampling(config: EvaluationConfig, stride: int) -> str:
 
 def _table_note(config: EvaluationConfig, early: bool) -> str:
     note = (
-        "★ smallest of its column and case, left out where more than half share it; of a range the larger side counts."
+        "★ smallest of its column and case, left out where more than half share it; of a range the larger end counts."
     )
     if early:
-        note += " An episode that ended early competes for no star: its numbers are of a shorter motion."
+        note += " An episode that ended early cannot have a star, because its numbers are of a shorter motion."
     if config.seeds > 1:
         note += f" Medians over {config.seeds} seeds, with ranges."
     return note
 
 
 def _made(stored: StoredEvaluation) -> dict[str, str]:
-    """Return what the evaluation and this page were made with."""
+    """Return the provenance of the evaluation and of this page, by heading."""
     config, made, paper = stored.config, stored.made_with, ArmParameters().to_dict()
     changed = {key: value for key, value in config.parameters.to_dict().items() if value != paper[key]}
     noise = "{:g} rad, {:g} rad/s".format(*config.encoder_noise) if any(config.encoder_noise) else "none"
@@ -137,7 +139,7 @@ def _made(stored: StoredEvaluation) -> dict[str, str]:
     return {
         "command": command(config),
         "date": made["date"],
-        "policies": ", ".join(map(policy_label, config.policies)),
+        "policies": ", ".join(resolve(name).label for name in config.policies),
         "seeds": _seeds(config),
         "encoder noise": noise,
         "arm": json.dumps(changed) if changed else "Table 1 of the paper",

@@ -1,8 +1,9 @@
-"""What the page's script draws: the signals of the first seed, small enough to embed."""
+"""Data of the replay: the signals that the page's script draws, thinned so that they fit into the page."""
 
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,11 +13,15 @@ from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.stored import StoredEvaluation
 
-LARGEST = 2_300_000  # bytes of base64 for all signals together; the page stays below 3 MB
+__all__ = ["replay_data"]
+
+LARGEST = 2_300_000  # bytes of base64 for all signals together, with which the page stays below 3 MB
+_FLOAT = np.dtype("<f4")  # of embedded numbers
+_BASE64 = 4 / 3  # bytes of base64 for a byte of data
 
 
-def payload(stored: StoredEvaluation) -> dict[str, Any]:
-    """Return policies, arm, cases and their runs, ready for JSON.
+def replay_data(stored: StoredEvaluation) -> dict[str, Any]:
+    """Return policies, arm, cases and their runs with the first seed, as plain data for JSON.
 
     Arrays are base64 of little-endian float32. Every `stride`-th sample is embedded, and the last one of each episode.
     """
@@ -36,14 +41,14 @@ def payload(stored: StoredEvaluation) -> dict[str, Any]:
 def _stride(runs: Sequence[Rollout]) -> int:
     """Return the smallest stride with which the signals fit into `LARGEST`."""
     numbers = sum(signal.size for run in runs for signal in _signals(run).values())
-    return max(1, -(-4 * 4 * numbers // (3 * LARGEST)))
+    return max(1, math.ceil(_BASE64 * _FLOAT.itemsize * numbers / LARGEST))
 
 
 def _signals(run: Rollout) -> dict[str, np.ndarray]:
-    """Return what is embedded of a run.
+    """Return the embedded signals of a run.
 
-    The deviation of the tip and the bending of the joints are embedded themselves: differences of float32 positions
-    would lose the micrometres.
+    They include the deviation of the tip and the bending of the joints, because differences of positions in float32
+    would not resolve micrometres.
     """
     return {
         "deviation": run.tip - run.tip_reference,
@@ -72,14 +77,17 @@ def _case(name: str, runs: Sequence[Rollout], stride: int) -> dict[str, Any]:
 
 
 def _shown(samples: int, stride: int) -> np.ndarray:
-    """Return the indices 0, stride, ... and the last one."""
+    """Return the embedded samples of the longest run: 0, stride, ..., and the last one."""
     return np.unique([*range(0, samples, stride), samples - 1])
 
 
 def _within(shown: np.ndarray, samples: int) -> np.ndarray:
-    """Return the indices of a run that may be shorter; its last sample stands at the next instant that is shown."""
+    """Return the embedded samples of a run that may be shorter than the longest one.
+
+    These are the samples in `shown` that the run has; its own last sample stands in the place of the next one.
+    """
     return np.asarray(np.minimum(shown[: np.searchsorted(shown, samples - 1) + 1], samples - 1))
 
 
 def _encoded(values: np.ndarray) -> str:
-    return base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")
+    return base64.b64encode(values.astype(_FLOAT).tobytes()).decode("ascii")

@@ -1,7 +1,7 @@
-// The curves over time, with a cursor at the present instant.
+// The curves over time, with a cursor at the current instant.
 
-const torque = (joint) => (run, k) => run.torque[2 * k + joint];
-const bending = (joint) => (run, k) => 1e3 * run.bending[2 * k + joint];
+const torque = (joint) => (run, k) => pairAt(run.torque, k)[joint];
+const bending = (joint) => (run, k) => 1e3 * pairAt(run.bending, k)[joint];
 const PLOTS = [
   { title: "Tip error", unit: "mm", log: true, signal: (run, k) => 1e3 * run.error[k] },
   { title: "Circularity error of the tip", unit: "mm", focus: true, signal: (run, k) => 1e3 * run.circularity[k] },
@@ -12,7 +12,7 @@ const PLOTS = [
 ];
 const EDGE = { left: 54, right: 10, top: 8, bottom: 34 }; // [px]
 
-/** Round numbers from low to high, about `count` of them. */
+/** Return about `count` round numbers from low to high. */
 function ticks(low, high, count) {
   const raw = (high - low) / count, unit = 10 ** Math.floor(Math.log10(raw));
   const step = unit * [1, 2, 2.5, 5, 10].find((factor) => factor * unit >= raw * (1 - 1e-9));
@@ -29,14 +29,14 @@ const label = (value, log) => {
   return exponent >= -2 && exponent <= 2 ? String(Number((10 ** exponent).toPrecision(1))) : superscript(exponent);
 };
 
-/** The curves of the chosen policies over time; they are drawn once and copied, the cursor at every instant. */
+/** A plot of the chosen policies over time; the curves are drawn once and copied, and the cursor is drawn each time. */
 class Plot {
   constructor(kind) {
     this.kind = kind;
     this.canvas = element("canvas");
     this.canvas.setAttribute("role", "img");
     this.curves = element("canvas");
-    this.outside = element("span", { className: "outside" }); // names the policies that run off the axis
+    this.outside = element("span", { className: "outside" }); // names of policies whose curves leave the axis
     const caption = element("figcaption", {}, `${kind.title} [${kind.unit}]`, this.outside);
     this.figure = element("figure", {}, caption, this.canvas);
     this.canvas.addEventListener("pointerdown", (event) => {
@@ -46,17 +46,19 @@ class Plot {
     this.canvas.addEventListener("pointermove", (event) => event.buttons && this.seek(event));
   }
 
+  /** Move the replay to the time under the pointer. */
   seek(event) {
     const share = (event.offsetX - EDGE.left) / (this.canvas.clientWidth - EDGE.left - EDGE.right);
     goTo(nearest(share * state.scene.time.at(-1)));
   }
 
-  /** Values of a policy's curve; what is below a logarithmic axis stands at its edge. */
+  /** Return the values of a policy's curve. */
   values(policy) {
     const run = state.scene.runs[policy];
     return Array.from({ length: run.samples }, (_, k) => this.kind.signal(run, k));
   }
 
+  /** Return the ends of the vertical axis for these curves. */
   measure(curves) {
     const peaks = curves.map((values) => largest(values));
     const limit = this.kind.focus ? FOCUS * Math.max(SMALL, Math.min(...peaks)) : Infinity;
@@ -83,7 +85,7 @@ class Plot {
     return bottom - Math.max(-5, Math.min(5, share)) * (bottom - EDGE.top);
   }
 
-  /** Draw axes and curves beside the page, where `draw` copies them from. */
+  /** Draw axes and curves, and keep them in a hidden canvas from which `draw` copies them. */
   prepare() {
     const { canvas, curves, kind } = this, policies = chosen();
     [curves.width, curves.height] = [0, 0];
@@ -137,6 +139,7 @@ class Plot {
     context.fillText("time [s]", 0.5 * (EDGE.left + width - EDGE.right), bottom + 27);
   }
 
+  /** Mark the early end of an episode. */
   cross(context, [right, down], colour) {
     stroke(context, [[right - 5, down - 5], [right + 5, down + 5]], colour, 2.5);
     stroke(context, [[right - 5, down + 5], [right + 5, down - 5]], colour, 2.5);

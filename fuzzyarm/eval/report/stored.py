@@ -1,4 +1,4 @@
-"""An evaluation read back from its folder, and everything that can be wrong with its signals beside its results."""
+"""Reading of an evaluation from its folder: its results and its rollouts, checked against each other."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm import __version__
-from fuzzyarm.eval.episodes.metrics import metrics
+from fuzzyarm.common import checks, documents
+from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import NAME, digest, read_rollouts
 from fuzzyarm.eval.evaluation import results_file
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.policies import resolve
+
+__all__ = ["StoredEvaluation", "read_evaluation"]
 
 
 @dataclasses.dataclass(frozen=True)
 class StoredEvaluation:
-    """What `fuzzyarm evaluate` wrote, checked: as `Evaluation`, with its provenance as stored."""
+    """A checked evaluation of `fuzzyarm evaluate`, with the fields of `Evaluation` and the stored provenance."""
 
     config: EvaluationConfig
     rollouts: list[Rollout]
@@ -27,6 +30,40 @@ class StoredEvaluation:
     certificates: dict[str, str | None]
     bounds: dict[str, dict[str, Any] | None]
     made_with: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Machine:
+    """The machine that ran an evaluation."""
+
+    cpu: str | None
+    cores: int | None
+    system: str
+
+
+@dataclasses.dataclass(frozen=True)
+class _MadeWith:
+    """The provenance of an evaluation."""
+
+    date: str
+    commit: str | None
+    versions: dict[str, str | None]
+    machine: _Machine
+
+
+@dataclasses.dataclass(frozen=True)
+class _Bounds:
+    """Certified bounds of a policy, see `PolicyCertificate.bounds`."""
+
+    form: str
+    alpha: float
+    gamma: float
+    controller_digest: str
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        checks.real("alpha", self.alpha, "1/s", above=0.0)
+        checks.real("gamma", self.gamma, above=0.0)
 
 
 def read_evaluation(folder: Path) -> StoredEvaluation:
@@ -53,19 +90,16 @@ def read_evaluation(folder: Path) -> StoredEvaluation:
         raise ValueError(f"{folder} holds results.json but no {NAME}: the evaluation was interrupted; {again}")
     try:
         return _joined(results, read_rollouts(folder / NAME))
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
-        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"{results.path} is damaged ({problem}); {again}") from None
     except ValueError as error:
         raise ValueError(f"{folder}: {error}; {again}") from None
 
 
 def _joined(results: Results, rollouts: list[Rollout]) -> StoredEvaluation:
-    """Return results and rollouts together, which must be of the same episodes."""
+    """Return results and rollouts together; ValueError if they are not of the same episodes."""
     config, document = results.config, results.document
     if digest(rollouts) != document["rollouts_sha256"]:
         raise ValueError(f"{NAME} and results.json are of different evaluations")
-    labels = [policy_label(name) for name in config.policies]
+    labels = [resolve(name).label for name in config.policies]
     period, seeds = config.control_period, range(config.seeds)
     planned = [(case, name, seed, period) for case in config.cases for name in labels for seed in seeds]
     if [(run.case, run.policy, run.seed, run.control_period) for run in rollouts] != planned:
@@ -73,32 +107,29 @@ def _joined(results: Results, rollouts: list[Rollout]) -> StoredEvaluation:
     for run, row in zip(rollouts, results.rows, strict=True):
         _check_row(run, row)
     if results.bounds is None:
-        raise KeyError("certified_bounds")
+        raise ValueError("certified_bounds is missing in results.json")
+    provenance = {field.name: document[field.name] for field in dataclasses.fields(_MadeWith) if field.name in document}
     return StoredEvaluation(
         config,
         rollouts,
         results.rows,
         results.certificates,
         bounds={name: _bounds(claimed) for name, claimed in results.bounds.items()},
-        made_with={"date": str(document["date"]), "commit": results.commit, "versions": document["versions"]}
-        | {"machine": {key: document["machine"][key] for key in ("cpu", "cores", "system")}},
+        made_with=dataclasses.asdict(documents.record(provenance, _MadeWith)),
     )
 
 
 def _bounds(claimed: Any) -> dict[str, Any] | None:
-    if claimed is None:
-        return None
-    numbers = {key: float(claimed[key]) for key in ("alpha", "gamma")}
-    if not all(math.isfinite(value) and value > 0.0 for value in numbers.values()):
-        raise ValueError(f"certified bounds {numbers} are out of range; allowed: (0, inf)")
-    return {"form": claimed["form"], **numbers, "controller_digest": claimed["controller_digest"]}
+    return None if claimed is None else dataclasses.asdict(documents.record(claimed, _Bounds))
 
 
 def _check_row(run: Rollout, row: dict[str, Any]) -> None:
-    """See that a row of results is that of a rollout; its numbers are computed anew."""
-    named = ("case", "policy", "seed", "completed", "reason")
-    expected = {name: getattr(run, name) for name in named} | metrics(run)
+    """Raise ValueError unless a row of results is that of a rollout; its metrics are computed again."""
+    expected = {name: getattr(run, name) for name in ("case", "policy", "seed", "completed", "reason")} | metrics_of(
+        run
+    )
     for key, value in expected.items():
-        same = math.isclose(value, row[key], rel_tol=1e-9) if isinstance(value, float) else value == row[key]
-        if not same and not (value != value and row[key] != row[key]):
-            raise ValueError(f"{key} of {run.policy} in case {run.case} is {row[key]}, its rollout has {value}")
+        stored: Any = row.get(key)
+        both_real = isinstance(value, float) and isinstance(stored, float | int)
+        if not (math.isclose(value, stored, rel_tol=1e-9) if both_real else value == stored):
+            raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored}, its rollout has {value}")

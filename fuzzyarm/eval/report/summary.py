@@ -1,4 +1,4 @@
-"""The summary: a chart of the tip errors of each case, and the table of all metrics."""
+"""The summary of a report: a chart of the tip errors of each case, and a table of all metrics."""
 
 from __future__ import annotations
 
@@ -7,77 +7,103 @@ import re
 from collections.abc import Sequence
 from html import escape
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.result_table import COLUMNS, table_rows
-from fuzzyarm.eval.report.chart import Axis, Errors, chart, figure
+from fuzzyarm.eval.report.chart import PALETTE, Axis, Errors, draw_chart, figure
+
+__all__ = ["best", "error_charts", "finished", "metrics_table"]
 
 Row = dict[str, Any]
+"""The metrics of one episode, a row of an `Evaluation`."""
 Group = dict[str, list[Row]]
-"""The rows of one case by policy, one for each seed."""
+"""The rows of one case by policy, with one row for each seed."""
+
+
+class _TipError(NamedTuple):
+    """Tip error of a policy in a case [mm], over several seeds the medians."""
+
+    rms: float
+    maximum: float
 
 
 def error_charts(rows: Sequence[Row]) -> str:
-    """Return a chart of the tip errors for each case, all on the same axis; over several seeds medians."""
+    """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians."""
     groups = _groups(rows)
-    errors = {
-        (case, policy): tuple(float(median(run[f"tip_error_{key}_mm"] for run in runs)) for key in ("rms", "max"))
-        for case, group in groups.items()
-        for policy, runs in group.items()
-    }
-    positive = [value for pair in errors.values() for value in pair if 0.0 < value < math.inf] or [1.0]
-    low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
-    axis = Axis("tip error [mm]", 10.0**low, 10.0 ** max(high, low + 1), log=True)
+    errors = {case: {policy: _tip_error(runs) for policy, runs in group.items()} for case, group in groups.items()}
+    axis = _error_axis([value for group in errors.values() for error in group.values() for value in error])
     figures = []
     for case, group in groups.items():
-        best = min((errors[case, policy][0] for policy, runs in group.items() if finished(runs)), default=math.nan)
+        best_rms = min((errors[case][policy].rms for policy, runs in group.items() if finished(runs)), default=math.nan)
         drawn = []
         for policy, runs in group.items():
-            rms, largest = errors[case, policy]
-            content = Errors(rms, largest, finished(runs) and rms == best, "" if finished(runs) else " ×")
-            drawn.append((policy, content))
+            rms, maximum = errors[case][policy]
+            mark = "" if finished(runs) else " ×"
+            drawn.append((policy, Errors(rms, maximum, finished(runs) and rms == best_rms, mark)))
         title = CASES[case].title
         description = f"{title}: root mean square and maximum of the tip error in mm"
-        figures.append(figure(title, chart(axis, drawn, description)))
+        figures.append(figure(title, draw_chart(axis, drawn, description)))
     return "".join(figures)
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Return the table of all metrics, a body for each case, the best of each column marked by `best`."""
+def _tip_error(runs: Sequence[Row]) -> _TipError:
+    return _TipError(*(float(median(run[key] for run in runs)) for key in ("tip_error_rms_mm", "tip_error_max_mm")))
+
+
+def _error_axis(values: Sequence[float]) -> Axis:
+    """Return a logarithmic axis of at least one decade that shows all positive, finite values."""
+    positive = [value for value in values if 0.0 < value < math.inf] or [1.0]
+    low, high = math.floor(math.log10(min(positive))), math.ceil(math.log10(max(positive)))
+    return Axis("tip error [mm]", 10.0**low, 10.0 ** max(high, low + 1), log=True)
+
+
+def metrics_table(rows: Sequence[Row]) -> str:
+    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`."""
     cells = iter(table_rows(rows))  # in the order of the groups
     headings = [escape(heading).replace("N m", "N&nbsp;m") for heading, _, _ in COLUMNS]
     heads = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
     parts = [f'<table><thead><tr><th scope="col">policy</th>{heads}</tr></thead>']
     for case, group in _groups(rows).items():
-        span = f'scope="rowgroup" colspan="{len(COLUMNS) + 1}"'
-        parts.append(f"<tbody><tr><th {span}>{escape(CASES[case].title)}</th></tr>")
-        texts = {policy: [re.sub(r"\.(?!\d)", "", text) for text in next(cells)[2]] for policy in group}
-        marked = [
-            best(group, keys, {policy: text[column] for policy, text in texts.items()})
-            for column, (_, keys, _) in enumerate(COLUMNS)
-        ]
-        for index, (policy, runs) in enumerate(group.items()):
-            name = f'<span class="swatch"></span>{escape(policy)}{_badge(runs)}'
-            row = [
-                f'<td class="best">{escape(text)}</td>' if policy in marked[column] else f"<td>{escape(text)}</td>"
-                for column, text in enumerate(texts[policy])
-            ]
-            parts.append(f'<tr class="p{index % 8}"><th scope="row">{name}</th>{"".join(row)}</tr>')
-        parts.append("</tbody>")
+        texts = {policy: _cells(next(cells)) for policy in group}
+        parts.append(_table_body(CASES[case].title, group, texts))
     return "".join([*parts, "</table>"])
 
 
-def best(group: Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
-    """Return the policies whose cell reads like that of the smallest size, among those that finished.
+def _cells(row: tuple[str, str, list[str]]) -> list[str]:
+    """Return the cells of a row of `table_rows`, without decimal points that no digit follows."""
+    _, _, cells = row
+    return [re.sub(r"\.(?!\d)", "", cell) for cell in cells]
 
-    The size of a cell is the largest absolute value of its metrics, over seeds their median. None is best if only one
-    finished or more than half share the place.
+
+def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
+    """Return the rows of a case; `texts` are the cells of each policy."""
+    marked = [
+        best(group, keys, {policy: cells[column] for policy, cells in texts.items()})
+        for column, (_, keys, _) in enumerate(COLUMNS)
+    ]
+    span = f'scope="rowgroup" colspan="{len(COLUMNS) + 1}"'
+    parts = [f"<tbody><tr><th {span}>{escape(title)}</th></tr>"]
+    for index, (policy, runs) in enumerate(group.items()):
+        name = f'<span class="swatch"></span>{escape(policy)}{_badge(runs)}'
+        row = [
+            f'<td class="best">{escape(text)}</td>' if policy in stars else f"<td>{escape(text)}</td>"
+            for text, stars in zip(texts[policy], marked, strict=True)
+        ]
+        parts.append(f'<tr class="p{index % PALETTE}"><th scope="row">{name}</th>{"".join(row)}</tr>')
+    return "".join([*parts, "</tbody>"])
+
+
+def best(group: Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
+    """Return the policies that are marked as best in a column: the smallest value, and cells that read the same.
+
+    The value of a cell is the largest absolute value of its metrics; over several seeds, their median. Only policies
+    that finished all episodes compete. No policy is marked if only one finished, or if more than half of them would be.
 
     Args:
         group: the rows of a case.
         keys: the metrics in the cell.
-        texts: the cell by policy.
+        texts: the text of the cell by policy.
     """
     sizes = {
         policy: max(median(abs(run[key]) for run in runs) for key in keys)
@@ -92,7 +118,7 @@ def best(group: Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:
 
 
 def finished(runs: Sequence[Row]) -> bool:
-    """Return whether every episode went on to its end."""
+    """Return whether every episode followed the reference to its end."""
     return all(run["completed"] for run in runs)
 
 

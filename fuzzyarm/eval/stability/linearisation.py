@@ -1,95 +1,69 @@
-"""How far a policy is from instability on the sampled elastic arm, by linearising the closed loop.
+"""Stability margins: how far a policy is from instability on the sampled elastic arm, by linearising the closed loop.
 
-At a posture of the path the reference is held and dry friction removed; viscous friction stays. With the deviations
-x of the plant's 8 states [rad, rad/s], s of the policy's memory and u of the torques [N m], one control period is
+At a posture of the path the reference is held and dry friction removed; viscous friction stays. The equilibrium there
+is found by Newton's method, and `local_loop` has the equation of the loop around it.
 
-    x⁺ = A x + B u_(k-d),    u = κ (D x + C s),    s⁺ = G x + F s,
+The plant may carry a payload that the policy does not know of. A policy with a model of dry friction, such as an
+observer, is linearised without that model, as ``Policy.without_dry_friction()`` returns it: the arm has no dry friction
+here either.
 
-κ a factor on the loop gain, d extra samples of delay (0: the torque computed from the sample at t_k acts from t_k).
-Between samples, d = m + 1/2, the torque changes in the middle of the period; with the map A_h, B_h of half a period
-
-    x⁺ = A_h (A_h x + B_h u_(k-m-1)) + B_h u_(k-m).
-
-The spectral radius of the matrix of (x, s, u_(k-1), u_(k-2), ...), with ⌈d⌉ torques, is below 1 if and only if small
-deviations decay.
-
-The plant may carry a payload that the policy is not told of. A policy that models dry friction itself, as an observer
-may, has to forget it here as the arm does, or the loop would not be the one of a friction-free arm: if it has a method
-``without_dry_friction()``, what that returns is linearised in its place.
-
-This is local, frozen and friction-free: a measure to compare policies by, not a proof for the moving arm.
+The result is local, at frozen postures and without dry friction. It serves to compare policies and proves nothing of
+the moving arm; what is proven is in the certificates (`fuzzyarm.fuzzy_policy.proof`), whose margins are proof margins.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
-from fuzzyarm.envs.fuzzy_arm import whole_substeps
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
+from fuzzyarm.envs.arguments import whole_substeps
+from fuzzyarm.envs.observation import JOINTS, SIZE, START
+from fuzzyarm.envs.physics.dynamics import Payload, State, arm_constants
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.rollout import Predictor
+from fuzzyarm.eval.stability.local_loop import GainLimits, LocalLoop, gain_limits, largest_radius
+from fuzzyarm.fuzzy_policy.policy import Predictor
 
-POSTURES = 16  # instants, evenly spaced over the paper's path; 300 change a gain margin by 0.2 %
-PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
-MEMORY_STEP = 1e-8  # relative to max(1, |s|); an integral can move the torque by 5e8 N m per rad s
-TORQUE_STEP = 1.0  # N m; the plant is linear in the torque
-NEWTON_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01)  # of a step
-NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-9  # the tolerance: change of a state [rad, rad/s] over one period
-NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is another one
-GAIN_RATIO, GAIN_SPAN = 1.1, 100.0  # a margin is searched from κ = 1 in factors of 1.1, up to 100 and down to 0.01
-GAIN_TOLERANCE = 1e-4  # of a gain margin, relative
+__all__ = [
+    "POSTURES",
+    "Linearisable",
+    "gain_margin",
+    "linearise",
+    "linearise_path",
+    "spectral_radius",
+]
+
+POSTURES = 16
+"""Number of instants, evenly spaced over the paper's path; with 300 a gain margin changes by 0.2 %."""
+_PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
+_MEMORY_STEP = 1e-8  # relative to max(1, |s|); an integral can move the torque by 5e8 N m per rad s
+_TORQUE_STEP = 1.0  # N m; the plant is linear in the torque
+_NEWTON_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01)  # of a step
+_NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-9  # the tolerance: change of a state [rad, rad/s] over one period
+_NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is that of another posture
+
+# A point is the plant's state, ordered as `State`, and the policy's memory; the law maps it to torque and next memory.
+_STATES = len(State._fields)
+_PLANT, _MEMORY = slice(_STATES), slice(_STATES, None)
+_Q_MOTOR, _DQ_MOTOR = slice(JOINTS), slice(_STATES // 2, _STATES // 2 + JOINTS)
+_TORQUE, _NEXT_MEMORY = slice(JOINTS), slice(JOINTS, None)
 
 
-@dataclasses.dataclass(frozen=True)
-class LocalLoop:
-    """The loop of the module's equation at one posture.
+class Linearisable(Predictor, Protocol):
+    """What can be linearised: a `Policy`, or anything with these two methods."""
 
-    Memory that the torque never reads is left out: an integral without a gain would add an eigenvalue of exactly 1,
-    which says nothing about the arm. An integral that is fed back has its eigenvalues elsewhere.
-
-    Attributes:
-        plant: [A B], (n, n + 2).
-        half_plant: [A_h B_h], (n, n + 2).
-        law: [D C; G F], (2 + m, n + m).
-        equilibrium: plant state and whole memory, (n + m or more,).
-        torque: at the equilibrium [N m], (2,).
-    """
-
-    plant: np.ndarray
-    half_plant: np.ndarray
-    law: np.ndarray
-    equilibrium: np.ndarray
-    torque: np.ndarray
-
-    def matrix(self, loop_gain: float = 1.0, delay: float = 0.0) -> np.ndarray:
-        """Return the map of (x, s, u_(k-1), u_(k-2), ...) over one control period, for κ = `loop_gain`, d = `delay`."""
-        if not (math.isfinite(loop_gain) and loop_gain >= 0.0 and math.isfinite(delay) and delay >= 0.0):
-            raise ValueError(f"loop_gain = {loop_gain!r}, delay = {delay!r}; allowed: [0, inf) and 0, 0.5, 1, 1.5, ...")
-        if not float(2.0 * delay).is_integer():
-            raise ValueError(f"delay = {delay!r} is no multiple of half a sample; allowed: 0, 0.5, 1, 1.5, ...")
-        n, columns = len(self.plant), self.law.shape[1]
-        inputs = self.plant.shape[1] - n
-        unit = np.eye(columns + math.ceil(delay) * inputs)
-        law = self.law @ unit[:columns]
-        torques = np.vstack([loop_gain * law[:inputs], unit[columns:]])  # newest first, the last one acts
-        moved = unit[:n]
-        if float(delay).is_integer():
-            moved = self.plant @ np.vstack([moved, torques[-inputs:]])
-        else:  # the last one for half a period, then the one before
-            moved = self.half_plant @ np.vstack([moved, torques[-inputs:]])
-            moved = self.half_plant @ np.vstack([moved, torques[-2 * inputs : -inputs]])
-        return np.vstack([moved, law[inputs:], torques[:-inputs]])
+    def without_dry_friction(self) -> Predictor:
+        """Return the policy for an arm without dry friction."""
+        ...
 
 
 def spectral_radius(
-    policy: Predictor,
+    policy: Linearisable,
     parameters: ArmParameters,
     *,
     control_period: float,
@@ -115,61 +89,39 @@ def spectral_radius(
 
 
 def gain_margin(
-    policy: Predictor,
+    policy: Linearisable,
     parameters: ArmParameters,
     *,
     control_period: float,
     delay: float = 0.0,
     payload: Payload | None = None,
-) -> tuple[float, float]:
-    """Return the loop gains (lower, upper) around κ = 1, common to both motors, with spectral radius below 1 between.
+) -> GainLimits:
+    """Return the loop gains around κ = 1, common to both motors, between which the spectral radius is below 1.
 
     Arguments and exceptions as for `spectral_radius`.
-
-    Returns:
-        The two factors; 0 or inf where there is no limit within `GAIN_SPAN`; (nan, nan) if κ = 1 is unstable.
     """
     return gain_limits(linearise_path(policy, parameters, control_period, payload), delay)
 
 
-def largest_radius(loops: Sequence[LocalLoop], loop_gain: float = 1.0, delay: float = 0.0) -> float:
-    """Return max |λ| over loops, as `spectral_radius` does for those of the path."""
-    # One by one: where a learned law saturates, less of its memory is read, and the matrix is smaller.
-    return max(float(np.abs(np.linalg.eigvals(loop.matrix(loop_gain, delay))).max()) for loop in loops)
-
-
-def gain_limits(loops: Sequence[LocalLoop], delay: float = 0.0) -> tuple[float, float]:
-    """Return the (lower, upper) loop gains between which every loop is stable, as `gain_margin` does for the path."""
-    if largest_radius(loops, 1.0, delay) >= 1.0:
-        return math.nan, math.nan
-    return _edge(loops, delay, 1.0 / GAIN_RATIO, 0.0), _edge(loops, delay, GAIN_RATIO, math.inf)
-
-
 def linearise_path(
-    policy: Predictor, parameters: ArmParameters, control_period: float, payload: Payload | None = None
+    policy: Linearisable, parameters: ArmParameters, control_period: float, payload: Payload | None = None
 ) -> list[LocalLoop]:
     """Return the loops at `POSTURES` instants of the paper's path; exceptions as for `spectral_radius`."""
     reference = JointReference(parameters=parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
-    smooth = _without_dry_friction(policy)  # once: it may be a new design
+    smooth = policy.without_dry_friction()  # once for all postures: it may design an observer anew
     return [_linearise(smooth, parameters, posture, control_period, payload) for posture in postures]
 
 
 def linearise(
-    policy: Predictor,
+    policy: Linearisable,
     parameters: ArmParameters,
     posture: np.ndarray,
     control_period: float,
     payload: Payload | None = None,
 ) -> LocalLoop:
     """Return the loop at its equilibrium for a reference held at `posture` [rad]; exceptions as `spectral_radius`."""
-    return _linearise(_without_dry_friction(policy), parameters, posture, control_period, payload)
-
-
-def _without_dry_friction(policy: Predictor) -> Predictor:
-    """Return the policy for an arm without dry friction, which is the policy itself if it has no model of that."""
-    method: Callable[[], Predictor] | None = getattr(policy, "without_dry_friction", None)
-    return policy if method is None else method()
+    return _linearise(policy.without_dry_friction(), parameters, posture, control_period, payload)
 
 
 def _linearise(
@@ -177,21 +129,23 @@ def _linearise(
 ) -> LocalLoop:
     arm = _FrozenArm(policy, parameters, posture, control_period, payload)
     point = arm.start()
-    for _ in range(NEWTON_STEPS):
+    for _ in range(_NEWTON_STEPS):
         loop, kept = arm.linearise(point)
         matrix, change = loop.matrix(), (arm.advance(point) - point)[kept]
         if not (np.isfinite(matrix).all() and np.isfinite(change).all()):
             raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
-        if np.all(np.abs(change) <= NEWTON_TOLERANCE) and np.all(np.abs(point[:2] - posture) <= NEWTON_REACH):
+        if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and np.all(np.abs(point[_Q_MOTOR] - posture) <= _NEWTON_REACH):
             break
         point = _nearer(arm, point, kept, np.linalg.lstsq(np.eye(len(change)) - matrix, change)[0])
     else:
         raise ValueError(
-            f"no equilibrium within {NEWTON_REACH} rad of posture {posture} rad: are torques clipped, or does the "
+            f"no equilibrium within {_NEWTON_REACH} rad of posture {posture} rad: are torques clipped, or does the "
             "policy not hold still there?"
         )
-    largest, limit = np.abs(loop.torque) + PLANT_STEP * np.abs(loop.law[:2, :8]).max(axis=1), parameters.torque_limit
-    if np.any(largest >= limit):  # a clipped torque has no slope
+    # The torque must stay below its limits within the steps of the differences as well: a clipped torque has no slope.
+    slope = np.abs(loop.law[_TORQUE, _PLANT]).max(axis=1)
+    limit = parameters.torque_limit
+    if np.any(np.abs(loop.torque) + _PLANT_STEP * slope >= limit):
         raise ValueError(f"posture {posture} rad takes {loop.torque} N m of {limit} N m: no linear loop at a limit")
     return loop
 
@@ -206,7 +160,7 @@ def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarr
         return float(np.linalg.norm((arm.advance(at) - at)[kept]))
 
     before = unrest(point)
-    for share in NEWTON_SHARES:
+    for share in _NEWTON_SHARES:
         moved = point.copy()
         moved[kept] += share * step
         if unrest(moved) < before:
@@ -226,51 +180,55 @@ class _FrozenArm:
         payload: Payload | None,
     ) -> None:
         smooth = dataclasses.replace(parameters, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
-        self.policy, self.reference = policy, np.append(posture, np.zeros(4))
+        self.policy, self.reference = policy, np.append(posture, np.zeros(SIZE - START.dq_reference))
         self.arm = np.array(arm_constants(smooth, payload))[:, np.newaxis]
         self.period = control_period
 
     def start(self) -> np.ndarray:
         """Return a first guess: motors and links at the posture, the memory after the first call of an episode."""
-        plant = np.concatenate([self.reference[:2], self.reference[:2], np.zeros(4)])
-        return np.append(plant, self._act(plant[np.newaxis])[0, 2:])
+        posture = self.reference[:JOINTS]
+        plant = np.concatenate([posture, posture, np.zeros(_STATES - 2 * JOINTS)])
+        return np.append(plant, self._act(plant[np.newaxis])[0, _NEXT_MEMORY])
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
         """Return the loop at `point`, and which entries of the point it keeps."""
-        torque, steps = self._act(point[np.newaxis])[0, :2], np.full(8, PLANT_STEP)
-        held, held_steps = np.append(point[:8], torque), np.append(steps, np.full(2, TORQUE_STEP))
+        torque, steps = self._act(point[np.newaxis])[0, _TORQUE], np.full(_STATES, _PLANT_STEP)
+        held, held_steps = np.append(point[_PLANT], torque), np.append(steps, np.full(JOINTS, _TORQUE_STEP))
         plant, half_plant = (
             _differences(partial(self._move, duration), held, held_steps)
             for duration in (self.period, 0.5 * self.period)
         )
-        law = _differences(self._act, point, np.append(steps, MEMORY_STEP * np.maximum(1.0, np.abs(point[8:]))))
+        memory = point[_MEMORY]
+        law = _differences(self._act, point, np.append(steps, _MEMORY_STEP * np.maximum(1.0, np.abs(memory))))
         # Kept: what the torque reads, directly or through other memory. Unread entries have differences of exactly 0.
-        rows = np.append([True, True], np.zeros(len(point) - 8, dtype=bool))
-        for _ in point[8:]:
-            rows[2:] |= np.any(law[rows, 8:] != 0.0, axis=0)
-        kept = np.append(np.ones(8, dtype=bool), rows[2:])
+        rows = np.append(np.ones(JOINTS, dtype=bool), np.zeros(len(memory), dtype=bool))
+        for _ in memory:
+            rows[_NEXT_MEMORY] |= np.any(law[rows, _MEMORY] != 0.0, axis=0)
+        kept = np.append(np.ones(_STATES, dtype=bool), rows[_NEXT_MEMORY])
         return LocalLoop(plant, half_plant, law[np.ix_(rows, kept)], point, torque), kept
 
     def advance(self, point: np.ndarray) -> np.ndarray:
         """Return `point` one control period later."""
         law = self._act(point[np.newaxis])[0]
-        return np.append(self._move(self.period, np.append(point[:8], law[:2])[np.newaxis])[0], law[2:])
+        moved = self._move(self.period, np.append(point[_PLANT], law[_TORQUE])[np.newaxis])[0]
+        return np.append(moved, law[_NEXT_MEMORY])
 
     def _act(self, points: np.ndarray) -> np.ndarray:
         """Return torques and next memory, (lanes, 2 + m); points without memory begin an episode."""
-        observation = np.hstack([points[:, [0, 1, 4, 5]], np.tile(self.reference, (len(points), 1))])
-        memory = points[:, 8:] if points.shape[1] > 8 else None
+        reference = np.tile(self.reference, (len(points), 1))
+        observation = np.hstack([points[:, _Q_MOTOR], points[:, _DQ_MOTOR], reference])
+        memory = points[:, _MEMORY] if points.shape[1] > _STATES else None
         torque, memory = self.policy.predict(observation, state=memory, deterministic=True)
         if torque.dtype != np.float64 or not isinstance(memory, np.ndarray | None):
             raise TypeError(f"torque is {torque.dtype}, state {type(memory).__name__}; needed: float64, array or None")
         return torque if memory is None else np.hstack([torque, memory])
 
     def _move(self, duration: float, plant_and_torque: np.ndarray) -> np.ndarray:
-        """Return the plant states `duration` [s] later, (lanes, 8)."""
-        state, torque = np.split(plant_and_torque.T.copy(), [8])
-        arm = np.tile(self.arm, state.shape[1])
+        """Return the plant states `duration` [s] later, (lanes, states)."""
+        state, torque = np.split(plant_and_torque.T.copy(), [_STATES])
+        arm, no_force = np.tile(self.arm, state.shape[1]), np.zeros((4, state.shape[1]))  # see `hold`
         substeps = whole_substeps(duration, None)
-        hold(state, torque, np.zeros((4, state.shape[1])), arm, duration / substeps, substeps)
+        hold(state, torque, no_force, arm, duration / substeps, substeps)
         return np.transpose(state)
 
 
@@ -278,16 +236,3 @@ def _differences(function: Callable[[np.ndarray], np.ndarray], point: np.ndarray
     """Return the Jacobian of `function` at `point` by central differences, all columns from one batched call."""
     ahead, behind = np.split(function(point + np.vstack([np.diag(steps), -np.diag(steps)])), 2)
     return np.transpose((ahead - behind) / (2.0 * steps[:, np.newaxis]))
-
-
-def _edge(loops: Sequence[LocalLoop], delay: float, ratio: float, unlimited: float) -> float:
-    """Walk from κ = 1 in factors of `ratio` to the first unstable gain and bisect back."""
-    stable, unstable = 1.0, ratio
-    while largest_radius(loops, unstable, delay) < 1.0:
-        stable, unstable = unstable, unstable * ratio
-        if not 1.0 / GAIN_SPAN < unstable < GAIN_SPAN:
-            return unlimited
-    while abs(unstable / stable - 1.0) > GAIN_TOLERANCE:
-        middle = math.sqrt(stable * unstable)
-        stable, unstable = (middle, unstable) if largest_radius(loops, middle, delay) < 1.0 else (stable, middle)
-    return stable

@@ -1,6 +1,7 @@
-"""The table of `fuzzyarm margins`: how far policies are from instability, also where the arm is not as they know it.
+"""The stability margins of `fuzzyarm margins`, also of arms that differ from the one that the policies know.
 
-What is computed is in `fuzzyarm.eval.stability.linearisation`; here are the conditions, the document and its print.
+The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; this module has the conditions, the
+document and the printed table.
 """
 
 from __future__ import annotations
@@ -12,29 +13,36 @@ import shlex
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from fuzzyarm.common.checks import distinct
+from fuzzyarm.common.console import print_paragraphs, print_table
+from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.rollout import Predictor
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.stability.linearisation import (
-    GAIN_SPAN,
-    POSTURES,
-    LocalLoop,
-    gain_limits,
-    largest_radius,
-    linearise_path,
-)
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
+from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies.registry import NAMES, policy_label
-from fuzzyarm.policies.user_code import UserPolicy, find_policy
+from fuzzyarm.policies import NAMES, PolicySpec, resolve_all
+from fuzzyarm.policies.user_code import UserPolicy
+
+__all__ = [
+    "CONDITIONS",
+    "LIMITS",
+    "Condition",
+    "Limit",
+    "MarginsConfig",
+    "margin_cells",
+    "margin_notes",
+    "measure_margins",
+    "policy_margins",
+    "print_margins",
+]
 
 SCHEMA = "fuzzyarm-margins/1"
 CONTROL_PERIOD = 1e-3  # s
@@ -42,7 +50,7 @@ CONTROL_PERIOD = 1e-3  # s
 
 @dataclasses.dataclass(frozen=True)
 class Condition:
-    """How the loop differs from what the policy was made for; the policy is not told.
+    """How the loop differs from the one that the policy was designed for; the policy does not know.
 
     Attributes:
         name: heading in the table and key in the document.
@@ -70,12 +78,28 @@ CONDITIONS = (
     Condition("5 kg payload", payload=Payload(5.0)),
 )
 
+
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """A limit of the loop gain on the nominal arm.
+
+    Attributes:
+        heading: in the table.
+        side: which of the `GainLimits`.
+        delay: extra samples of delay.
+    """
+
+    heading: str
+    side: Literal["lower", "upper"]
+    delay: float = 0.0
+
+
 LIMITS = {
-    "lower": ("loop gain from", 0.0, 0),
-    "upper": ("to", 0.0, 1),
-    "upper_one_sample_later": ("to, one sample later", 1.0, 1),
+    "lower": Limit("loop gain from", "lower"),
+    "upper": Limit("to", "upper"),
+    "upper_one_sample_later": Limit("to, one sample later", "upper", delay=1.0),
 }
-"""Limits of the loop gain on the nominal arm: heading, extra samples of delay, and which of the `gain_limits`."""
+"""By key in the document."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +107,7 @@ class MarginsConfig:
     """What is measured.
 
     Attributes:
-        policies: names as `find_policy` takes them.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
         robot: TOML file of another arm than Table 1, of the plant and of the policies' models.
     """
 
@@ -92,8 +116,7 @@ class MarginsConfig:
 
     def __post_init__(self) -> None:
         """Check the names before anything runs."""
-        if not self.policies or len(set(self.policies)) != len(self.policies):
-            raise ValueError(f"policies = {list(self.policies)} must be one or more different names")
+        distinct("policies", self.policies)
 
     def command(self) -> str:
         """Return the command line of this configuration."""
@@ -105,7 +128,7 @@ class MarginsConfig:
         return shlex.join(words)
 
 
-def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
+def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
     """Measure every policy in every condition and return the document that `fuzzyarm margins --json` prints.
 
     Args:
@@ -113,7 +136,7 @@ def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) 
         progress: called after each policy.
 
     Returns:
-        provenance, ``conditions``, and under ``rows`` for each policy what `measure` returns.
+        provenance, ``conditions``, and under ``rows`` for each policy what `policy_margins` returns.
 
     Raises:
         ValueError: a policy is unknown or does not fit the robot, or the path does not fit it.
@@ -121,18 +144,17 @@ def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) 
     """
     parameters = ArmParameters.from_toml(config.robot) if config.robot else ArmParameters()
     JointReference(parameters=parameters)  # an arm that cannot follow the path is bad usage, not a row of dashes
-    policies = {policy_label(name): _loaded(name, parameters) for name in config.policies}
-    if len(policies) < len(config.policies):
-        raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
+    specs = resolve_all(config.policies, run_code=True)
+    policies = {label: _loaded(spec, parameters) for label, spec in specs.items()}
     rows = []
     for name, policy in policies.items():
-        rows.append({"policy": name, **measure(policy, parameters, policy.control_period)})
+        rows.append({"policy": name, **policy_margins(policy, parameters, policy.control_period)})
         progress()
     return {
         "schema": SCHEMA,
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **provenance(),
+        **current_provenance(),
         "method": {"control_period": CONTROL_PERIOD, "postures": POSTURES, "gain_span": GAIN_SPAN},
         "parameters": parameters.to_dict(),
         "conditions": [dataclasses.asdict(condition) for condition in CONDITIONS],
@@ -140,15 +162,15 @@ def margins(config: MarginsConfig, progress: Callable[[], None] = lambda: None) 
     }
 
 
-def _loaded(name: str, parameters: ArmParameters) -> Policy | UserPolicy:
-    """Return a policy for `CONTROL_PERIOD`, or for the time it holds an action: over that its loop is one map."""
-    policy = find_policy(name, control_period=CONTROL_PERIOD, robot=parameters)
-    period = getattr(policy, "action_period", CONTROL_PERIOD)
-    return policy if period == CONTROL_PERIOD else find_policy(name, control_period=period, robot=parameters)
+def _loaded(spec: PolicySpec, parameters: ArmParameters) -> Policy | UserPolicy:
+    """Return a policy for `CONTROL_PERIOD`, or for its action period: over that time its loop is one map."""
+    policy = spec.load(CONTROL_PERIOD, parameters)
+    period = policy.action_period
+    return policy if period == CONTROL_PERIOD else spec.load(period, parameters)
 
 
-def measure(policy: Predictor, parameters: ArmParameters, control_period: float) -> dict[str, Any]:
-    """Return the margins of a policy that knows the arm `parameters` and acts every `control_period` [s].
+def policy_margins(policy: Linearisable, parameters: ArmParameters, control_period: float) -> dict[str, Any]:
+    """Return the stability margins of a policy that knows the arm `parameters` and acts every `control_period` [s].
 
     Returns:
         ``control_period`` [s], ``spectral_radius`` by name of condition and ``loop_gain`` by key of `LIMITS`; None
@@ -174,22 +196,20 @@ def measure(policy: Predictor, parameters: ArmParameters, control_period: float)
         plant = loops(condition.stiffness, condition.payload)
         return largest_radius(plant, condition.loop_gain, condition.delay)
 
-    def limit(delay: float, side: int) -> float:
-        return _limit(loops(1.0, None), delay, side)
+    def limit(wanted: Limit) -> float:
+        return _limit(loops(1.0, None), wanted)
 
     return {
         "control_period": control_period,
         "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in CONDITIONS},
-        "loop_gain": {
-            key: number_or_reason(key, partial(limit, delay, side)) for key, (_, delay, side) in LIMITS.items()
-        },
+        "loop_gain": {key: number_or_reason(key, partial(limit, wanted)) for key, wanted in LIMITS.items()},
         "reasons": reasons,
     }
 
 
-def _limit(loops: Sequence[LocalLoop], delay: float, side: int) -> float:
-    """Return one of the `gain_limits`; ValueError with the reason if there is none."""
-    limit = gain_limits(loops, delay)[side]
+def _limit(loops: Sequence[LocalLoop], wanted: Limit) -> float:
+    """Return a limit of the loop gain; ValueError with the reason if there is none."""
+    limit = float(getattr(gain_limits(loops, wanted.delay), wanted.side))
     if math.isnan(limit):
         raise ValueError("unstable with its own loop gain")
     if limit in (0.0, math.inf):
@@ -201,7 +221,7 @@ def _limit(loops: Sequence[LocalLoop], delay: float, side: int) -> float:
 
 def margin_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Return the headings and the cells, which are text; a dash where there is no number."""
-    headings = ["policy", *(c.name for c in CONDITIONS), *(heading for heading, _, _ in LIMITS.values())]
+    headings = ["policy", *(c.name for c in CONDITIONS), *(limit.heading for limit in LIMITS.values())]
     cells = [
         [
             row["policy"],
@@ -220,7 +240,7 @@ def _radius_cell(radius: float | None) -> str:
 
 
 def margin_notes(document: dict[str, Any]) -> list[str]:
-    """Return what has to be said below the table, a paragraph each."""
+    """Return the notes below the table, a paragraph each."""
     method = document["method"]
     notes = [
         f"Spectral radius of the loop over one control period of {1e3 * method['control_period']:g} ms, the largest at "
@@ -229,7 +249,7 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
         "A local measurement and not a proof: postures frozen, dry friction removed, deviations small. Each policy "
         "keeps its nominal knowledge.",
     ]
-    headings = {key: heading for key, (heading, _, _) in LIMITS.items()}
+    headings = {key: limit.heading for key, limit in LIMITS.items()}
     for row in document["rows"]:
         if row["control_period"] != method["control_period"]:
             notes.append(f"{row['policy']} acts every {1e3 * row['control_period']:g} ms, which is its period here.")
@@ -241,35 +261,10 @@ def margin_notes(document: dict[str, Any]) -> list[str]:
 
 
 def print_margins(document: dict[str, Any], console: Console) -> None:
-    """Print the table and its notes; in a terminal too narrow for all columns, several tables below each other."""
+    """Print the table and its notes."""
     headings, cells = margin_cells(document["rows"])
-    unlimited = console.options.update(max_width=1000)
-    tables: list[Table] = []
-    shown: list[int] = []
-    for column in range(1, len(headings)):
-        wider = _table(headings, cells, [*shown, column], console.is_terminal)
-        fits = not console.is_terminal or console.measure(wider, options=unlimited).maximum <= console.width
-        if fits and tables:
-            tables[-1], shown = wider, [*shown, column]
-        else:
-            tables, shown = [*tables, _table(headings, cells, [column], console.is_terminal)], [column]
-    for table in tables:
-        console.print(table)
-    for note in margin_notes(document):
-        console.print(f"\n{note}", highlight=False, markup=False)
-
-
-def _table(headings: Sequence[str], cells: Sequence[Sequence[str]], columns: Sequence[int], terminal: bool) -> Table:
-    """Return the table of some columns beside the policies: with lines in a terminal, plain columns when piped."""
-
-    def text(content: str) -> Text:
-        # In a terminal a word a line keeps the columns narrow.
-        return Text(content.replace(" ", "\n") if terminal else content, style="red" if "unstable" in content else "")
-
-    table = Table(box=box.SIMPLE_HEAD if terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column(headings[0], no_wrap=True)
-    for column in columns:
-        table.add_column(text(headings[column]), justify="right", no_wrap=not terminal)
+    table = new_table(headings, console=console)
     for row in cells:
-        table.add_row(Text(row[0]), *(text(row[column]) for column in columns))
-    return table
+        table.add_row(*(Text(cell, style="red" if "unstable" in cell else "") for cell in row))
+    print_table(table, console)
+    print_paragraphs(console, margin_notes(document))

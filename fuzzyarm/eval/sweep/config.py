@@ -1,126 +1,58 @@
-"""What a sweep runs: quantities that differ between plants, distributions of them by name, a grid, and the rest."""
+"""The configuration of a sweep: policies, cases, the arm, the plants drawn around it, and how results are shown."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 import shlex
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fuzzyarm.common.checks import choice, instance, real, whole
+from fuzzyarm.common.documents import record
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES, find_case
-from fuzzyarm.envs.scenario.disturbances import EncoderNoise
-from fuzzyarm.envs.scenario.randomisation import RANDOMISATIONS, DomainRandomisation, Range
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
+from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, Distribution
+from fuzzyarm.eval.sweep.quantities import COLUMNS, QUANTITIES
+from fuzzyarm.policies import resolve
+
+__all__ = ["POLICIES", "SHOWN", "Axis", "QuantityRange", "SweepConfig"]
 
 POLICIES = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")
-"""What is swept if not told otherwise."""
-NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
-"""The encoder noise that the factor ``noise`` is of [rad, rad/s]."""
-LONGEST_DELAY = 100  # control periods
+"""The policies of a sweep if none are named."""
+
+SHOWN = ("bound", "worst", "map")
+"""Fields that decide only how results are shown: they change no episode."""
+
+_MAP = ("stiffness_1", "payload")  # the plane of the heat maps where both vary and no other is asked for
 
 
-class Quantity(NamedTuple):
-    """One that differs between plants: words for an axis, its unit, its nominal value, and whether joints differ."""
-
-    label: str
-    unit: str
-    nominal: float
-    per_joint: bool
-
-
-QUANTITIES = {
-    "mass": Quantity("link mass and inertia", "× nominal", 1.0, True),
-    "motor_inertia": Quantity("motor inertia", "× nominal", 1.0, True),
-    "stiffness": Quantity("joint stiffness", "× nominal", 1.0, True),
-    "damping": Quantity("joint damping", "× nominal", 1.0, True),
-    "dry_friction": Quantity("dry friction", "× nominal", 1.0, True),
-    "viscous_friction": Quantity("viscous friction", "× nominal", 1.0, True),
-    "payload": Quantity("payload beside the case's", "kg", 0.0, False),
-    "force": Quantity("tip force", "× the case's", 1.0, False),
-    "noise": Quantity("encoder noise", f"× ({NOISE.position:g} rad, {NOISE.velocity:g} rad/s)", 0.0, False),
-    "delay": Quantity("control delay", "control periods", 0.0, False),
-}
-COLUMNS = tuple(
-    column for name, one in QUANTITIES.items() for column in ([f"{name}_1", f"{name}_2"] if one.per_joint else [name])
-)
-"""The numbers that make a plant, one per joint where joints differ."""
-
-MAP = ("stiffness_1", "payload")
-"""What heat maps are over where both vary and nothing else is asked for."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Distribution:
-    """Ranges (low, high), each quantity uniform in its own and independent of the others; see `DomainRandomisation`.
+class QuantityRange(NamedTuple):
+    """A range that replaces the distribution's for one quantity.
 
     Attributes:
-        mass, motor_inertia, stiffness, damping, dry_friction, viscous_friction: factors, a draw per joint.
-        payload: mass at the tip beside the case's own [kg].
-        force: factor of the case's tip force.
-        noise: factor of the encoder noise `NOISE`.
-        delay: whole control periods from a command to the motors.
-
-    Raises:
-        ValueError: a range is no pair low <= high, or leaves what is allowed for it.
+        quantity: its name.
+        low: lower end.
+        high: upper end.
     """
 
-    mass: Range = (1.0, 1.0)
-    motor_inertia: Range = (1.0, 1.0)
-    stiffness: Range = (1.0, 1.0)
-    damping: Range = (1.0, 1.0)
-    dry_friction: Range = (1.0, 1.0)
-    viscous_friction: Range = (1.0, 1.0)
-    payload: Range = (0.0, 0.0)
-    force: Range = (1.0, 1.0)
-    noise: Range = (0.0, 0.0)
-    delay: Range = (0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        """Check every range."""
-        self.randomisation()
-        for name, highest in (("noise", 1e6), ("delay", float(LONGEST_DELAY))):
-            low, high = getattr(self, name)
-            if not 0.0 <= low <= high <= highest:
-                raise ValueError(
-                    f"{name} from {low:g} to {high:g} is out of range; allowed: 0 <= low <= high <= {highest:g}"
-                )
-        if any(end != int(end) for end in self.delay):
-            raise ValueError(f"delay from {self.delay[0]:g} to {self.delay[1]:g} must be whole control periods")
-
-    def randomisation(self) -> DomainRandomisation:
-        """Return what the environment draws of it: all but noise and delay."""
-        ranges = {name: getattr(self, name) for name in QUANTITIES if name not in ("noise", "delay")}
-        return DomainRandomisation(**ranges)
-
-    @property
-    def varying(self) -> tuple[str, ...]:
-        """Columns of the plants that differ."""
-        return tuple(column for column in COLUMNS if np.ptp(getattr(self, quantity_of(column))) > 0.0)
-
-
-def _distributions() -> dict[str, Distribution]:
-    drawn = RANDOMISATIONS["plants"](ArmParameters())
-    plants = Distribution(**{name: getattr(drawn, name) for name, quantity in QUANTITIES.items() if quantity.per_joint})
-    loads = dataclasses.replace(plants, payload=(0.0, 5.0), force=(0.5, 1.5))
-    return {
-        "nominal": Distribution(),
-        "plants": plants,
-        "loads": loads,
-        "all": dataclasses.replace(loads, noise=(0.0, 2.0), delay=(0.0, 2.0)),
-    }
-
-
-DISTRIBUTIONS = _distributions()
-"""By name: nothing varies; the environment's ``plants``; those with loads; those with encoder noise and delay."""
+    quantity: str
+    low: float
+    high: float
 
 
 class Axis(NamedTuple):
-    """One axis of a grid: `number` values of a quantity, evenly from `low` to `high`, the same for both joints."""
+    """One axis of a grid: values of a quantity at equal distances, the same for all joints.
 
-    name: str
+    Attributes:
+        quantity: its name.
+        low: the first value.
+        high: the last value.
+        number: number of values, at least 2.
+    """
+
+    quantity: str
     low: float
     high: float
     number: int
@@ -133,33 +65,39 @@ class Axis(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SweepConfig:
-    """What is run, and how its results are looked at.
+    """What is run, and how its results are shown.
 
     Attributes:
-        policies: names, controller files or folders of learned policies.
-        cases: names of cases.
-        plants: how many; with a grid, in each of its cells.
+        policies: policies to run: names, controller files (.json), folders of learned policies, or code of your own as
+            package.module:factory, which must act on batches.
+        cases: named cases to run each plant in.
+        robot: the arm that the plants are drawn around, and that the policies are loaded for.
+        plants: number of plants; with a grid, in each of its cells.
         seed: plant i of the sweep is drawn from seed + i. Sweeps whose seeds are closer than their number of plants
             have plants in common.
-        distribution: one of `DISTRIBUTIONS`.
-        ranges: (quantity, low, high), in place of the distribution's.
-        grid: none or two axes; their quantities are set, the others drawn.
-        chunk: plants in a chunk, the unit that is run by one worker and kept in one file.
-        bound: an episode succeeds if it goes on to the end and its tip error stays below this [mm].
-        worst: how many of the worst plants are kept for replay, of each policy in each case.
-        map: the two columns that the heat maps of a sweep without a grid are over; empty: `MAP`, or the first two
-            that vary.
+        distribution: what the plants are drawn from: nominal, plants, loads (plants with payload and tip force) or all
+            (loads with encoder noise and delay).
+        ranges: draw a quantity uniformly from this range instead of the distribution's; may be repeated.
+        grid: set a quantity to NUMBER values from LOW to HIGH, in all joints alike; given twice, for the two axes of a
+            grid. The other quantities are drawn.
+        chunk: plants in a chunk, which one worker runs and one file holds.
+        bound: an episode succeeds if it lasts to the end with tip errors below this bound [mm].
+        worst: number of worst plants listed for replay, of each policy in each case.
+        map: the two columns, such as payload and stiffness_1, that the heat maps of a sweep without a grid are over
+            (default: stiffness_1 and payload, or the first two that vary).
 
     Raises:
+        TypeError: a value is of the wrong type.
         ValueError: a value is unknown or out of range; the message names the choices.
     """
 
     policies: tuple[str, ...] = POLICIES
-    cases: tuple[str, ...] = tuple(CASES)
+    cases: tuple[str, ...] = PAPER_CASES
+    robot: ArmParameters = dataclasses.field(default_factory=ArmParameters)
     plants: int = 1000
     seed: int = 0
     distribution: str = "loads"
-    ranges: tuple[tuple[str, float, float], ...] = ()
+    ranges: tuple[QuantityRange, ...] = ()
     grid: tuple[Axis, ...] = ()
     chunk: int = 500
     bound: float = 20.0
@@ -167,61 +105,65 @@ class SweepConfig:
     map: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check everything but the policies, which loading checks."""
+        """Check everything but the policies, which are checked when they are loaded."""
         for name in ("policies", "cases"):
             given = getattr(self, name)
             if not given or len(set(given)) != len(given):
                 raise ValueError(f"{name} = {list(given)} must be one or more different names")
         for case in self.cases:
             find_case(case)
+        instance("robot", self.robot, ArmParameters)
         for name, low in (("plants", 1), ("seed", 0), ("chunk", 1), ("worst", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < low:
-                raise ValueError(f"{name} = {value!r} is out of range; allowed: {low}, {low + 1}, {low + 2}, ...")
-        if not (_is_number(self.bound) and self.bound > 0.0):
-            raise ValueError(f"bound = {self.bound!r} mm is out of range; allowed: (0, inf) mm")
-        if self.distribution not in DISTRIBUTIONS:
-            raise ValueError(
-                f"unknown distribution {self.distribution!r}; choose from: {', '.join(DISTRIBUTIONS)}, "
-                "and change its ranges with --range"
-            )
+            whole(name, getattr(self, name), low=low)
+        real("bound", self.bound, "mm", above=0.0)
+        choice("distribution", self.distribution, DISTRIBUTIONS)
+        object.__setattr__(self, "ranges", tuple(QuantityRange(*changed) for changed in self.ranges))
+        object.__setattr__(self, "grid", tuple(Axis(*axis) for axis in self.grid))
+        for name in (*(axis.quantity for axis in self.grid), *(changed.quantity for changed in self.ranges)):
+            choice("quantity", name, QUANTITIES)
         self._check_grid()
-        drawn = self.drawn()
-        if len(self.map) not in (0, 2) or len(set(self.map)) != len(self.map):
-            raise ValueError(f"map = {list(self.map)} must be two different columns, or none")
-        columns = COLUMNS if self.grid else drawn.varying
-        for column in self.map:
-            if column not in columns or self.grid:
-                what = (
-                    "a grid has its own two" if self.grid else f"choose from: {', '.join(columns) or 'nothing varies'}"
-                )
-                raise ValueError(f"map over {column!r}: {what}")
-        if self.total > 1 and not (self.grid or drawn.varying):
-            raise ValueError(f"plants = {self.plants} would repeat one and the same run: nothing varies")
-        if self.grid and self.plants > 1 and not drawn.varying:
-            raise ValueError(f"plants = {self.plants} in each cell would be one and the same: nothing else varies")
+        self._check_map()
+        self._check_variety()
 
     def _check_grid(self) -> None:
-        names = [axis.name for axis in self.grid]
-        for name in [*names, *(name for name, _, _ in self.ranges)]:
-            if name not in QUANTITIES:
-                raise ValueError(f"unknown quantity {name!r}; choose from: {', '.join(QUANTITIES)}")
+        names = [axis.quantity for axis in self.grid]
         if len(names) not in (0, 2) or len(set(names)) != len(names):
             raise ValueError(f"a grid is over two different quantities, not over {', '.join(names)}")
-        for axis in self.grid:
-            if isinstance(axis.number, bool) or not isinstance(axis.number, int) or axis.number < 2:
-                raise ValueError(f"grid over {axis.name}: {axis.number!r} values; allowed: 2, 3, 4, ...")
-            Distribution(**{axis.name: (axis.low, axis.high)})
-            if not axis.low < axis.high:
-                raise ValueError(f"grid over {axis.name} from {axis.low:g} to {axis.high:g}: low must be below high")
-            if axis.name == "delay" and not np.array_equal(axis.values, np.round(axis.values)):
-                raise ValueError(f"grid over delay: {axis.number} values are no whole control periods")
+        for name, low, high, number in self.grid:
+            whole(f"number of values of the grid over {name}", number, low=2)
+            Distribution(**{name: (low, high)})
+            if not low < high:
+                raise ValueError(f"grid over {name} from {low:g} to {high:g}: low must be below high")
+            values = np.linspace(low, high, number)
+            if name == "delay" and not np.array_equal(values, np.round(values)):
+                raise ValueError(f"grid over delay: {number} values are no whole control periods")
+
+    def _check_map(self) -> None:
+        if len(self.map) not in (0, 2) or len(set(self.map)) != len(self.map):
+            raise ValueError(f"map = {list(self.map)} must be two different columns, or none")
+        if self.map and self.grid:
+            raise ValueError(f"map = {list(self.map)}: the heat maps of a grid are over its own two quantities")
+        for column in self.map:
+            choice("map", column, self.drawn().varying or ("nothing varies",))
+
+    def _check_variety(self) -> None:
+        """Refuse a sweep that would run the same plant again and again."""
+        varying = self.drawn().varying
+        if self.total > 1 and not (self.grid or varying):
+            raise ValueError(f"plants = {self.plants} would repeat one and the same run: nothing varies")
+        if self.grid and self.plants > 1 and not varying:
+            raise ValueError(f"plants = {self.plants} in each cell would be one and the same: nothing else varies")
 
     def drawn(self) -> Distribution:
-        """Return what is drawn: the distribution with its ranges changed, and nothing of what the grid sets."""
-        changed = {name: (low, high) for name, low, high in self.ranges}
-        changed |= {axis.name: (QUANTITIES[axis.name].nominal,) * 2 for axis in self.grid}
+        """Return what is drawn: the distribution with the other ranges, and nothing of what the grid sets."""
+        changed = {quantity: (low, high) for quantity, low, high in self.ranges}
+        changed |= {axis.quantity: (QUANTITIES[axis.quantity].nominal,) * 2 for axis in self.grid}
         return dataclasses.replace(DISTRIBUTIONS[self.distribution], **changed)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What the policies are called in tables and figures."""
+        return tuple(resolve(name).label for name in self.policies)
 
     @property
     def cells(self) -> int:
@@ -246,67 +188,51 @@ class SweepConfig:
     def plane(self) -> tuple[str, ...]:
         """The two columns of the heat maps; fewer if fewer vary."""
         if self.grid:
-            return tuple(axis.name if axis.name in COLUMNS else f"{axis.name}_1" for axis in self.grid)
+            # A grid sets all joints to the same value: the first column of the quantity stands for them.
+            quantities = [axis.quantity for axis in self.grid]
+            return tuple(
+                next(column.name for column in COLUMNS.values() if column.quantity == name) for name in quantities
+            )
         varying = self.drawn().varying
-        return self.map or (MAP if set(MAP) <= set(varying) else varying[:2])
+        return self.map or (_MAP if set(_MAP) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as JSON has them."""
-        plain = dataclasses.asdict(self)
-        return {name: _as_lists(value) for name, value in plain.items()}
+        plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: _as_lists(value) for name, value in plain.items()} | {"robot": self.robot.to_dict()}
+
+    @classmethod
+    def of(cls, given: dict[str, Any]) -> SweepConfig:
+        """Return the configuration with some fields given; with a grid, the others vary nothing by default."""
+        defaults: dict[str, Any] = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
+        return cls(**defaults | given)
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> SweepConfig:
         """Return the configuration of `to_dict`; ValueError if a field is unknown, missing or of another type."""
-        known = {field.name for field in dataclasses.fields(cls)}
-        if set(values) != known:
-            raise ValueError(f"fields {', '.join(sorted(set(values) ^ known))} are unknown or missing")
-        given = {name: _as_tuples(value) for name, value in values.items()}
-        try:
-            return cls(**given | {"grid": tuple(Axis(*axis) for axis in given["grid"])})
-        except TypeError as error:
-            raise ValueError(f"a field is of a wrong type: {error}") from None
+        missing = [field.name for field in dataclasses.fields(cls) if field.name not in values]
+        if missing:
+            raise ValueError(f"the fields {', '.join(missing)} are missing")
+        return record(values, cls)
 
     def numbers(self) -> dict[str, Any]:
-        """Return the fields that decide the numbers of the episodes, not only how they are looked at."""
-        return {name: value for name, value in self.to_dict().items() if name not in ("bound", "worst", "map")}
+        """Return the fields that decide the numbers of the episodes: all but `SHOWN`."""
+        return {name: value for name, value in self.to_dict().items() if name not in SHOWN}
 
-    def command(self) -> str:
-        """Return the command line of this configuration."""
+    def command(self) -> str | None:
+        """Return the command line of this configuration; None for another arm than Table 1, which needs a file."""
+        if self.robot != ArmParameters():
+            return None
         words = ["fuzzyarm", "sweep"]
         words += [word for policy in self.policies for word in ("--policy", policy)]
         words += [word for case in self.cases for word in ("--case", case)]
         words += ["--plants", str(self.plants), "--seed", str(self.seed), "--distribution", self.distribution]
-        words += [word for name, low, high in self.ranges for word in ("--range", name, str(low), str(high))]
-        words += [
-            word
-            for axis in self.grid
-            for word in ("--grid", axis.name, str(axis.low), str(axis.high), str(axis.number))
-        ]
+        words += [word for changed in self.ranges for word in ("--range", *map(str, changed))]
+        words += [word for axis in self.grid for word in ("--grid", *map(str, axis))]
         words += ["--chunk", str(self.chunk), "--bound", str(self.bound), "--worst", str(self.worst)]
         words += ["--map", *self.map] if self.map else []
         return shlex.join(words)
 
 
-def quantity_of(column: str) -> str:
-    """Return the quantity that a column of the plants belongs to."""
-    return column if column in QUANTITIES else column[:-2]
-
-
-def column_label(column: str, *, both_joints: bool = False) -> str:
-    """Return words for an axis over a column, with its unit."""
-    quantity = QUANTITIES[quantity_of(column)]
-    joints = "both joints" if both_joints else f"joint {column[-1]}"
-    return f"{quantity.label}{f', {joints}' if quantity.per_joint else ''} [{quantity.unit}]"
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _as_lists(value: Any) -> Any:
     return [_as_lists(one) for one in value] if isinstance(value, tuple) else value
-
-
-def _as_tuples(value: Any) -> Any:
-    return tuple(_as_tuples(one) for one in value) if isinstance(value, list) else value

@@ -1,6 +1,6 @@
 """Pieces of work on many workers: joblib, over processes of this machine or over the tasks of a Ray cluster.
 
-A worker that dies, for want of memory say, loses the pieces it was at, and nothing else: they are run again.
+A worker that dies, out of memory for example, loses only the pieces that it was running: they are run again.
 """
 
 from __future__ import annotations
@@ -8,21 +8,29 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
+import pickle
+import sys
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
-from joblib import Parallel, delayed, parallel_config
+from fuzzyarm.common.checks import choice, whole
+
+__all__ = ["BACKENDS", "TRIES", "Engine", "Report", "WorkersLost"]
 
 Result = TypeVar("Result")
 Report = Callable[[str], None]
+"""Takes a line about something that went wrong and was put right."""
+BACKENDS = ("local", "ray")
+"""Where work can be done: processes of this machine, or tasks of Ray."""
 TRIES = 3
-"""How often a piece of work may lose its worker, or all workers their work, until it is given up."""
+"""How often workers may be lost at a piece of work, or in a row, until it is given up."""
 
 
 class WorkersLost(Exception):
-    """Workers die again and again at the same work; the message says how often."""
+    """Workers die again and again; the message says how often."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,12 +38,14 @@ class Engine:
     """Where the work is done.
 
     Attributes:
-        backend: "local", processes of this machine; or "ray".
-        jobs: number of workers; None: one per core, or all CPUs of the cluster. 1 of the local ones is this process.
-        address: of a Ray cluster, "auto" on one of its machines, or HOST:PORT; None: one is started on this machine.
+        backend: local (processes of this machine) or ray.
+        jobs: number of workers (default: one per core, or all CPUs of the cluster); 1 runs everything in this process.
+        address: address of a Ray cluster: auto on one of its machines, or HOST:PORT (default: Ray is started on this
+            machine).
 
     Raises:
-        ValueError: a value is unknown, out of range or without use.
+        TypeError: a value is of the wrong type.
+        ValueError: a value is unknown, out of range or has no effect.
     """
 
     backend: str = "local"
@@ -44,10 +54,9 @@ class Engine:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if self.backend not in ("local", "ray"):
-            raise ValueError(f"unknown backend {self.backend!r}; choose from: local, ray")
-        if self.jobs is not None and (isinstance(self.jobs, bool) or not isinstance(self.jobs, int) or self.jobs < 1):
-            raise ValueError(f"jobs = {self.jobs!r} is out of range; allowed: 1, 2, 3, ...")
+        choice("backend", self.backend, BACKENDS)
+        if self.jobs is not None:
+            whole("jobs", self.jobs, low=1)
         if self.address is not None and self.backend != "ray":
             raise ValueError(f"address {self.address!r} is of a Ray cluster: use it with --backend ray")
         if self.address is not None and self.address.startswith("ray://"):
@@ -57,30 +66,41 @@ class Engine:
             )
 
     def run(
-        self, work: Callable[[int], Result], numbers: Sequence[int], report: Report = lambda _: None
+        self,
+        work: Callable[[int], Result],
+        numbers: Sequence[int],
+        report: Report = lambda _: None,
+        modules: Sequence[Path] = (),
     ) -> Generator[tuple[int, Result]]:
         """Yield (number, work(number)) for all numbers, in the order in which they are done.
 
         Args:
-            work: what is done; it travels to the workers, which must give the same result whoever does it.
+            work: what is done; it is pickled and sent to the workers, and must give the same result on each.
             numbers: different from each other.
             report: called with a line whenever a worker was lost.
+            modules: package folders and module files of the user's that `work` needs. Workers on this machine import
+                them from where they are; to a Ray cluster they are sent.
 
         Raises:
             WorkersLost: nothing was done between `TRIES` losses of workers, or one piece of work lost as many.
-            ValueError: Ray is not installed, or its cluster is not found.
+            ValueError: Ray is not installed, its cluster is not found, or `work` cannot be pickled.
         """
+        from joblib import Parallel, delayed  # here, as the command line needs no more of this module than its options
+
+        piece = self._piece(work)
         missing, losses = dict.fromkeys(numbers), 0
-        with self._workers(report):
+        with self._workers(report, modules):
             while missing:
-                results = Parallel(
-                    n_jobs=self.jobs or -1, return_as="generator_unordered", batch_size=1, max_nbytes=None
-                )(delayed(_numbered)(work, number) for number in list(missing))
                 try:
-                    for number, result in results:
-                        losses = 0
-                        yield number, result
-                        del missing[number]
+                    # Workers that die early break the executor while work is still being submitted.
+                    results = Parallel(
+                        n_jobs=self.jobs or -1, return_as="generator_unordered", batch_size=1, max_nbytes=None
+                    )(delayed(piece)(number) for number in list(missing))
+                    with _closed(results):
+                        for number, result in results:
+                            losses = 0
+                            yield number, result
+                            del missing[number]
                 except BrokenExecutor:
                     losses += 1
                     if losses == TRIES:
@@ -88,30 +108,69 @@ class Engine:
                             f"workers died {TRIES} times in a row; {len(missing)} chunks are left"
                         ) from None
                     report(f"a worker died; {len(missing)} chunks that are not done yet are run again")
-                finally:
-                    with warnings.catch_warnings():
-                        warnings.simplefilter("ignore", UserWarning)  # "... was not consumed"
-                        results.close()
+
+    def _piece(self, work: Callable[[int], Result]) -> Callable[[int], tuple[int, Result]]:
+        """Return the function that workers call: `work` as it is for this process, otherwise pickled once."""
+        import cloudpickle  # type: ignore[import-untyped]
+
+        if self.jobs == 1:
+            return lambda number: (number, work(number))
+        try:
+            content = cloudpickle.dumps(work)
+        except (AttributeError, TypeError, pickle.PicklingError) as error:
+            raise ValueError(
+                f"the policies cannot be sent to other processes ({error}): use --jobs 1, or make them picklable"
+            ) from None
+        return _Piece(content, tuple(sys.path) if self.backend == "local" else ())
 
     @contextlib.contextmanager
-    def _workers(self, report: Report) -> Iterator[None]:
+    def _workers(self, report: Report, modules: Sequence[Path]) -> Iterator[None]:
         """Choose joblib's backend for what is run within."""
+        from joblib import parallel_config
+
         if self.backend == "local":
             with parallel_config(backend="loky", inner_max_num_threads=1):
                 yield
             return
         if self.address is None:
-            # Read when Ray is imported: without it even a cluster of one machine listens on all its addresses, and
-            # whoever reaches Ray's ports can run programs.
+            # Ray reads this when it is imported. Without it even a cluster of one machine listens on all its
+            # addresses, and everybody who can reach Ray's ports can run programs.
             os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to Ray's makers
         try:
             from fuzzyarm.eval.sweep import ray_backend
         except ModuleNotFoundError as error:
             raise ValueError(f"{error.name} is not installed; pip install 'fuzzyarm[cluster]'") from None
-        with ray_backend.cluster(self.address, self.jobs), parallel_config(backend=ray_backend.NAME, report=report):
+        connected = ray_backend.cluster(self.address, self.jobs, modules)
+        with connected, parallel_config(backend=ray_backend.NAME, report=report):
             yield
 
 
-def _numbered(work: Callable[[int], Result], number: int) -> tuple[int, Result]:
-    return number, work(number)
+@contextlib.contextmanager
+def _closed(results: Generator[Any]) -> Iterator[None]:
+    """Close joblib's results after the block, without its warning that some were not consumed."""
+    try:
+        yield
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()
+
+
+@dataclasses.dataclass(frozen=True)
+class _Piece:
+    """A piece of work as it travels to a worker.
+
+    Attributes:
+        content: the pickled work. It stays pickled until the worker's `paths` are set, as unpickling may import the
+            user's modules; and every piece gets a copy of its own, so that no policy carries memory to the next.
+        paths: folders that the worker imports from, as the process that started the sweep does.
+    """
+
+    content: bytes
+    paths: tuple[str, ...]
+
+    def __call__(self, number: int) -> tuple[int, Any]:
+        """Run the work for a number and return both."""
+        sys.path += [path for path in self.paths if path not in sys.path]
+        return number, pickle.loads(self.content)(number)

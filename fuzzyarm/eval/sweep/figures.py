@@ -1,4 +1,4 @@
-"""Figures of a sweep: for each policy a heat map of the tip error over two quantities, and how the error is spread."""
+"""Figures of a sweep: for each policy a heat map of the tip error over two quantities, and the error's distribution."""
 
 from __future__ import annotations
 
@@ -19,17 +19,20 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.evaluation.figures import DASHES
-from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig, column_label, quantity_of
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.quantities import column_label
+from fuzzyarm.eval.sweep.results import SweepResults
+
+__all__ = ["COLORS", "Cells", "draw_sweep", "write_sweep_figures"]
 
 PLANTS_PER_BIN, MOST_BINS = 12, 20
-COLORS = "viridis_r"  # the same order of lightness for any colour vision, and in grey: dark is bad
+COLORS = "viridis_r"  # ordered by lightness for any colour vision, and in grey: dark is bad
 EMPTY, HATCH = "#FFFFFF", "////"
 FINE, COARSE = 1.0 / 40.0, 5.0
-"""Of the bound of success: errors that are smaller or larger than this have all the same colour."""
-LEFT = 1.0 / 200.0  # of the bound: where the curves begin
+"""Ends of the colour scale, as shares of the bound of success."""
+LEFT = 1.0 / 200.0  # left end of the curves, as a share of the bound
 MARKERS = "os^Dv"
 
 
@@ -40,7 +43,7 @@ class Cells:
     Attributes:
         columns: the two columns of the plants that span it, across and up.
         edges: of the cells along each, (across + 1,) and (up + 1,).
-        places: (n, 2) the cell of each plant, across and up.
+        places: (n, 2) the cell of each plant, a number across and one up.
     """
 
     columns: tuple[str, str]
@@ -49,12 +52,12 @@ class Cells:
 
     @classmethod
     def of(cls, config: SweepConfig, plants: np.ndarray) -> Cells:
-        """Cut the plane of a sweep: a grid as it is, else into bins of about `PLANTS_PER_BIN` plants."""
+        """Cut the plane of a sweep: a grid into its own cells, otherwise into bins of about `PLANTS_PER_BIN` plants."""
         first, second = config.plane
         bins = int(np.clip(np.sqrt(len(plants) / PLANTS_PER_BIN), 2, MOST_BINS))
         edges, places = [], []
         for column in (first, second):
-            values = plants[:, COLUMNS.index(column)]
+            values = plants[column]
             if config.grid or column == "delay":
                 centers = np.unique(values)
                 middles = 0.5 * (centers[1:] + centers[:-1])
@@ -66,7 +69,7 @@ class Cells:
         return cls((first, second), (edges[0], edges[1]), np.stack(places, axis=1))
 
     def medians(self, errors: np.ndarray) -> np.ndarray:
-        """Return the median error of each cell (up, across); inf where half ended early, nan where no plant is."""
+        """Return the median error [mm] of each cell (up, across); inf where half ended early, nan in an empty cell."""
         across, up = (len(edges) - 1 for edges in self.edges)
         flat, order = self.places[:, 1] * across + self.places[:, 0], np.argsort(errors, kind="stable")
         found = np.full(up * across, np.nan)
@@ -78,7 +81,7 @@ class Cells:
 
 def write_sweep_figures(
     config: SweepConfig,
-    results: dict[str, np.ndarray],
+    results: SweepResults,
     rows: Sequence[dict[str, Any]],
     folder: Path,
     progress: Callable[[], None] = lambda: None,
@@ -96,70 +99,53 @@ def write_sweep_figures(
             for ending, metadata in ((".png", {}), (".svg", {"Date": None})):
                 content = io.BytesIO()
                 figure.savefig(content, format=ending[1:], metadata=metadata)
-                paths.append(folder / f"{name}{ending}")
+                # Windows allows no colon in a file's name; the label of the user's own code has one.
+                paths.append(folder / f"{name.replace(':', '-')}{ending}")
                 write_atomically(paths[-1], content.getvalue())
             progress()
     return paths
 
 
-def draw_sweep(
-    config: SweepConfig, results: dict[str, np.ndarray], rows: Sequence[dict[str, Any]]
-) -> dict[str, Figure]:
+def draw_sweep(config: SweepConfig, results: SweepResults, rows: Sequence[dict[str, Any]]) -> dict[str, Figure]:
     """Return the figures by name: ``spread``, and ``map-<policy>`` where two quantities vary.
 
     Args:
         config: what was run.
-        results: of all plants, see `episodes.measure`.
+        results: of all plants.
         rows: of the summary.
     """
-    errors = np.where(results["completed"], results["max_mm"], np.inf)
-    policies = [policy_label(name) for name in config.policies]
-    figures = {"spread": _spread(config, policies, errors, rows)}
+    errors = results.errors
+    figures = {"spread": _spread(config, errors, rows)}
     if len(config.plane) == 2:
-        cells = Cells.of(config, results["plants"])
+        cells = Cells.of(config, results.plants)
         maps = np.array([[cells.medians(one) for one in by_case] for by_case in errors])
         shown = np.clip(maps[np.isfinite(maps)], FINE * config.bound, COARSE * config.bound)
         low, high = (shown.min(), shown.max()) if len(shown) else (FINE, COARSE)
         norm = LogNorm(low, max(high, 1.01 * low))
-        for policy, by_case in zip(policies, maps, strict=True):
+        for policy, by_case in zip(config.labels, maps, strict=True):
             figures[f"map-{policy}"] = _map(config, policy, cells, by_case, norm)
     return figures
 
 
-def _spread(config: SweepConfig, policies: Sequence[str], errors: np.ndarray, rows: Sequence[dict[str, Any]]) -> Figure:
-    """Return the share of plants whose error is at most that on the horizontal axis, a panel for each case."""
+def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, Any]]) -> Figure:
+    """Return the empirical distribution of the error: the share of plants at or below it, a panel for each case."""
     figure = Figure(figsize=(1.0 + 3.1 * max(2, len(config.cases)), 3.7))
     panels = figure.subplots(1, len(config.cases), sharey=True, sharex=True, squeeze=False)[0]
     colors = matplotlib.rcParams["axes.prop_cycle"].by_key()["color"]
+    looks = zip(config.labels, itertools.cycle(colors), itertools.cycle(DASHES), itertools.cycle(MARKERS), strict=False)
     share = 100.0 * np.arange(1, errors.shape[-1] + 1) / errors.shape[-1]
     handles: list[Line2D] = []
-    for axes, c in zip(panels, range(len(config.cases)), strict=True):
+    for by_case, (policy, color, dashes, marker) in zip(errors, looks, strict=True):
+        for axes, case, error in zip(panels, config.cases, by_case, strict=True):
+            axes.step(np.sort(error), share, where="post", color=color, linestyle=dashes)
+            row = next(row for row in rows if (row["policy"], row["case"]) == (policy, case))
+            _draw_intervals(axes, row["max_mm"], color, marker)
+        handles.append(Line2D([], [], color=color, linestyle=dashes, marker=marker, markersize=5, label=policy))
+    for axes, case in zip(panels, config.cases, strict=True):
         axes.axvline(config.bound, color="#333333", linewidth=0.9, zorder=1.5)
-        looks = zip(policies, itertools.cycle(colors), itertools.cycle(DASHES), itertools.cycle(MARKERS), strict=False)
-        for p, (policy, color, dashes, marker) in enumerate(looks):
-            ordered = np.sort(errors[p, c])
-            axes.step(ordered, share, where="post", color=color, linestyle=dashes)
-            row = next(row for row in rows if (row["policy"], row["case"]) == (policy, config.cases[c]))
-            for level, found in row["max_mm"].items():
-                if None not in found.values():
-                    reach = [[found["value"] - found["low"]], [found["high"] - found["value"]]]
-                    axes.errorbar(
-                        found["value"],
-                        100.0 * float(level),
-                        xerr=reach,
-                        color=color,
-                        marker=marker,
-                        markersize=5,
-                        markeredgewidth=1.0,
-                        elinewidth=2.2,
-                        capsize=3.5,
-                        zorder=4.0,
-                    )
-            if c == 0:
-                handles.append(Line2D([], [], color=color, linestyle=dashes, marker=marker, markersize=5, label=policy))
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.set(title=CASES[config.cases[c]].title, xlabel="largest tip error [mm]", ylim=(0.0, 102.0))
+        axes.set(title=find_case(case).title, xlabel="largest tip error [mm]", ylim=(0.0, 102.0))
     panels[0].set_ylabel("share of plants at or below [%]")
     panels[0].set_xlim(left=max(LEFT * config.bound, panels[0].get_xlim()[0]))
     handles.append(Line2D([], [], color="#333333", linewidth=0.9, label=f"bound of success, {config.bound:g} mm"))
@@ -168,21 +154,36 @@ def _spread(config: SweepConfig, policies: Sequence[str], errors: np.ndarray, ro
     return figure
 
 
+def _draw_intervals(axes: Axes, quantiles: dict[str, dict[str, float | None]], color: str, marker: str) -> None:
+    """Draw each quantile with its confidence interval, where all three are numbers."""
+    for level, found in quantiles.items():
+        value, low, high = found["value"], found["low"], found["high"]
+        if value is None or low is None or high is None:
+            continue
+        axes.errorbar(
+            value,
+            100.0 * float(level),
+            xerr=[[value - low], [high - value]],
+            color=color,
+            marker=marker,
+            markersize=5,
+            markeredgewidth=1.0,
+            elinewidth=2.2,
+            capsize=3.5,
+            zorder=4.0,
+        )
+
+
 def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, norm: LogNorm) -> Figure:
-    """Return the plane of a policy, a panel for each case; the colours mean the same for all policies."""
+    """Return the heat map of a policy, a panel for each case; all policies share one scale of colours."""
     figure = Figure(figsize=(1.6 + 2.9 * max(2, len(config.cases)), 3.9))
     panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
+    across, up = (column_label(column, both_joints=bool(config.grid)) for column in cells.columns)
     for axes, case, errors in zip(panels, config.cases, medians, strict=True):
         mesh = _draw_cells(axes, cells, errors, norm)
         _draw_bound(axes, cells, errors, config.bound)
-        axes.set_title(CASES[case].title)
+        axes.set(title=find_case(case).title, xlabel=across.replace(" [", "\n["))
         axes.grid(False)
-    across, up = (
-        column_label(column, both_joints=bool(config.grid)) if quantity_of(column) != column else column_label(column)
-        for column in cells.columns
-    )
-    for axes in panels:
-        axes.set_xlabel(across.replace(" [", "\n["))
     panels[0].set_ylabel(up.replace(" [", "\n["))
     finite = medians[np.isfinite(medians)]
     beyond = bool((finite < norm.vmin).any()), bool((finite > norm.vmax).any())
@@ -194,16 +195,22 @@ def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, no
     bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     bar.ax.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "25" else "")
     figure.suptitle(policy, x=0.01, ha="left", fontsize=10.5)
+    handles = _map_handles(medians, config.bound)
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    return figure
+
+
+def _map_handles(medians: np.ndarray, bound: float) -> list[Any]:
+    """Return the legend of a heat map: only what appears in it."""
     handles: list[Any] = []
-    if (medians < config.bound).any() and (medians > config.bound).any():
-        handles.append(Line2D([], [], color="black", linewidth=1.6, label=f"{config.bound:g} mm, the bound of success"))
+    if (medians < bound).any() and (medians > bound).any():
+        handles.append(Line2D([], [], color="black", linewidth=1.6, label=f"{bound:g} mm, the bound of success"))
     if np.isinf(medians).any():
         handles.append(Patch(facecolor="#BBBBBB", hatch=HATCH, edgecolor="black", label="half or more ended early"))
     if np.isnan(medians).any():
         handles.append(Patch(facecolor=EMPTY, edgecolor="#999999", label="no plant"))
-    if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-    return figure
+    return handles
 
 
 def _draw_cells(axes: Axes, cells: Cells, errors: np.ndarray, norm: LogNorm) -> QuadMesh:
@@ -218,7 +225,7 @@ def _draw_cells(axes: Axes, cells: Cells, errors: np.ndarray, norm: LogNorm) -> 
 
 
 def _draw_bound(axes: Axes, cells: Cells, errors: np.ndarray, bound: float) -> None:
-    """Draw the border between the cells below the bound and those that are not, seen on light and dark."""
+    """Draw the border between the cells below the bound and the others, visible on light and dark cells."""
     above, (across, up) = errors >= bound, cells.edges
     sides: list[Any] = [([across[i + 1]] * 2, up[j : j + 2]) for j, i in np.argwhere(above[:, 1:] != above[:, :-1])]
     sides += [(across[i : i + 2], [up[j + 1]] * 2) for j, i in np.argwhere(above[1:] != above[:-1])]

@@ -1,38 +1,35 @@
 """The plants of a sweep, by number: what each is made of, and the environment that holds some of them in some cases.
 
-Plant i is a function of the configuration and of i alone. What its distribution leaves to chance, the environment
-draws from its own stream for seed + i, and noise and delay follow from another stream of the same seed. So a plant is
-the same whatever chunk it is in, whoever runs it, under every policy and in every case: comparisons are paired.
+Plant i is a function of the configuration and of i alone. The environment draws its domain randomisation from its own
+stream for seed + i; noise and delay come from another stream of the same seed. So a plant is the same whatever chunk
+it is in, whichever worker runs it, under every policy and in every case: comparisons are paired.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from fuzzyarm.envs.batch.randomness import uniform
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
-from fuzzyarm.eval.sweep.config import COLUMNS, NOISE, QUANTITIES, SweepConfig, quantity_of
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE, PLANT, QUANTITIES
+
+__all__ = ["CONTROL_PERIOD", "Plants"]
 
 CONTROL_PERIOD = 1e-3  # s
-FIELDS = {
-    "mass": ("mass", "inertia"),
-    "motor_inertia": ("motor_inertia",),
-    "stiffness": ("stiffness",),
-    "damping": ("damping",),
-    "dry_friction": ("static_friction", "coulomb_friction"),
-    "viscous_friction": ("viscous_friction",),
-}
-"""Fields of `ArmParameters` that a quantity is a factor of, as in `randomisation.varied`."""
-EXTRAS = 1  # names the stream of noise and delay among those of a plant's seed
+_EXTRAS = 1  # names the stream of noise and delay among those of a plant's seed
+_NOISE_WORD, _DELAY_WORD = np.zeros(1, np.uint64), np.ones(1, np.uint64)  # their places in that stream
+
+Values = Mapping[str, float]
+"""Values that the grid sets for one plant, by quantity; the others are drawn."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +39,7 @@ class Plants:
     Attributes:
         config: the sweep.
         members: (n,) their numbers in it.
-        values: (n, 16) what they are made of, by `COLUMNS`.
+        values: (n,) what they are made of, records of `quantities.PLANT`; read-only.
     """
 
     config: SweepConfig
@@ -53,16 +50,25 @@ class Plants:
     def draw(cls, config: SweepConfig, members: Sequence[int]) -> Plants:
         """Return the plants with these numbers."""
         seeds = [config.seed + member for member in members]
-        # The environment draws; asked for here, so that what it draws is known before anything runs.
-        drawn = FuzzyArmVectorEnv(len(seeds), randomisation=config.drawn().randomisation(), threads=1).reset(
-            seed=seeds
-        )[1]
-        randomisation = drawn.get("randomisation", {})
-        columns = [_column(randomisation, column, len(seeds)) for column in COLUMNS]
-        plants = cls(config, members, np.stack(columns, axis=1))
-        plants._draw_extras(seeds)
-        for axis, values in plants._cells().items():
-            plants.values[:, [quantity_of(column) == axis for column in COLUMNS]] = values[:, np.newaxis]
+        # This environment only draws, so that the values are known before any episode is run.
+        drawing = FuzzyArmVectorEnv(
+            len(seeds),
+            parameters=config.robot,
+            reference=JointReference(parameters=config.robot),
+            randomisation=config.drawn().randomisation(),
+            threads=1,
+        )
+        drawn = drawing.reset(seed=seeds)[1].get("randomisation", {})
+        plants = cls(config, members, np.empty(len(seeds), dtype=PLANT))
+        extras, cells = plants._draw_extras(), plants._cells()
+        for name, column in COLUMNS.items():
+            if column.quantity in drawn:
+                values = drawn[column.quantity]
+                plants.values[name] = values if column.joint is None else values[:, column.joint]
+            else:
+                plants.values[name] = extras.get(name, QUANTITIES[column.quantity].nominal)
+            if column.quantity in cells:
+                plants.values[name] = cells[column.quantity]
         plants.values.flags.writeable = False
         return plants
 
@@ -71,35 +77,33 @@ class Plants:
         """Seed of each plant, in the environment too."""
         return [self.config.seed + member for member in self.members]
 
-    def column(self, name: str) -> np.ndarray:
-        """Return one of `COLUMNS` (n,)."""
-        values: np.ndarray = self.values[:, COLUMNS.index(name)]
-        return values
-
     def environment(self, cases: Sequence[str]) -> FuzzyArmVectorEnv:
         """Return the environment of these plants in these cases: plant i in case c is lane c n + i.
 
-        What the grid sets is in each lane's own arm and disturbance; the rest is drawn by `begin`.
+        What the grid sets is in each lane's own arm and disturbance; `begin` draws the rest.
         """
-        arms: dict[tuple[float, ...], ArmParameters] = {}
-        tasks: dict[tuple[str, float, float], Disturbance] = {}
         cells = self._cells()
-        grid = np.stack([*cells.values(), np.zeros(len(self.members))], axis=1)
         noisy = bool(self.config.drawn().noise[1] > 0.0 or "noise" in cells)
-        lane_arms, lane_tasks = [], []
+        # Lanes with equal arms or loads share the object: the environment prepares each object once.
+        arms: dict[tuple[float, ...], ArmParameters] = {}
+        loads: dict[tuple[str, float, float], Disturbance] = {}
+        lane_arms, lane_loads = [], []
         for case in cases:
-            for row in map(dict, (zip(cells, values, strict=False) for values in grid.tolist())):
-                factors = tuple(row.get(name, 1.0) for name in FIELDS)
-                load = case, row.get("payload", 0.0), row.get("force", 1.0)
-                arms[factors] = arms.get(factors) or _arm(factors)
-                tasks[load] = tasks.get(load) or _disturbance(*load, noisy)
+            for i in range(len(self.members)):
+                values = {name: float(column[i]) for name, column in cells.items()}
+                factors = tuple(values.get(name, 1.0) for name, quantity in QUANTITIES.items() if quantity.per_joint)
+                if factors not in arms:
+                    arms[factors] = _arm(self.config.robot, values)
+                load = case, values.get("payload", 0.0), values.get("force", 1.0)
+                if load not in loads:
+                    loads[load] = _disturbance(*load, noisy)
                 lane_arms.append(arms[factors])
-                lane_tasks.append(tasks[load])
+                lane_loads.append(loads[load])
         return FuzzyArmVectorEnv(
             len(lane_arms),
-            disturbance=lane_tasks,
+            disturbance=lane_loads,
             parameters=lane_arms,
-            reference=JointReference(),
+            reference=JointReference(parameters=self.config.robot),
             control_period=CONTROL_PERIOD,
             randomisation=self.config.drawn().randomisation(),
             threads=1,
@@ -107,33 +111,49 @@ class Plants:
 
     def begin(self, envs: FuzzyArmVectorEnv) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Begin the plants' episodes in their `environment`; every arm starts where the nominal one does."""
-        _, at_rest = FuzzyArmVectorEnv(1, threads=1).reset(seed=0)
+        nominal = FuzzyArmVectorEnv(
+            1,
+            parameters=self.config.robot,
+            reference=JointReference(parameters=self.config.robot),
+            threads=1,
+        )
+        _, at_rest = nominal.reset(seed=0)
         start = np.concatenate([at_rest[name][0] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
         cases = envs.num_envs // len(self.members)
         return envs.reset(seed=self.seeds * cases, options={"initial_state": start})
 
-    def _draw_extras(self, seeds: Sequence[int]) -> None:
-        """Fill the columns of noise, uniform, and delay, uniform among whole numbers of periods."""
+    def _draw_extras(self) -> dict[str, np.ndarray]:
+        """Return noise (n,), uniform, and delay (n,), uniform among whole numbers of periods."""
         ranges = self.config.drawn()
-        keys = np.concatenate([np.random.SeedSequence((seed, EXTRAS)).generate_state(1, np.uint64) for seed in seeds])
-        (low, high), (first, last) = ranges.noise, ranges.delay
-        self.values[:, COLUMNS.index("noise")] = low + (high - low) * uniform(keys, np.zeros(1, np.uint64))
-        self.values[:, COLUMNS.index("delay")] = first + np.floor(
-            (last - first + 1.0) * uniform(keys, np.ones(1, np.uint64))
+        keys = np.concatenate(
+            [np.random.SeedSequence((seed, _EXTRAS)).generate_state(1, np.uint64) for seed in self.seeds]
         )
+        (low, high), (first, last) = ranges.noise, ranges.delay
+        return {
+            "noise": low + (high - low) * uniform(keys, _NOISE_WORD),
+            "delay": first + np.floor((last - first + 1.0) * uniform(keys, _DELAY_WORD)),
+        }
 
     def _cells(self) -> dict[str, np.ndarray]:
-        """Return what the grid sets, by quantity (n,): the second axis changes first, then the first."""
+        """Return what the grid sets, by quantity (n,); the second axis varies fastest."""
         if not self.config.grid:
             return {}
         first, second = self.config.grid
         cell = np.asarray(self.members) // self.config.plants
-        return {first.name: first.values[cell // second.number], second.name: second.values[cell % second.number]}
+        return {
+            first.quantity: first.values[cell // second.number],
+            second.quantity: second.values[cell % second.number],
+        }
 
 
 @dataclasses.dataclass(frozen=True)
 class ScaledForce:
-    """A tip force times a factor."""
+    """A tip force times a factor.
+
+    Attributes:
+        force: the tip force.
+        factor: what it is multiplied by.
+    """
 
     force: TipForce
     factor: float
@@ -143,27 +163,21 @@ class ScaledForce:
         return self.factor * self.force.at(time, tip_velocity)
 
 
-def _column(randomisation: dict[str, np.ndarray], column: str, count: int) -> np.ndarray:
-    """Return what the environment drew (count,), or the nominal value where it drew nothing."""
-    name = quantity_of(column)
-    if name not in randomisation:
-        return np.full(count, QUANTITIES[name].nominal)
-    drawn = randomisation[name]
-    return drawn[:, int(column[-1]) - 1] if QUANTITIES[name].per_joint else drawn
-
-
-def _arm(factors: tuple[float, ...]) -> ArmParameters:
-    nominal = ArmParameters()
-    changed: dict[str, Any] = {
-        field: tuple(factor * number for number in getattr(nominal, field))
-        for fields, factor in zip(FIELDS.values(), factors, strict=True)
-        for field in fields
+def _arm(robot: ArmParameters, factors: Values) -> ArmParameters:
+    """Return an arm times the factors; a quantity without one stays as it is."""
+    changed = {
+        field: tuple(factor * number for number in getattr(robot, field))
+        for name, factor in factors.items()
+        for field in QUANTITIES[name].arm_fields
     }
-    return dataclasses.replace(nominal, **changed)
+    return dataclasses.replace(robot, **changed)  # type: ignore[arg-type]
 
 
 def _disturbance(case: str, payload: float, force: float, noisy: bool) -> Disturbance:
-    own = CASES[case].disturbance
+    """Return what acts on the arm in a case with `payload` [kg] more at the tip and `force` times the tip force."""
+    own = find_case(case).disturbance
     tip_force = own.tip_force if own.tip_force is None or force == 1.0 else ScaledForce(own.tip_force, force)
-    load = own.payload if payload == 0.0 else Payload(own.payload.mass + payload)  # the cases' are at the tip too
+    # A payload of the case itself stays where the case puts it, and what is added joins it there.
+    place = own.payload.at if own.payload.mass > 0.0 else "tip"
+    load = own.payload if payload == 0.0 else Payload(own.payload.mass + payload, place)
     return dataclasses.replace(own, tip_force=tip_force, payload=load, encoder_noise=NOISE if noisy else None)

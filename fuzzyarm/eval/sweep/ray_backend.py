@@ -1,8 +1,8 @@
 """A joblib backend over Ray tasks.
 
-Ray's own (`ray.util.joblib`) is a pool of actors: it hands results over all at once at the end, and when a worker
-process dies the rest of its share fails too. A task is one piece of work with a process of its own: when that dies,
-only this piece is run again, while the others go on.
+Ray's own backend (`ray.util.joblib`) is a pool of actors. It returns all results at once at the end, and when a worker
+process dies, the rest of that worker's share fails too. Here each piece of work is a task with a process of its own:
+when the process dies, only this piece is run again, while the others continue.
 """
 
 from __future__ import annotations
@@ -10,29 +10,40 @@ from __future__ import annotations
 import contextlib
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from pathlib import Path
 from typing import Any
 
 import ray
 from joblib import register_parallel_backend
 from joblib._parallel_backends import ParallelBackendBase
-from ray.exceptions import LocalRayletDiedError, NodeDiedError, OutOfMemoryError, WorkerCrashedError
+from ray.exceptions import (
+    LocalRayletDiedError,
+    NodeDiedError,
+    OutOfMemoryError,
+    RayTaskError,
+    RuntimeEnvSetupError,
+    WorkerCrashedError,
+)
 
 from fuzzyarm.eval.sweep.engine import TRIES, WorkersLost
 
+__all__ = ["NAME", "RayTasks", "cluster"]
+
 NAME = "fuzzyarm-ray"
-LOST = (LocalRayletDiedError, NodeDiedError, OutOfMemoryError, WorkerCrashedError)
+"""What joblib knows the backend by."""
+_LOST = (LocalRayletDiedError, NodeDiedError, OutOfMemoryError, WorkerCrashedError)
 
 
 class RayTasks(ParallelBackendBase):
-    """Joblib's side of it: every submitted piece of work is a Ray task."""
+    """The joblib backend: every submitted piece of work is a Ray task."""
 
     supports_retrieve_callback = True
     default_n_jobs = -1
 
     def __init__(self, report: Callable[[str], None] = lambda _: None, **arguments: Any) -> None:
-        """Keep what is told of a lost worker."""
+        """Keep the function that is called with a line when a worker is lost."""
         super().__init__(**arguments)
         self._report, self._tasks = report, set[Any]()
 
@@ -49,8 +60,12 @@ class RayTasks(ParallelBackendBase):
         """Return what a task returned, or raise what it raised."""
         try:
             return out.result()
-        except LOST as error:
+        except _LOST as error:
             raise WorkersLost(f"workers died {TRIES} times at the same chunk ({type(error).__name__})") from None
+        except RayTaskError as error:
+            raise error.cause from None  # the error itself; Ray's own message is a traceback of many lines
+        except RuntimeEnvSetupError as error:
+            raise ValueError(f"Ray cannot send the policies' modules: {str(error).splitlines()[0]}") from None
 
     def abort_everything(self, ensure_ready: bool = True) -> None:
         """Cancel all tasks."""
@@ -69,7 +84,7 @@ class RayTasks(ParallelBackendBase):
         def done(future: Future[Any]) -> None:
             wanted = task in self._tasks
             self._tasks.discard(task)
-            if wanted and tries > 1 and isinstance(future.exception(), LOST):
+            if wanted and tries > 1 and isinstance(future.exception(), _LOST):
                 self._report("a worker died; the chunk it was at is run again")
                 self._start(func, callback, tries - 1)
             else:
@@ -79,24 +94,33 @@ class RayTasks(ParallelBackendBase):
 
 
 @contextlib.contextmanager
-def cluster(address: str | None, jobs: int | None) -> Iterator[None]:
-    """Connect to a cluster, or start one on this machine with `jobs` workers; one that is connected already stays.
+def cluster(address: str | None, jobs: int | None, modules: Sequence[Path] = ()) -> Iterator[None]:
+    """Connect to a cluster, or start one on this machine, for the duration of the block.
+
+    A cluster that this process is connected to already is used as it is, and stays connected; it must know `modules`.
+
+    Args:
+        address: of the cluster; None starts one on this machine.
+        jobs: number of workers of the one that is started.
+        modules: package folders and module files that Ray sends to the workers.
 
     Raises:
-        ValueError: no cluster answers at the address.
+        ValueError: no cluster answers at the address, or the modules cannot be sent.
     """
     if ray.is_initialized():
         yield
         return
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
-    # What Ray has to say of a lost worker it prints to standard output, which is for results.
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
+    if modules:
+        options["runtime_env"] = {"py_modules": [str(module) for module in modules]}
+    # Ray prints its messages about lost workers to standard output, which is for results.
     with contextlib.redirect_stdout(sys.stderr):
         if address is None:
-            ray.init(num_cpus=jobs, include_dashboard=False, **quiet)
+            ray.init(num_cpus=jobs, include_dashboard=False, **options)
         else:
             _reach(address)
             try:
-                ray.init(address=address, **quiet)
+                ray.init(address=address, **options)
             except (ConnectionError, RuntimeError, ValueError) as error:
                 raise ValueError(
                     f"no Ray cluster at {address!r}: {str(error).splitlines()[0]}; if it has a token, "
@@ -109,7 +133,7 @@ def cluster(address: str | None, jobs: int | None) -> Iterator[None]:
 
 
 def _reach(address: str) -> None:
-    """See that something answers at HOST:PORT: Ray itself would try for minutes, and then exit."""
+    """Check that something answers at HOST:PORT: Ray itself would try for minutes, and then exit the process."""
     host, _, port = address.rpartition(":")
     if not port.isdigit():
         return

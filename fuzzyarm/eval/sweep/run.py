@@ -1,81 +1,157 @@
-"""Run what a sweep's folder has not got yet, chunk by chunk."""
+"""A sweep from its beginning to its summary: begun or resumed in a folder, run, summarised, and replayed."""
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import os
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+import dataclasses
+import io
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fuzzyarm.eval.episodes.rollout import Predictor
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.sweep.chunks import load_policies, run_missing
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.episodes import measure
-from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
-from fuzzyarm.eval.sweep.store import Store, difference, made_with
-from fuzzyarm.policies import load_policy
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.eval.sweep.engine import Engine, Report
+from fuzzyarm.eval.sweep.episodes import replay
+from fuzzyarm.eval.sweep.store import Store
+from fuzzyarm.eval.sweep.summary import summarise
+from fuzzyarm.eval.sweep.table import summary_csv
+from fuzzyarm.fuzzy_policy.policy import Predictor
+
+__all__ = ["EPISODES", "SUMMARY", "TABLE", "Replay", "Summary", "Sweep"]
+
+EPISODES, SUMMARY, TABLE = "episodes.npz", "sweep.json", "sweep.csv"  # files that a finished sweep adds
+_EPISODE = "episode.npz"  # of one plant
 
 
-class Chunk(NamedTuple):
-    """What a worker returns: the arrays of `episodes.measure`, its process, and what it computed them with."""
+@dataclasses.dataclass(frozen=True)
+class Summary:
+    """The outcome of a finished sweep.
 
-    arrays: dict[str, np.ndarray]
-    process: int
-    made_with: dict[str, str]
-
-
-def load_policies(config: SweepConfig) -> dict[str, Predictor]:
-    """Return the policies by label.
-
-    Raises:
-        ValueError: one is unknown or damaged, or two have the same label.
-        OSError: a file cannot be read.
+    Attributes:
+        document: what ``sweep.json`` holds, see `summary.summarise`.
+        paths: all files that were written.
     """
-    policies: dict[str, Predictor] = {
-        policy_label(name): load_policy(name, control_period=CONTROL_PERIOD) for name in config.policies
-    }
-    if len(policies) < len(config.policies):
-        raise ValueError(f"policies {', '.join(config.policies)}: two of them have the same name; rename a file")
-    return policies
+
+    document: dict[str, Any]
+    paths: list[Path]
 
 
-def run_chunk(config: SweepConfig, policies: Mapping[str, Predictor], number: int) -> Chunk:
-    """Run a chunk in this process."""
-    return Chunk(measure(config, policies, config.members(number)), os.getpid(), made_with())
+@dataclasses.dataclass(frozen=True)
+class Replay:
+    """One plant run again.
+
+    Attributes:
+        rollout: its signals.
+        folder: where they were written, with their figures.
+    """
+
+    rollout: Rollout
+    folder: Path
 
 
-def run_missing(
-    store: Store,
-    policies: Mapping[str, Predictor],
-    engine: Engine,
-    progress: Callable[[int, Chunk], None] = lambda number, chunk: None,
-    report: Callable[[str], None] = lambda text: None,
-) -> None:
-    """Run the chunks that the folder has not got, and write each as soon as it is there.
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """A sweep in its folder, with its policies loaded.
 
-    Args:
+    Attributes:
         store: the folder.
-        policies: by label; they travel to the workers, who need none of their files.
-        engine: where it is run.
-        progress: called after each chunk is written.
-        report: called with a line when something went wrong that is put right.
-
-    Raises:
-        ValueError: a chunk in the folder is broken, or a worker has other versions than this process.
-        engine.WorkersLost: workers die again and again.
-        OSError: a chunk cannot be written.
+        policies: by label.
     """
-    work = functools.partial(run_chunk, store.config, policies)
-    with contextlib.closing(engine.run(work, store.missing(), report)) as chunks:
-        for number, chunk in chunks:
-            if found := difference(chunk.made_with, made_with()):
-                raise ValueError(
-                    f"a worker has other versions than this process ({found}): install the same on all, "
-                    "and change no source while it runs"
-                )
-            store.save(number, chunk.arrays)
-            progress(number, chunk)
+
+    store: Store
+    policies: dict[str, Predictor]
+
+    @classmethod
+    def begin(cls, folder: Path, config: SweepConfig) -> Sweep:
+        """Begin a sweep in a folder that holds none.
+
+        Raises:
+            ValueError: there is a sweep already, or a policy is unknown, damaged or made for another robot; then
+                nothing is left behind.
+            OSError: a file cannot be read or written.
+        """
+        store = Store.create(folder, config)
+        try:
+            return cls(store, load_policies(store))
+        except BaseException:
+            store.take_back()
+            raise
+
+    @classmethod
+    def resume(cls, folder: Path, given: Mapping[str, Any] | None = None) -> Sweep:
+        """Go on with the sweep of a folder; arguments and errors as for `Store.open`."""
+        store = Store.open(folder, given)
+        return cls(store, load_policies(store))
+
+    def run(self, engine: Engine, report: Report = lambda text: None) -> Iterator[int]:
+        """Run the chunks that are missing, each kept as soon as it is done, and yield the number of its plants.
+
+        Args:
+            engine: what runs them.
+            report: called with a line when a worker was lost, whose chunk is repeated.
+
+        Raises:
+            ValueError, OSError, engine.WorkersLost: see `chunks.run_missing`.
+        """
+        for number, _ in run_missing(self.store, self.policies, engine, report):
+            yield len(self.store.config.members(number))
+
+    @property
+    def remaining(self) -> int:
+        """Number of plants that are still to be run; ValueError if a chunk in the folder is broken."""
+        return sum(len(self.store.config.members(number)) for number in self.store.missing())
+
+    def summarise(self, progress: Callable[[], None] = lambda: None) -> Summary:
+        """Write the summary, the table, all episodes and the figures of a sweep whose chunks are all done.
+
+        Args:
+            progress: called after each figure.
+
+        Raises:
+            ValueError: a chunk is missing or broken.
+            OSError: a file cannot be written.
+        """
+        # Imported here, as in `replay_plant`: Matplotlib takes a second to load.
+        from fuzzyarm.eval.sweep.figures import write_sweep_figures
+
+        config, folder = self.store.config, self.store.folder
+        results = self.store.load_all()
+        document = summarise(config, results)
+        write_atomically(folder / EPISODES, _compressed(results.arrays()))
+        write_atomically(folder / TABLE, summary_csv(document["rows"]))
+        write_atomically(folder / SUMMARY, json.dumps(document, indent=1) + "\n")
+        figures = write_sweep_figures(config, results, document["rows"], folder, progress)
+        return Summary(document, [folder / SUMMARY, folder / TABLE, folder / EPISODES, *figures])
+
+    def replay_plant(self, policy: str, case: str, plant: int) -> Replay:
+        """Run one plant again and write its signals and figures to a folder of their own.
+
+        Args:
+            policy: label of the policy.
+            case: name of the case.
+            plant: its number in the sweep.
+
+        Raises:
+            ValueError: the sweep has no such plant, policy or case.
+            OSError: a file cannot be written.
+        """
+        from fuzzyarm.eval.evaluation.figures import write_figures
+
+        rollout = replay(self.store.config, self.policies, plant, policy, case)
+        folder = self.store.folder / f"replay-{policy.replace(':', '-')}-{case}-{plant}"
+        folder.mkdir(exist_ok=True)
+        write_atomically(folder / _EPISODE, _compressed(dataclasses.asdict(rollout)))
+        write_figures([rollout], folder)
+        return Replay(rollout, folder)
+
+
+def _compressed(arrays: dict[str, Any]) -> bytes:
+    """Return arrays as the content of an ``.npz`` file."""
+    content = io.BytesIO()
+    np.savez_compressed(content, allow_pickle=False, **arrays)
+    return content.getvalue()

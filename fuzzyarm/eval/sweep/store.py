@@ -1,180 +1,205 @@
 """The folder of a sweep: what is run, the chunks that are done, and from which code and versions they came.
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Every file carries the
-digest of the identity: of the configuration's numbers, the policies' files, the code and the versions. Chunks of
-another identity are never mixed in.
+digest of the sweep's identity (`identity.identity`). Chunks of another identity are never mixed in.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
-import hashlib
 import io
 import json
-import platform
 import zipfile
 import zlib
-from collections.abc import Iterable
-from importlib.metadata import version
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import fuzzyarm
+from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig
-from fuzzyarm.eval.sweep.episodes import MEASURES
-from fuzzyarm.policies.registry import policy_label
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
+from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, identity
+from fuzzyarm.eval.sweep.results import METRICS, SweepResults
+from fuzzyarm.policies import Kind, PolicySpec, resolve, resolve_all
 
-SCHEMA = "fuzzyarm-sweep/1"
-RUN, CHUNKS = "run.json", "chunks"
-_HERE = [f"eval/sweep/{name}.py" for name in ("config", "plants", "episodes")]
-SOURCES = ("envs", "fuzzy_policy", "learned_policy", "policies.py", *_HERE)
-"""Where the code and the data are that decide the numbers, below the package."""
+__all__ = ["RUN", "SCHEMA", "Store"]
 
-
-@functools.cache
-def made_with() -> dict[str, str]:
-    """Return the versions, and a digest of the sources, that this process computes with."""
-    root = Path(fuzzyarm.__file__).parent
-    versions = {name: version(name) for name in ("fuzzyarm", "numpy", "numba")}
-    return {"python": platform.python_version(), **versions, "code": _digest_of(root / name for name in SOURCES)}
-
-
-def difference(one: dict[str, Any], other: dict[str, Any]) -> str:
-    """Return in words in which entries two mappings differ; empty if they do not."""
-    keys = [key for key in {**one, **other} if one.get(key) != other.get(key)]
-    return ", ".join(f"{key} {_short(one.get(key))} and {_short(other.get(key))}" for key in keys)
+SCHEMA = "fuzzyarm-sweep/2"  # of the file of a sweep that tells what is run
+RUN = "run.json"  # its name
+_CHUNKS = "chunks"
 
 
 @dataclasses.dataclass(frozen=True)
 class Store:
-    """A sweep's folder, `folder`, of the configuration `config` and the identity with the hash `digest`."""
+    """The folder of a sweep.
+
+    Attributes:
+        folder: where it is.
+        config: of the sweep.
+        specs: its policies by label; those that are the user's code may run it.
+        digest: of its identity.
+    """
 
     folder: Path
     config: SweepConfig
+    specs: dict[str, PolicySpec]
     digest: str
 
     @classmethod
     def create(cls, folder: Path, config: SweepConfig) -> Store:
-        """Begin a sweep in a folder that holds none; it is made if needed.
+        """Begin a sweep in a folder that holds none; the folder is made if needed.
+
+        Policies of the form ``package.module:factory`` are imported: the caller vouches for the configuration.
 
         Raises:
-            ValueError: there is a sweep already.
-            OSError: the folder cannot be written to.
+            ValueError: there is a sweep already, or a policy is damaged, or two have the same label.
+            OSError: the folder cannot be written to, or a policy's file cannot be read.
         """
-        if (folder / RUN).exists() or (folder / CHUNKS).exists():
+        if (folder / RUN).exists() or (folder / _CHUNKS).exists():
             raise ValueError(f"{folder} holds a sweep already: go on with it with --resume, or choose another --out")
-        identity = _identity(config)
-        store = cls(folder, config, _hash(identity))
-        document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict(), **identity}
-        (folder / CHUNKS).mkdir(parents=True)
+        specs = resolve_all(config.policies, run_code=True)
+        found = identity(config, specs)
+        store = cls(folder, config, specs, digest_of_identity(found))
+        document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict(), **found}
+        (folder / _CHUNKS).mkdir(parents=True)
         write_atomically(folder / RUN, json.dumps(document | {"digest": store.digest}, indent=1) + "\n")
         return store
 
     @classmethod
-    def open(cls, folder: Path, **looked_at: Any) -> Store:
-        """Return the sweep of a folder, to go on with; `looked_at` changes its bound, worst or map.
+    def open(cls, folder: Path, given: Mapping[str, Any] | None = None) -> Store:
+        """Return the sweep of a folder, to go on with.
+
+        Args:
+            folder: of the sweep.
+            given: fields of the configuration that the user has repeated. Those of `config.SHOWN` replace what the
+                folder says; the others must be the same. The user's own code that the folder names is run only if
+                ``policies`` names it too, alone or with all the other policies.
 
         Raises:
-            ValueError: there is none, its file is broken, or it was begun with other code, versions or policies.
+            ValueError: there is no sweep; its file is broken or of another format; it was begun with another
+                configuration, code, version or policy file; or it names code that the user has not named.
+            OSError: a file cannot be read.
         """
         path = folder / RUN
         if not path.is_file():
             raise ValueError(f"{folder} holds no sweep to go on with: {RUN} is missing; begin one without --resume")
-        try:
-            document = json.loads(path.read_text(encoding="utf-8"))
-            schema, given, digest = document["schema"], document["config"], document["digest"]
-            config = SweepConfig.from_dict(given)
-            then = {name: document[name] for name in ("numbers", "policies", "made_with")}
-        except (KeyError, TypeError, ValueError) as error:  # what JSON and Unicode errors are too
-            raise ValueError(f"{path} is broken ({_line(error)}): begin anew in another folder") from None
-        if schema != SCHEMA or digest != _hash(then) or then["numbers"] != config.numbers():
-            raise ValueError(f"{path} is of another version or was changed: begin anew in another folder")
-        now = _identity(config)
+        config, then, digest = _read_run(path)
+        given = dict(given or {})
+        named = given.pop("policies", ())
+        _check_policies(path, config, named)
+        shown = {name: given.pop(name) for name in SHOWN if name in given}
+        for name, value in given.items():
+            _check_same(folder, name, getattr(config, name), value)
+        config = dataclasses.replace(config, **shown)
+        specs = {
+            label: resolve(spec.name, run_code=spec.name in named)
+            for label, spec in resolve_all(config.policies).items()
+        }
+        now = identity(config, specs)
         for name, what in (("made_with", "versions"), ("policies", "policy files")):
             if found := difference(then[name], now[name]):
                 raise ValueError(
                     f"{folder} was begun with other {what} than there are now ({found}), and results are not mixed: "
                     "begin anew in another folder"
                 )
-        return cls(folder, dataclasses.replace(config, **looked_at), digest)
+        return cls(folder, config, specs, digest)
 
     def take_back(self) -> None:
         """Undo `create`, unless there are chunks already."""
-        if not any((self.folder / CHUNKS).iterdir()):
-            (self.folder / CHUNKS).rmdir()
+        if not any((self.folder / _CHUNKS).iterdir()):
+            (self.folder / _CHUNKS).rmdir()
             (self.folder / RUN).unlink()
 
     def missing(self) -> list[int]:
-        """Return the chunks that are to be run; ValueError if one that is there is broken or of another sweep."""
+        """Return the chunks that are still to be run; ValueError if one that exists is broken or of another sweep."""
         return [number for number in range(self.config.chunks) if self.load(number) is None]
 
-    def save(self, number: int, arrays: dict[str, np.ndarray]) -> None:
+    def save(self, number: int, results: SweepResults) -> None:
         """Write a chunk, whole or not at all."""
         content = io.BytesIO()
-        np.savez(content, allow_pickle=False, digest=np.array(self.digest), **arrays)
+        np.savez(content, allow_pickle=False, digest=np.array(self.digest), **results.arrays())
         write_atomically(self._path(number), content.getvalue())
 
-    def load(self, number: int) -> dict[str, np.ndarray] | None:
-        """Return a chunk's arrays, see `episodes.measure`; None if it is not there, ValueError if it is broken."""
+    def load(self, number: int) -> SweepResults | None:
+        """Return a chunk; None if it has not been run, ValueError if its file is broken."""
         path = self._path(number)
         if not path.exists():
             return None
         try:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-                digest, arrays = str(file["digest"]), {name: file[name] for name in ("plants", *MEASURES)}
+                digest = str(file["digest"])
+                results = SweepResults(**{name: file[name] for name in ("plants", *METRICS)})
         except (EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error) as error:
             raise ValueError(f"{path} is broken ({_line(error)}): delete it, and --resume runs it again") from None
         if digest != self.digest:
             raise ValueError(
                 f"{path} is of another sweep than {self.folder / RUN}: delete it, and --resume runs it again"
             )
-        members = len(self.config.members(number))
-        shape = len(self.config.policies), len(self.config.cases), members
-        if arrays["plants"].shape != (members, len(COLUMNS)) or any(arrays[name].shape != shape for name in MEASURES):
+        if not results.fits(len(self.config.policies), len(self.config.cases), len(self.config.members(number))):
             raise ValueError(f"{path} is broken (its size is wrong): delete it, and --resume runs it again")
-        return arrays
+        return results
 
-    def load_all(self) -> dict[str, np.ndarray]:
-        """Return the whole sweep's arrays; all chunks must be there."""
-        chunks = [self.load(number) or {} for number in range(self.config.chunks)]
-        last = {"plants": 0} | dict.fromkeys(MEASURES, -1)
-        return {name: np.concatenate([chunk[name] for chunk in chunks], axis=axis) for name, axis in last.items()}
+    def load_all(self) -> SweepResults:
+        """Return the results of the whole sweep; ValueError if a chunk is missing."""
+        chunks = [self.load(number) for number in range(self.config.chunks)]
+        done = [chunk for chunk in chunks if chunk is not None]
+        if len(done) < len(chunks):
+            raise ValueError(f"{self.folder} lacks {len(chunks) - len(done)} chunks: --resume runs them")
+        return SweepResults.joined(done)
 
     def _path(self, number: int) -> Path:
-        return self.folder / CHUNKS / f"{number:06d}.npz"
+        return self.folder / _CHUNKS / f"{number:06d}.npz"
 
 
-def _identity(config: SweepConfig) -> dict[str, Any]:
-    """Return everything that the numbers depend on."""
-    paths = {
-        policy_label(name): Path(name.removesuffix("-tip") if ".json" in name else name) for name in config.policies
-    }
-    policies = {label: _digest_of([path]) if path.exists() else "named" for label, path in paths.items()}
-    return {"numbers": config.numbers(), "policies": policies, "made_with": made_with()}
+def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
+    """Return the configuration, the identity and its digest from ``run.json``."""
+    try:
+        content = read_json(path)
+    except DocumentError as error:  # it names the file
+        raise ValueError(f"{error}; begin anew in another folder") from None
+    try:
+        document = check_schema(content, SCHEMA)
+        config, digest = SweepConfig.from_dict(document["config"]), document["digest"]
+        then = {name: document[name] for name in ("numbers", "policies", "made_with")}
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} cannot be used ({_line(error)}): begin anew in another folder") from None
+    if digest != digest_of_identity(then) or then["numbers"] != config.numbers():
+        raise ValueError(f"{path} was changed after the sweep began: begin anew in another folder")
+    return config, then, digest
 
 
-def _digest_of(paths: Iterable[Path]) -> str:
-    """Return a hash of files, and of all files below folders, but for what Python and Numba cache."""
-    digest = hashlib.sha256()
-    for path in paths:
-        files = [path] if path.is_file() else sorted(path.rglob("*"))
-        for file in files:
-            if file.is_file() and "__pycache__" not in file.parts:
-                digest.update(file.relative_to(path.parent).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()
+def _check_same(folder: Path, name: str, kept: Any, value: Any) -> None:
+    """Check that the user has repeated a field of the configuration as the folder has it."""
+    if value == kept:
+        return
+    if isinstance(kept, ArmParameters):
+        raise ValueError(
+            f"{folder} holds a sweep of another robot ({difference(kept.to_dict(), value.to_dict())}): choose another "
+            "--out"
+        )
+    raise ValueError(f"{folder} holds a sweep with {name} = {kept}, not {value}: choose another --out")
 
 
-def _hash(document: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
-
-
-def _short(value: Any) -> str:
-    return str(value)[:12]
+def _check_policies(path: Path, config: SweepConfig, named: Sequence[str]) -> None:
+    """Check that the user has named all code that would be run, and no policy that is not in the sweep."""
+    code = [name for name in config.policies if resolve(name).kind is Kind.CODE]
+    unnamed = [name for name in code if name not in named]
+    if unnamed:
+        flags = " ".join(f"--policy {name}" for name in unnamed)
+        raise ValueError(
+            f"{path} names code that is not part of fuzzyarm, which a file alone does not get run; if you trust it, "
+            f"add {flags}"
+        )
+    if named and tuple(named) != config.policies and set(named) != set(code):
+        raise ValueError(
+            f"{path.parent} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
+            "choose another --out"
+        )
 
 
 def _line(error: Exception) -> str:
+    """Return the message of an error in one line."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -1,14 +1,15 @@
-"""What the numbers of a sweep come to: success rates and quantiles with their intervals, and the worst plants.
+"""The statistics of a sweep: success rates and quantiles with confidence intervals, and the worst plants.
 
-An episode that ended early counts as one whose tip error is beyond every bound. The quantile p of n errors is the
-smallest of them that a share p does not exceed: one of the errors, so that "beyond every bound" may be it.
+An episode that ended early counts as one whose tip error is larger than any bound. The p-quantile of n errors is the
+smallest error that at least n p of the errors do not exceed. It is one of the errors, and may be that of an episode
+that ended early.
 
-Intervals are of 95 % and speak of the distribution that the plants were drawn from (for a grid: of plants taken from
-it at random). Those of quantiles are percentile bootstraps. A resample's quantile is one of the errors, the one with
-some rank r, and how r is distributed does not depend on the errors: `scipy.stats.bootstrap` resamples the ranks once,
-for all policies, cases and measures. Beyond the largest error such an interval cannot go: that of the 99 % quantile
-covers it in 80 % of sweeps with 300 plants, in 92 % with 1000, and in 95 % from 3000 on. A success rate has Wilson's
-interval: where all plants succeed each resample does too, and a bootstrap would claim certainty.
+Confidence intervals are of 95 % and refer to the distribution that the plants were drawn from (for a grid: to plants
+chosen from it at random). Those of quantiles are percentile bootstraps. A resample's quantile is one of the errors, at
+some rank r, and the distribution of r does not depend on the errors: `scipy.stats.bootstrap` resamples the ranks once,
+for all policies, cases and metrics. Such an interval cannot exceed the largest error. Therefore the interval of the
+99 % quantile covers it in only 80 % of sweeps with 300 plants, in 92 % with 1000, and in 95 % from 3000 on. A success
+rate has Wilson's interval: where all plants succeed, every resample does too, and a bootstrap would claim certainty.
 """
 
 from __future__ import annotations
@@ -21,40 +22,43 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
-from fuzzyarm.eval.provenance import provenance
-from fuzzyarm.eval.sweep.config import COLUMNS, NOISE, SweepConfig
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE
+from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.store import SCHEMA
-from fuzzyarm.policies.registry import policy_label
 
-QUANTILES = (0.5, 0.9, 0.99)
+__all__ = ["QUANTILES", "quantile_ranks", "quantiles", "summarise", "worst"]
+
+QUANTILES = (0.5, 0.9, 0.99)  # of the errors over the plants
 LEVEL = 0.95
 RESAMPLES = 2000
-SEED = 0  # of the resampling: the same numbers give the same interval
+SEED = 0  # of the resampling: the same errors give the same interval
 Number = float | None
+"""A number of the summary; None stands for an error larger than any bound, or for a missing interval."""
 
 
-def summarise(config: SweepConfig, results: dict[str, np.ndarray]) -> dict[str, Any]:
+def summarise(config: SweepConfig, results: SweepResults) -> dict[str, Any]:
     """Return the document that `fuzzyarm sweep --json` prints.
 
     Args:
         config: what was run.
-        results: of all plants, see `episodes.measure`.
+        results: of all plants.
 
     Returns:
-        provenance, the configuration and under ``rows`` for each policy in each case ``success`` and, by measure and
-        quantile, ``max_mm`` and ``rms_mm``, all as value and interval, and ``worst``. None is "beyond every bound",
-        or, in an interval, that there is none: of a single plant.
+        Provenance, the configuration, and ``rows``: for each policy in each case ``success``, the quantiles of
+        ``max_mm`` and ``rms_mm`` by level, all as value and interval, and ``worst``. A value of None is larger than
+        any bound; an interval of a single plant is None.
     """
     rows = []
-    for p, policy in enumerate(map(policy_label, config.policies)):
+    for p, policy in enumerate(config.labels):
         for c, case in enumerate(config.cases):
-            episodes = {name: values[p, c] for name, values in results.items() if name != "plants"}
-            rows.append({"policy": policy, "case": case, **_row(config, episodes, results["plants"])})
+            rows.append({"policy": policy, "case": case, **_row(config, results.episodes(p, c))})
     return {
         "schema": SCHEMA,
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        **provenance(),
+        **current_provenance(),
         "config": config.to_dict(),
         "method": {
             "plants": config.total,
@@ -67,37 +71,42 @@ def summarise(config: SweepConfig, results: dict[str, np.ndarray]) -> dict[str, 
     }
 
 
-def _row(config: SweepConfig, episodes: dict[str, np.ndarray], plants: np.ndarray) -> dict[str, Any]:
-    completed, largest = episodes["completed"], episodes["max_mm"]
-    count, total = int(np.count_nonzero(completed & (largest < config.bound))), len(completed)
+def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
+    """Return the statistics of one policy in one case."""
+    count = int(np.count_nonzero(episodes.errors < config.bound))
+    total = len(episodes.completed)
     wilson = binomtest(count, total).proportion_ci(LEVEL, method="wilson")
     return {
         "success": {"value": count / total, "low": float(wilson.low), "high": float(wilson.high)},
-        "ended_early": int(total - np.count_nonzero(completed)),
-        **{name: quantiles(np.where(completed, episodes[name], np.inf)) for name in ("max_mm", "rms_mm")},
+        "ended_early": int(total - np.count_nonzero(episodes.completed)),
+        "max_mm": quantiles(episodes.errors),
+        "rms_mm": quantiles(np.where(episodes.completed, episodes.rms_mm, np.inf)),
         "worst": [
             {
                 "plant": int(plant),
                 "seed": int(config.seed + plant),
-                "completed": bool(completed[plant]),
-                "seconds": float(episodes["seconds"][plant]),
-                "max_mm": float(largest[plant]),
-                "rms_mm": float(episodes["rms_mm"][plant]),
-                "parameters": dict(zip(COLUMNS, plants[plant].tolist(), strict=True)),
+                "completed": bool(episodes.completed[plant]),
+                "seconds": float(episodes.seconds[plant]),
+                "max_mm": float(episodes.max_mm[plant]),
+                "rms_mm": float(episodes.rms_mm[plant]),
+                "parameters": {name: float(episodes.plants[plant][name]) for name in COLUMNS},
             }
             for plant in worst(episodes, config.worst)
         ],
     }
 
 
-def worst(episodes: dict[str, np.ndarray], count: int) -> np.ndarray:
-    """Return the numbers of the worst plants: those that ended early, the earliest first, then the largest errors."""
-    order = np.lexsort((-episodes["max_mm"], np.where(episodes["completed"], np.inf, episodes["seconds"])))
-    return order[:count]
+def worst(episodes: SweepResults, count: int) -> np.ndarray:
+    """Return the numbers (count,) of the worst plants of one policy in one case.
+
+    Plants whose episode ended early come first, the earliest end first; then the others by falling error.
+    """
+    ended = np.where(episodes.completed, np.inf, episodes.seconds)
+    return np.lexsort((-episodes.max_mm, ended))[:count]
 
 
 def quantiles(values: np.ndarray) -> dict[str, dict[str, Number]]:
-    """Return `QUANTILES` of values (n,), inf among them, with their intervals."""
+    """Return `QUANTILES` of values (n,), of which some may be inf, with their confidence intervals."""
     ordered = np.sort(values)
     ranks, low, high = quantile_ranks(len(values))
     found = {}
@@ -113,7 +122,10 @@ def quantiles(values: np.ndarray) -> dict[str, dict[str, Number]]:
 
 @functools.cache
 def quantile_ranks(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ranks (0 is the smallest) of `QUANTILES` among `count` values, and of the ends of their intervals."""
+    """Return the ranks of `QUANTILES` among `count` values, and of both ends of their intervals; 0 is the smallest.
+
+    Each is an array of the shape of `QUANTILES`.
+    """
     ranks = np.array([math.ceil(p * count - 1e-9) - 1 for p in QUANTILES])
     if count == 1:
         return ranks, ranks, ranks

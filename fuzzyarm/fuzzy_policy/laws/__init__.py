@@ -1,1 +1,1 @@
-"""Control laws that are not learned, as policies."""
+"""Fixed control laws as policies; those that are trained are in `fuzzyarm.learned_policy`."""

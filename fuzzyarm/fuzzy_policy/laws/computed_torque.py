@@ -1,28 +1,30 @@
-"""Computed torque on the rigid model, the classical opponent of the fuzzy policy.
+"""Computed torque on the rigid model, the classical alternative to the fuzzy policy.
 
     u = M(q) (q̈_d - 3ω ė - 3ω² e - ω³ x_I) + C(q, q̇) q̇ + g(q) + f_v q̇,      e = q_a - q_d,   x_I = ∫ e dt,
 
-M with the motor inertias, motor-side measurement: on the rigid arm a triple pole at -ω. Same information, integral
-action and torque limits as the fuzzy policy.
+M with the motor inertias, measured on the motor side: on the rigid arm a triple pole at -ω. The law has the same
+information, integral action and torque limits as the fuzzy policy.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from fuzzyarm.common.checks import real
+from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.policy import Policy
+
+__all__ = ["BANDWIDTH", "ComputedTorquePolicy"]
 
 BANDWIDTH = 70.0
 """Default ω [rad/s]."""
 
 
 class ComputedTorquePolicy(Policy):
-    """Computed torque with integral; see the module for the law."""
+    """Computed torque with integral action; the law is in the module's docstring."""
 
     def __init__(
         self,
@@ -30,11 +32,19 @@ class ComputedTorquePolicy(Policy):
         control_period: float = 1e-3,
         bandwidth: float = BANDWIDTH,
     ) -> None:
-        """Keep the robot, the control period [s] and ω [rad/s]."""
+        """Prepare the law.
+
+        Args:
+            parameters: the arm, as the controller knows it; default Table 1.
+            control_period: T, time between two calls [s].
+            bandwidth: ω [rad/s].
+
+        Raises:
+            TypeError: a number is none.
+            ValueError: the control period or the bandwidth is not positive.
+        """
         super().__init__(parameters or ArmParameters(), control_period)
-        if not (math.isfinite(bandwidth) and bandwidth > 0.0):
-            raise ValueError(f"bandwidth = {bandwidth!r} rad/s is out of range; allowed: (0, inf) rad/s")
-        self.bandwidth = bandwidth
+        self.bandwidth = real("bandwidth", bandwidth, "rad/s", above=0.0)
         self._arm = arm_constants(self.parameters)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
@@ -51,23 +61,25 @@ def _computed_torque(
     bandwidth: float,
     period: float,
 ) -> None:
-    """Evaluate the law for every lane."""
+    """Evaluate the law for every lane and advance its integral."""
+    o, viscous = observed(observation), (arm.viscous1, arm.viscous2)
     for lane in range(len(observation)):
-        o = observation[lane]
-        wanted1 = o[8] - bandwidth * (
-            3.0 * (o[2] - o[6]) + bandwidth * (3.0 * (o[0] - o[4]) + bandwidth * integral[lane, 0])
+        for joint in range(JOINTS):
+            error = o.q_motor[lane, joint] - o.q_reference[lane, joint]
+            error_rate = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
+            feedback = 3.0 * error_rate + bandwidth * (3.0 * error + bandwidth * integral[lane, joint])
+            # The acceleration that is asked for stands where the torque will be.
+            torque[lane, joint] = o.ddq_reference[lane, joint] - bandwidth * feedback
+            integral[lane, joint] += period * error
+        wanted1, wanted2 = torque[lane, 0], torque[lane, 1]
+        q1, q2, dq1, dq2 = o.q_motor[lane, 0], o.q_motor[lane, 1], o.dq_motor[lane, 0], o.dq_motor[lane, 1]
+        m11, m12, m22 = mass_matrix(np.cos(q2), arm)
+        rigid = (
+            (m11 + arm.motor_inertia1) * wanted1 + m12 * wanted2,
+            m12 * wanted1 + (m22 + arm.motor_inertia2) * wanted2,
         )
-        wanted2 = o[9] - bandwidth * (
-            3.0 * (o[3] - o[7]) + bandwidth * (3.0 * (o[1] - o[5]) + bandwidth * integral[lane, 1])
-        )
-        m11, m12, m22 = mass_matrix(np.cos(o[1]), arm)
-        coriolis1, coriolis2 = coriolis_torque(np.sin(o[1]), o[2], o[3], arm)
-        gravity1, gravity2 = gravity_torque(np.sin(o[0]), np.sin(o[0] + o[1]), arm)
-        torque[lane, 0] = (
-            (m11 + arm.motor_inertia1) * wanted1 + m12 * wanted2 + coriolis1 + gravity1 + arm.viscous1 * o[2]
-        )
-        torque[lane, 1] = (
-            m12 * wanted1 + (m22 + arm.motor_inertia2) * wanted2 + coriolis2 + gravity2 + arm.viscous2 * o[3]
-        )
-        integral[lane, 0] += period * (o[0] - o[4])
-        integral[lane, 1] += period * (o[1] - o[5])
+        coriolis = coriolis_torque(np.sin(q2), dq1, dq2, arm)
+        gravity = gravity_torque(np.sin(q1), np.sin(q1 + q2), arm)
+        for joint in range(JOINTS):
+            smooth = rigid[joint] + coriolis[joint] + gravity[joint]
+            torque[lane, joint] = smooth + viscous[joint] * o.dq_motor[lane, joint]

@@ -9,32 +9,49 @@ L_ik r = -A_pi[3:4, :] (q_d, q̇_d) + E_pk[3:4, 3:4] q̈_d, which cancels A_ph x
 from __future__ import annotations
 
 import numpy as np
+from numba.extending import register_jitable
 
+from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, controller_certificate
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, INTEGRAL, POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.ts_model import PREMISES
+
+__all__ = ["FuzzyPolicy"]
 
 
 class FuzzyPolicy(Policy):
-    """The controller of a file as a policy; see the module for the law."""
+    """The law of a controller file as a policy; it is in the module's docstring.
+
+    Attributes:
+        controller: the content of the file.
+    """
 
     def __init__(self, controller: Controller, control_period: float = 1e-3) -> None:
-        """Lay the controller out for the compiled law."""
+        """Lay the controller out for the compiled law, at a control period T [s]."""
         super().__init__(controller.model.parameters, control_period)
         self.controller = controller
-        model, arm = controller.model, arm_constants(controller.model.parameters)
-        # Without the integral its gain is zero: one law for both.
-        gains = np.zeros((*controller.gains.shape[:3], 6))
-        gains[..., : controller.gains.shape[3]] = controller.gains
+        model, n_e = controller.model, controller.gains.shape[-1]
+        arm = arm_constants(model.parameters)
+        # Without the integral its gain is zero, so that one law serves both.
+        gains = np.zeros((*controller.gains.shape[:-1], ERROR_STATES))
+        gains[..., :n_e] = controller.gains
         self._arguments = (
             gains,
             np.ascontiguousarray(controller.feedforward_gains),
             np.array(model.kept_in_A, dtype=np.int64),
             model.bounds,
-            np.array([arm.c2, arm.c4, arm.c5]),
-            control_period,
+            *(arm.c2, arm.c4, arm.c5),  # not the whole record, which takes as long to hand over as the law itself
+            self.control_period,
         )
+
+    def certificate(self, reference: JointReference) -> PolicyCertificate:
+        """Return what is proven of the controller, which is the same for every reference."""
+        return controller_certificate(self.controller)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate (12), see `Policy`."""
@@ -50,45 +67,64 @@ def _fuzzy_law(
     feedforward: np.ndarray,
     kept_in_A: np.ndarray,
     bounds: np.ndarray,
-    constants: np.ndarray,
+    c2: float,
+    c4: float,
+    c5: float,
     period: float,
 ) -> None:
-    """Evaluate the law for every lane; see `FuzzyPolicy` for the arrays' meaning."""
-    omega, error = np.empty(5), np.empty(6)
+    """Evaluate the law for every lane and advance its integral.
+
+    Args:
+        observation: (lanes, 10).
+        integral: x_I (lanes, 2) [rad s].
+        torque: (lanes, 2), becomes u [N m].
+        gains: K̄ = [K H], (N, N_e, 2, 6).
+        feedforward: L, (N, N_e, 2, 6).
+        kept_in_A: indices of the premises that blend A.
+        bounds: of the premises, (5, 2).
+        c2: inertia of (3) [kg m²].
+        c4: gravity torque of (3) [N m].
+        c5: likewise.
+        period: T [s].
+    """
+    o, reference = observed(observation), observation[:, REFERENCE]
+    omega, error = np.empty(len(PREMISES)), np.empty(ERROR_STATES)
+    e, de, x_I = error[POSITION], error[VELOCITY], error[INTEGRAL]
     for lane in range(len(observation)):
-        o = observation[lane]
-        # Premises (6) at the measured motor angles, and ω_i1, the weight of the max vertex.
-        sinc12 = _sinc(o[0] + o[1])
-        sin2 = np.sin(o[1])
-        omega[0] = np.cos(o[1])
-        omega[1] = -constants[1] * _sinc(o[0]) - constants[2] * sinc12
-        omega[2] = -constants[2] * sinc12
-        omega[3] = constants[0] * o[3] * sin2
-        omega[4] = -constants[0] * o[2] * sin2
-        for index in range(5):
-            span = bounds[index, 1] - bounds[index, 0]
-            omega[index] = min(max((omega[index] - bounds[index, 0]) / span, 0.0), 1.0)
-        for joint in range(4):
-            error[joint] = o[joint] - o[4 + joint]
-        error[4], error[5] = integral[lane, 0], integral[lane, 1]
+        q1, q2, dq1, dq2 = o.q_motor[lane, 0], o.q_motor[lane, 1], o.dq_motor[lane, 0], o.dq_motor[lane, 1]
+        # The premises (6) at the measured motor angles, as `premises` has them.
+        sinc12, sin2 = _sinc(q1 + q2), np.sin(q2)
+        z = (np.cos(q2), -c4 * _sinc(q1) - c5 * sinc12, -c5 * sinc12, c2 * dq2 * sin2, -c2 * dq1 * sin2)
+        for index in range(len(omega)):  # the weight of the vertex at the premise's maximum
+            low, high = bounds[index, 0], bounds[index, 1]
+            omega[index] = min(max((z[index] - low) / (high - low), 0.0), 1.0)
+        for joint in range(JOINTS):
+            e[joint] = o.q_motor[lane, joint] - o.q_reference[lane, joint]
+            de[joint] = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
+            x_I[joint] = integral[lane, joint]
         torque1, torque2 = 0.0, 0.0
         for i in range(gains.shape[0]):
             h = 1.0
             for position in range(len(kept_in_A)):
-                weight = omega[kept_in_A[position]]
-                h *= weight if (i >> position) & 1 else 1.0 - weight
+                h *= _weight(omega[kept_in_A[position]], (i >> position) & 1)
             for k in range(gains.shape[1]):
-                v = 1.0 if gains.shape[1] == 1 else (omega[0] if k == 1 else 1.0 - omega[0])
-                for entry in range(6):
-                    feedback, forward = error[entry], o[4 + entry]
-                    torque1 += h * v * (gains[i, k, 0, entry] * feedback + feedforward[i, k, 0, entry] * forward)
-                    torque2 += h * v * (gains[i, k, 1, entry] * feedback + feedforward[i, k, 1, entry] * forward)
+                hv = h if gains.shape[1] == 1 else h * _weight(omega[0], k)  # z1 alone blends E
+                for entry in range(ERROR_STATES):
+                    back, forward = error[entry], reference[lane, entry]
+                    torque1 += hv * (gains[i, k, 0, entry] * back + feedforward[i, k, 0, entry] * forward)
+                    torque2 += hv * (gains[i, k, 1, entry] * back + feedforward[i, k, 1, entry] * forward)
         torque[lane, 0], torque[lane, 1] = torque1, torque2
-        integral[lane, 0] += period * error[0]
-        integral[lane, 1] += period * error[1]
+        for joint in range(JOINTS):
+            integral[lane, joint] += period * e[joint]
 
 
-@kernel
+@register_jitable
+def _weight(omega: float, at_maximum: int) -> float:
+    """Return ω for a vertex at the premise's maximum, 1 - ω for one at its minimum."""
+    return omega if at_maximum else 1.0 - omega
+
+
+@register_jitable
 def _sinc(angle: float) -> float:
     """Return sin(x)/x, 1 at x = 0."""
     return 1.0 if angle == 0.0 else np.sin(angle) / angle

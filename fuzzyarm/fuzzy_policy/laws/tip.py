@@ -1,28 +1,43 @@
-"""Any fixed law, told to bring the tip rather than the motors to the reference.
+"""Any fixed law, with a reference that brings the tip rather than the motors to the path.
 
-The law tracks θ_d of `elastic_target` in place of q_d, and its own feedforward, which is what it answers at zero error,
-makes way for u_ff:
+The law tracks θ_d of `elastic_target` in place of q_d. Its own feedforward, which is what it answers at zero error, is
+replaced by u_ff:
 
     u = law(q_a, q̇_a, x_I; θ_d, θ̇_d, θ̈_d) - law(θ_d, θ̇_d, 0; θ_d, θ̇_d, θ̈_d) + u_ff.
 
 For the fuzzy law that is K_hv e + H_hv x_I + (L(z) - L(z_d)) r + u_ff, with e, x_I and r of θ_d, and L at the measured
-and at the wanted premises: what L cancels for the kept premises it still cancels. θ_d is as good a reference as q_d, so
-the certificate keeps its words, with other contents of d, see `tip_statement`.
+and at the wanted premises: L still cancels what it cancels for the kept premises. θ_d is a twice differentiable
+reference like q_d, so the inequalities of the certificate hold for it, too; d then holds other torques, see
+`tip_statement`.
 """
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS, MEASURED, REFERENCE, START
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
+
+__all__ = ["TipPolicy", "tip_statement"]
+
+DESIRED = slice(START.q_reference, START.dq_reference + JOINTS)  # (q_d, q̇_d) in an observation, as `MEASURED` is (q, q̇)
 
 
 class TipPolicy(Policy):
-    """A fixed law that tracks θ_d; see the module. Its memory is that of the law and that of `ElasticTarget`."""
+    """A fixed law that tracks θ_d; see the module's docstring. It remembers what the law does, then `ElasticTarget`.
+
+    Attributes:
+        law: the policy that is told to track θ_d.
+        friction: whether the feedforward holds the dry friction.
+        average: whether the feedforward is that of the middle of the coming hold.
+    """
 
     def __init__(self, law: Policy, *, friction: bool = True, average: bool = True) -> None:
         """Wrap a law.
@@ -41,18 +56,37 @@ class TipPolicy(Policy):
         """Return this policy for an arm without dry friction: nothing to feed forward."""
         return TipPolicy(self.law, friction=False, average=self.average)
 
+    def certificate(self, reference: JointReference) -> PolicyCertificate | None:
+        """Return what is proven of the law, for the error from θ_d; None where its proof is of the reference alone."""
+        law = self.law.certificate(reference)
+        if law is None or not law.any_reference:
+            return None
+        bounds = law.bounds if _motors_stay_in_box(reference) else None
+        text = f"{law.text} {tip_statement(reference)}"
+        return dataclasses.replace(law, text=text, bounds=bounds, any_reference=False)
+
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
-        own = self.law.memory_size
+        law_memory, target_memory = memory[:, : self.law.memory_size], memory[:, self.law.memory_size :]
         seen, resting = np.empty_like(observation), np.empty_like(observation)
         own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
-        self._target.advance(observation, memory[:, own:], seen[:, 4:], feedforward)
-        seen[:, :4] = observation[:, :4]
-        resting[:, 4:] = seen[:, 4:]
-        resting[:, :4] = seen[:, 4:8]
-        self.law.act(resting, np.zeros((len(memory), own)), own_feedforward)
-        self.law.act(seen, memory[:, :own], torque)
+        self._target.advance(observation, target_memory, seen[:, REFERENCE], feedforward)
+        seen[:, MEASURED] = observation[:, MEASURED]
+        # What the law answers where the motors are on θ_d and its memory is empty: its own feedforward.
+        resting[:, REFERENCE] = seen[:, REFERENCE]
+        resting[:, MEASURED] = seen[:, DESIRED]
+        self.law.act(resting, np.zeros(law_memory.shape), own_feedforward)
+        self.law.act(seen, law_memory, torque)
         torque += feedforward - own_feedforward
+
+
+def _motors_stay_in_box(reference: JointReference) -> bool:
+    """Return whether θ_d of a reference stays in the box; otherwise the certificate is void."""
+    try:
+        ElasticReference(reference)
+    except ValueError:
+        return False
+    return True
 
 
 def tip_statement(reference: JointReference) -> str:

@@ -11,7 +11,10 @@ from typing import Any
 
 import numpy as np
 
+__all__ = ["Block", "he", "identity", "symmetric", "zeros"]
+
 Block = Callable[[list[list[Any]]], Any]
+"""Puts a matrix together from rows of blocks."""
 
 
 def he(matrix: Any) -> Any:
@@ -20,12 +23,12 @@ def he(matrix: Any) -> Any:
 
 
 def zeros(rows: int, columns: int) -> np.ndarray:
-    """Return an integer zero block."""
+    """Return a zero block (rows, columns) of whole numbers."""
     return np.zeros((rows, columns), dtype=int)
 
 
 def identity(size: int) -> np.ndarray:
-    """Return an integer identity block."""
+    """Return an identity block (size, size) of whole numbers."""
     return np.eye(size, dtype=int)
 
 

@@ -1,4 +1,4 @@
-"""What a controller file claims, proven anew from its stored gains in exact rational arithmetic."""
+"""The claims of a controller file, proven anew from its stored gains in exact rational arithmetic."""
 
 from __future__ import annotations
 
@@ -7,35 +7,43 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
 from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
-from fuzzyarm.fuzzy_policy.proof.exact import exact, is_positive_definite, rational, smallest_eigenvalue
+from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import statement
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
+from fuzzyarm.fuzzy_policy.states import PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
-NOT_COVERED = (
-    "Not covered: the elastic joints, sampling and hold, measurement noise, torque limits, and any motion that leaves "
-    "the box; those are measured, not proven."
-)
+__all__ = ["Certificate", "Claim", "certify", "exact_vertices", "residual_bound"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """One matrix inequality: its name, whether it is proven, and its margin.
+    """One matrix inequality and the outcome of its proof.
 
-    The margin is the smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in
-    floating point: how far from failing, no part of the proof.
+    Attributes:
+        name: the inequality, as in "Psi_1,2,1 + Psi_2,1,1 < 0".
+        proven: whether it is proven in exact arithmetic.
+        proof_margin: smallest eigenvalue of the matrix that has to be positive definite, scaled to unit diagonal, in
+            floating point. It tells how far the inequality is from failing and is no part of the proof.
     """
 
     name: str
     proven: bool
-    margin: float
+    proof_margin: float
 
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """The outcome of `certify`: every inequality, and what they prove together, in words."""
+    """The outcome of `certify`.
+
+    Attributes:
+        claims: every inequality.
+        statement: what they prove together, in words.
+    """
 
     claims: tuple[Claim, ...]
     statement: str
@@ -46,9 +54,9 @@ class Certificate:
         return all(claim.proven for claim in self.claims)
 
     @property
-    def margin(self) -> float:
-        """The smallest margin."""
-        return min(claim.margin for claim in self.claims)
+    def proof_margin(self) -> float:
+        """The smallest proof margin of all inequalities, a number without unit."""
+        return min(claim.proof_margin for claim in self.claims)
 
 
 def certify(controller: Controller, progress: Callable[[], None] | None = None) -> Certificate:
@@ -72,12 +80,12 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
 
     families = {"Psi": psi}
     if controller.fastest_pole is not None:
-        beta = rational(controller.fastest_pole)
+        fastest_pole = rational(controller.fastest_pole)
         pole_Q, pole_X, pole_tau = (exact(getattr(controller, name)) for name in POLE_ARRAYS)
 
         def phi(i: int, j: int, k: int, position: int) -> np.ndarray:
             slack = {"Q": pole_Q[position], "X": pole_X[position], "tau": pole_tau[position, k]}
-            return np.asarray(consistent_reference.phi(data, i, k, beta=beta, P=P, M=M[j, k], **slack))
+            return np.asarray(consistent_reference.phi(data, i, k, fastest_pole=fastest_pole, P=P, M=M[j, k], **slack))
 
         families["Phi"] = phi
 
@@ -106,44 +114,12 @@ def exact_vertices(controller: Controller) -> Vertices:
     if controller.weight is None:
         return plain
     A_r, B_r = reference_model()
-    Q_inverse = exact(np.zeros((4, 4)))
+    Q_inverse = exact(np.zeros((PLANT_STATES, PLANT_STATES)))
     for entry, value in enumerate(controller.weight):
         Q_inverse[entry, entry] = 1 / rational(float(value))
     return TrackingVertices(
         plain.E, plain.A, plain.B, plain.integral, terms, exact(A_r), exact(B_r), Q_inverse=Q_inverse
     )
-
-
-def statement(controller: Controller) -> str:
-    """Return what the certificate proves and what it does not, with the numbers of this controller."""
-    p, model = controller.model.parameters, controller.model
-    box = (
-        f"For the rigid arm in continuous time, as long as |q| <= ({p.joint_limit[0]:.6g}, {p.joint_limit[1]:.6g}) rad "
-        f"and |dq/dt| <= ({p.velocity_limit[0]:g}, {p.velocity_limit[1]:g}) rad/s, and for every twice differentiable "
-        f"reference: "
-    )
-    if controller.form == "paper":
-        claim = (
-            "with V over error and reference model, dV/dt + e'Qe - gamma^2 w'w + 2 alpha V < 0, w = (d, r): both decay "
-            f"at least as exp(-{controller.alpha:g} t) where w vanishes, and from zero initial conditions the L2 gain "
-            f"from w to Q^(1/2) e is at most {controller.gamma:.3g}. d is friction, tip forces and payload "
-            "as joint torques. "
-        )
-        return box + claim + NOT_COVERED
-    dropped = [u.premise for u in model.uncertainties]
-    residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
-    alpha, beta, strip = controller.alpha, controller.fastest_pole, ""
-    if beta is not None:
-        strip = (
-            f" and no faster than exp(-{beta:g} t), so that the poles of the loop frozen at any such state have real "
-            f"parts between -{beta:g} and -{alpha:g} 1/s"
-        )
-    claim = (
-        f"without disturbance the tracking error decays at least as exp(-{alpha:g} t){strip}, and from zero error the "
-        f"L2 gain from the disturbance torque d to the position error is at most {controller.gamma:.3g} rad/(N m). "
-        f"d holds friction, tip forces and payload as joint torques{residual}. "
-    )
-    return box + claim + NOT_COVERED
 
 
 def residual_bound(model: TSModel, reference: JointReference) -> np.ndarray:
@@ -155,9 +131,9 @@ def residual_bound(model: TSModel, reference: JointReference) -> np.ndarray:
     """
     motion = reference.sample(np.linspace(0.0, reference.duration, 2001))
     x_r, dx_r = np.hstack([motion.q, motion.dq]), np.hstack([motion.dq, motion.ddq])
-    total = np.zeros((len(x_r), 2))
+    total = np.zeros((len(x_r), JOINTS))
     for u in model.uncertainties:
-        total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, 2:]
+        total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, VELOCITY]
     return np.asarray(total.max(axis=0))
 
 

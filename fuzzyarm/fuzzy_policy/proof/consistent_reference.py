@@ -34,8 +34,12 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, identity, symmetric, zeros
 from fuzzyarm.fuzzy_policy.proof.vertices import Vertices
+from fuzzyarm.fuzzy_policy.states import PLANT, POSITION
+
+__all__ = ["phi", "psi"]
 
 
 def psi(
@@ -74,8 +78,8 @@ def psi(
         [
             [he(Q + alpha * P)],
             [A @ P + B @ M - E @ Q + X.T, corner - he(E @ X)],
-            [0, B.T, -gamma2 * identity(2)],
-            [P[:2, :], 0, 0, -identity(2)],
+            [0, B.T, -gamma2 * identity(JOINTS)],
+            [P[POSITION], 0, 0, -identity(JOINTS)],
             *below,
         ],
         block,
@@ -83,7 +87,17 @@ def psi(
 
 
 def phi(
-    data: Vertices, i: int, k: int, *, beta: Any, P: Any, M: Any, Q: Any, X: Any, tau: Any, block: Block = np.block
+    data: Vertices,
+    i: int,
+    k: int,
+    *,
+    fastest_pole: Any,
+    P: Any,
+    M: Any,
+    Q: Any,
+    X: Any,
+    tau: Any,
+    block: Block = np.block,
 ) -> Any:
     """Return Φ_ijk, symmetric and affine in P, M, Q, X and τ.
 
@@ -91,7 +105,7 @@ def phi(
         data: the vertices, n = 4 or, with the integral, 6.
         i: vertex of A, from 0.
         k: vertex of E, from 0.
-        beta: bound β of the decay rate from above [1/s].
+        fastest_pole: bound β of the decay rate from above [1/s].
         P: (n, n), that of Ψ.
         M: M_jk, (2, n), that of Ψ.
         Q: Q_ij, (n, n), not that of Ψ.
@@ -102,7 +116,7 @@ def phi(
     E, A, B = data.error_E(k), data.error_A(i), data.error_rows(data.B)
     corner, uncertain = _uncertainty(data, P, Q, X, tau)
     below = [[left, middle, *[0] * before, diagonal] for before, (left, middle, diagonal) in enumerate(uncertain)]
-    return symmetric([[he(Q - beta * P)], [X.T - A @ P - B @ M - E @ Q, corner - he(E @ X)], *below], block)
+    return symmetric([[he(Q - fastest_pole * P)], [X.T - A @ P - B @ M - E @ Q, corner - he(E @ X)], *below], block)
 
 
 def _uncertainty(data: Vertices, P: Any, Q: Any, X: Any, tau: Any) -> tuple[Any, list[tuple[Any, Any, Any]]]:
@@ -111,7 +125,7 @@ def _uncertainty(data: Vertices, P: Any, Q: Any, X: Any, tau: Any) -> tuple[Any,
     for scale, term in zip(tau, data.uncertainties, strict=True):
         H = data.error_rows(term.H.T).T
         total = total + scale * (H.T @ H)
-        W_P, W_Q, W_X = (term.W @ matrix[:4, :] for matrix in (P, Q, X))
+        W_P, W_Q, W_X = (term.W @ matrix[PLANT] for matrix in (P, Q, X))
         left, middle = (W_P, 0) if term.on == "A" else (-W_Q, -W_X)
         rows.append((left, middle, -scale * identity(len(H))))
     return total, rows

@@ -33,6 +33,9 @@ import numpy as np
 
 from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, he, identity, symmetric
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices
+from fuzzyarm.fuzzy_policy.states import PLANT
+
+__all__ = ["xi"]
 
 
 def xi(
@@ -89,9 +92,9 @@ def xi(
             [S_21, S_22],
             [S_31, S_32, S_33],
             [S_41, S_42, S_43, S_44],
-            [0, 0, B.T, 0, -gamma2 * identity(2)],
-            [0, 0, S_63, B_r.T, 0, -gamma2 * identity(6)],
-            [P_11[:4, :], 0, 0, 0, 0, 0, -data.Q_inverse],
+            [0, 0, B.T, 0, -gamma2 * identity(B.shape[1])],
+            [0, 0, S_63, B_r.T, 0, -gamma2 * identity(B_r.shape[1])],
+            [P_11[PLANT], 0, 0, 0, 0, 0, -data.Q_inverse],
         ],
         block,
     )

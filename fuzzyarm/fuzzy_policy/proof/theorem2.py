@@ -28,6 +28,9 @@ import numpy as np
 from fuzzyarm.fuzzy_policy.proof.block_matrix import Block, identity, symmetric, zeros
 from fuzzyarm.fuzzy_policy.proof.theorem1 import xi
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm
+from fuzzyarm.fuzzy_policy.states import PLANT, PLANT_STATES
+
+__all__ = ["psi", "uncertain_row"]
 
 
 def psi(
@@ -51,11 +54,11 @@ def psi(
     entry of `data.uncertainties`. Without uncertainty Ψ_ijk = Ξ_ijk.
     """
     Psi_1 = xi(data, i, k, alpha=alpha, gamma2=gamma2, P=P, M=M, L=L, Q=Q, X=X, block=block)
-    size, before = Psi_1.shape[0], data.n_e + 4  # columns of Ξ, and those before ė
+    size, before = Psi_1.shape[0], data.n_e + PLANT_STATES  # columns of Ξ, and those before ė
     below: list[list[Any]] = []
     for scale, term in zip(tau, data.uncertainties, strict=True):
         rows = len(term.W)
-        H_bar = np.hstack([zeros(rows, before), term.H, zeros(rows, size - before - 4)])
+        H_bar = np.hstack([zeros(rows, before), term.H, zeros(rows, size - before - PLANT_STATES)])
         Psi_1 = Psi_1 + scale * (H_bar.T @ H_bar)
         Psi_2 = block([uncertain_row(data, term, P=P, Q=Q, X=X)])
         below.append([Psi_2, *[0] * len(below), -scale * identity(rows)])
@@ -65,10 +68,10 @@ def psi(
 def uncertain_row(data: TrackingVertices, term: UncertainTerm, *, P: Any, Q: Any, X: Any) -> list[Any]:
     """Return the row [T_11 T_12 0 ...] or [T_31 T_32 T_33 T_34 0 T_36 0] of Ψ_2; W reads the plant's rows, not x_I."""
     n_e, W, rows = data.n_e, term.W, len(term.W)
-    P_11, P_22 = P[:4, :n_e], P[n_e:, n_e:]
-    Q_11, Q_12 = Q[:4, :n_e], Q[:4, n_e:]
-    X_11, X_12 = X[:4, :n_e], X[:4, n_e:]
-    O_d, O_r, O_z = zeros(rows, 2), zeros(rows, 6), zeros(rows, 4)
+    P_11, P_22 = P[PLANT, :n_e], P[n_e:, n_e:]
+    Q_11, Q_12 = Q[PLANT, :n_e], Q[PLANT, n_e:]
+    X_11, X_12 = X[PLANT, :n_e], X[PLANT, n_e:]
+    O_d, O_r, O_z = (zeros(rows, columns) for columns in (data.B.shape[1], data.B_r.shape[1], PLANT_STATES))
     if term.on == "A":
-        return [W @ P_11, W @ P_22, zeros(rows, n_e), zeros(rows, 4), O_d, O_r, O_z]
+        return [W @ P_11, W @ P_22, zeros(rows, n_e), zeros(rows, PLANT_STATES), O_d, O_r, O_z]
     return [-W @ Q_11, -W @ (data.A_r @ P_22 + Q_12), -W @ X_11, -W @ X_12, O_d, -W @ data.B_r, O_z]

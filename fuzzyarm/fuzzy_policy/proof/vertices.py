@@ -2,8 +2,8 @@
 
     Ē_k = diag(E_pk, I),   Ā_i = [[A_pi, 0], [C_p, 0]],   B̄ = [B_p; 0],   C_p = [I 0],
 
-act on ē = (e, x_I), ẋ_I = C_p e = q - q_d; without the integral ē = e and the bars do nothing. The entries are floats
-or exact rationals, whatever the matrices are filled with, but never both: numpy's product of such a mixture fails.
+act on ē = (e, x_I), ẋ_I = C_p e = q - q_d; without the integral ē = e and the barred matrices are those of the plant.
+The entries are all floats or all exact rationals, because NumPy cannot multiply a mixture of the two.
 """
 
 from __future__ import annotations
@@ -12,8 +12,21 @@ import dataclasses
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.fuzzy_policy.proof.block_matrix import identity, zeros
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
+
+__all__ = [
+    "REFERENCE_POLE",
+    "TrackingVertices",
+    "UncertainTerm",
+    "Vertices",
+    "error_vertices",
+    "reference_model",
+    "stacked",
+    "tracking_vertices",
+]
 
 REFERENCE_POLE = 62.0  # rad/s, double pole of the reference model (8), section 6.1.3
 
@@ -37,7 +50,7 @@ class UncertainTerm:
 
 @dataclasses.dataclass(frozen=True)
 class Vertices:
-    """The T-S model as the inequalities use it, in SI units; lists and arrays are not to be changed.
+    """The T-S model as the inequalities use it, in SI units; lists and arrays must not be changed.
 
     Attributes:
         E: N_e matrices E_pk, (4, 4).
@@ -56,7 +69,7 @@ class Vertices:
     @property
     def n_e(self) -> int:
         """Size of ē."""
-        return 6 if self.integral else 4
+        return ERROR_STATES if self.integral else PLANT_STATES
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -65,18 +78,18 @@ class Vertices:
 
     def error_E(self, k: int) -> np.ndarray:
         """Return Ē_k (n_e, n_e)."""
-        n_I = self.n_e - 4
-        return np.block([[self.E[k], zeros(4, n_I)], [zeros(n_I, 4), identity(n_I)]])
+        n_I = self.n_e - PLANT_STATES
+        return np.block([[self.E[k], zeros(PLANT_STATES, n_I)], [zeros(n_I, PLANT_STATES), identity(n_I)]])
 
     def error_A(self, i: int) -> np.ndarray:
         """Return Ā_i (n_e, n_e)."""
-        n_I = self.n_e - 4
-        C_p = identity(4)[:n_I]
-        return np.block([[self.A[i], zeros(4, n_I)], [C_p, zeros(n_I, n_I)]])
+        n_I = self.n_e - PLANT_STATES
+        C_p = identity(PLANT_STATES)[:n_I]
+        return np.block([[self.A[i], zeros(PLANT_STATES, n_I)], [C_p, zeros(n_I, n_I)]])
 
     def error_rows(self, plant_rows: np.ndarray) -> np.ndarray:
         """Return [Y; 0] (n_e, m): what enters the rows of e, for Y (4, m), and leaves ẋ_I alone."""
-        return np.vstack([plant_rows, zeros(self.n_e - 4, plant_rows.shape[1])])
+        return np.vstack([plant_rows, zeros(self.n_e - PLANT_STATES, plant_rows.shape[1])])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +109,7 @@ class TrackingVertices(Vertices):
 
 def reference_model() -> tuple[np.ndarray, np.ndarray]:
     """Return A_r (4, 4) and B_r (4, 6) of (8) for r = (q_d, q̇_d, q̈_d)."""
-    p, I, O = REFERENCE_POLE, np.eye(2), np.zeros((2, 2))  # noqa: E741  identity
+    p, I, O = REFERENCE_POLE, np.eye(JOINTS), np.zeros((JOINTS, JOINTS))  # noqa: E741  identity
     A_r = np.block([[O, I], [-(p**2) * I, -2.0 * p * I]])
     B_r = np.block([[O, O, O], [p**2 * I, 2.0 * p * I, I]])
     return A_r, B_r

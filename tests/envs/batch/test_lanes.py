@@ -10,8 +10,11 @@ import sys
 import numpy as np
 import pytest
 
-from fuzzyarm.envs.batch.kernels import SCALARS, VECTORS, advance, advance_one, begin, split
-from fuzzyarm.envs.batch.lanes import Lanes, distinct
+from fuzzyarm.envs.batch import kernels
+from fuzzyarm.envs.batch.beginning import begin
+from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, split
+from fuzzyarm.envs.batch.tables import distinct
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -20,7 +23,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise, Torqu
 from fuzzyarm.envs.scenario.paths import Circle, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import REASONS
+from fuzzyarm.envs.termination import Termination
 
 TABLE_1 = ArmParameters()
 LIMIT = np.array(TABLE_1.torque_limit)
@@ -55,7 +58,7 @@ def plants():
     return arms
 
 
-def tasks():
+def scenarios():
     """Four disturbances by five references, or a drawn one."""
     references = (JointReference(), *(JointReference(Circle(radius=0.1 + 0.02 * k)) for k in range(4)), None)
     return [(DISTURBANCES[k % 4], references[k % 6]) for k in range(MOST)]
@@ -72,13 +75,13 @@ def starts():
     return states
 
 
-ARMS, TASKS, STARTS = plants(), tasks(), starts()
+ARMS, SCENARIOS, STARTS = plants(), scenarios(), starts()
 TORQUES = np.random.default_rng(2).normal(size=(STEPS, MOST, 2)) * 0.4 * LIMIT
 
 
 def lanes_of(which, threads=1, randomisation=ALL_VARY):
     """These of the hundred lanes, their episodes not begun."""
-    own = [TASKS[k] for k in which]
+    own = [SCENARIOS[k] for k in which]
     arms = [ARMS[k] for k in which]
     return Lanes(
         arms, own, len(which), control_period=PERIOD, substeps=SUBSTEPS, randomisation=randomisation, threads=threads
@@ -140,7 +143,7 @@ def test_the_lanes_compared_are_of_every_kind(alone):
 
 def single(lane):
     """Rows of the lane's episode in the single environment, to its end."""
-    disturbance, reference = TASKS[lane]
+    disturbance, reference = SCENARIOS[lane]
     env = FuzzyArmEnv(disturbance=disturbance, parameters=ARMS[lane], control_period=PERIOD, randomisation=ALL_VARY)
     options = {} if np.isnan(STARTS[lane, 0]) else {"initial_state": STARTS[lane]}
     if reference is not None:
@@ -148,7 +151,7 @@ def single(lane):
     observation, info = env.reset(seed=lane + 7, options=options)
     rows, (reward, terminated, truncated) = [], (info["reward_tracking"], not info["in_domain"], False)
     for torque in [*TORQUES[:, lane], None]:
-        reason = REASONS.index(info["reason"]) if terminated else 0
+        reason = next(reason for reason in Termination if reason.text == info.get("reason", ""))
         vectors = [info[name] for name in VECTORS]
         scalars = [info[name] for name in SCALARS[:6]] + [reward, info["torque_clipped"], truncated, reason]
         rows.append(np.concatenate([observation, *vectors, scalars]))
@@ -171,12 +174,12 @@ def test_the_single_environment_is_the_lane_bit_for_bit(lane, alone):
 def test_one_torque_that_is_not_finite_moves_no_lane_and_names_its_own(threads, lane, value):
     lanes = lanes_of(np.arange(MOST), threads)
     lanes.reset(range(MOST))
-    values, clock = lanes._values.copy(), lanes._clock.copy()
+    values, clock = lanes.values.copy(), lanes.clock.copy()
     torque = TORQUES[0].copy()
     torque[lane] = (1.5, value)
     with pytest.raises(ValueError, match=rf"action \[1\.5, {value}\] N m of lane {lane} is not finite"):
         lanes.step(torque)
-    assert np.array_equal(lanes._values, values) and np.array_equal(lanes._clock, clock)
+    assert np.array_equal(lanes.values, values) and np.array_equal(lanes.clock, clock)
     lanes.close()
 
 
@@ -204,10 +207,10 @@ def test_a_restart_of_some_lanes_leaves_the_others_alone():
     which = np.array([0, 3, 4, 31, 32, 39])
     others = np.setdiff1d(np.arange(40), which)
     lanes.restart(which)
-    assert np.array_equal(lanes._values[:, others], undisturbed._values[:, others])
-    assert np.array_equal(lanes._clock[:, others], undisturbed._clock[:, others])
+    assert np.array_equal(lanes.values[:, others], undisturbed.values[:, others])
+    assert np.array_equal(lanes.clock[:, others], undisturbed.clock[:, others])
     assert np.array_equal(lanes.drawn[:, others], undisturbed.drawn[:, others])
-    assert not np.any(np.all(lanes._values[:8, which] == undisturbed._values[:8, which], axis=0))
+    assert not np.any(np.all(lanes.values[:8, which] == undisturbed.values[:8, which], axis=0))
     for torque in TORQUES[5:10, :40]:
         rows, expected = by_lane(lanes.step(torque.copy())), by_lane(undisturbed.step(torque.copy()))
         assert np.array_equal(rows[others], expected[others])
@@ -253,17 +256,17 @@ def test_lanes_nobody_seeded_differ():
 
 
 @pytest.mark.parametrize("steps", [1, 5])
-def test_tasks_of_a_reset_hold_for_its_episodes_only(steps):
+def test_scenarios_of_a_reset_hold_for_its_episodes_only(steps):
     lanes, plain = (lanes_of(np.arange(8)) for _ in range(2))
     own = plain.reset(range(8))
     other = [(Disturbance(payload=Payload(1.0)), JointReference(Circle(radius=0.05)))]
     lanes.reset(range(50, 58), other)
-    assert all(lanes.episode(k)[0] is other[0][1] for k in range(8))
+    assert all(lanes.schedule(k)[0] is other[0][1] for k in range(8))
     for torque in TORQUES[:steps, :8]:
         lanes.step(torque.copy())
-    lanes.restart(np.array([2]))  # a lane that begins anew by itself is back at its own task, the others are not
-    assert lanes.episode(2)[0] is plain.episode(2)[0]
-    assert all(lanes.episode(k)[0] is other[0][1] for k in range(8) if k != 2)
+    lanes.restart(np.array([2]))  # a lane that begins anew by itself is back at its own scenario, the others are not
+    assert lanes.schedule(2)[0] is plain.schedule(2)[0]
+    assert all(lanes.schedule(k)[0] is other[0][1] for k in range(8) if k != 2)
     assert np.array_equal(lanes.reset(range(8)), own)
 
 
@@ -279,7 +282,7 @@ def test_a_reset_with_a_reference_that_does_not_fit_changes_nothing():
 # --- tables ------------------------------------------------------------------------------------------------------
 
 
-def test_lanes_with_the_same_task_share_its_table():
+def test_lanes_with_the_same_scenario_share_its_table():
     one, other = (NOISY, JointReference()), (Disturbance(), FAMILY[0])
     for own, rows in (([one], 1501), ([one] * 9, 1501), ([one, other, one] * 3, 1501 + 101)):
         lanes = Lanes(
@@ -291,7 +294,7 @@ def test_lanes_with_the_same_task_share_its_table():
             randomisation=DomainRandomisation(mass=(0.9, 1.1)),
         )
         assert lanes._tables.table.shape == (rows, 19)
-        assert [lanes.episode(k)[0] for k in range(9)] == [own[k % len(own)][1] for k in range(9)]
+        assert [lanes.schedule(k)[0] for k in range(9)] == [own[k % len(own)][1] for k in range(9)]
 
 
 def test_a_family_is_tabulated_once_per_disturbance():
@@ -300,7 +303,7 @@ def test_a_family_is_tabulated_once_per_disturbance():
     assert lanes._tables.table.shape == (2 * 4 * 101, 19)
     lanes.reset(range(20))
     for lane in range(20):
-        reference, episode = lanes.episode(lane)
+        reference, episode = lanes.schedule(lane)
         assert reference is FAMILY[int(lanes.drawn[-1, lane])] and episode.disturbance is DISTURBANCES[lane % 2]
 
 
@@ -312,7 +315,7 @@ def test_distinct_items_are_told_apart_by_identity():
     assert kinds == [same] and place_of.tolist() == [0, 0, 0]
 
 
-def test_every_plant_of_a_shared_task_must_fit_it():
+def test_every_plant_of_a_shared_scenario_must_fit_it():
     narrow = dataclasses.replace(TABLE_1, joint_limit=(0.5, 3.0))
     for arms in ([TABLE_1, narrow], [narrow, TABLE_1]):
         with pytest.raises(ValueError, match=r"reference angle reaches .*allows \(0\.5, 3\.0\) rad"):
@@ -362,11 +365,11 @@ def test_a_copy_in_the_middle_of_an_episode_goes_on_bit_for_bit(duplicate, rando
 ELSEWHERE = """
 import pickle, sys
 import numpy as np
-from fuzzyarm.envs.batch.kernels import advance_one
+from fuzzyarm.envs.batch import kernels
 env = pickle.loads(sys.stdin.buffer.read())
 for action in (np.array([80, 20]), np.array([80.5, 20.0], np.float32), np.array([-1.25, 0.5])):
     print(env.step(action)[0].tolist(), file=sys.stderr)
-print(len(advance_one.signatures))
+print(hasattr(kernels.advance_one, "signatures"))
 """
 
 
@@ -377,7 +380,7 @@ def test_a_copy_goes_on_in_another_process_whatever_its_first_action():
     done = subprocess.run([sys.executable, "-c", ELSEWHERE], input=pickle.dumps(env), capture_output=True, check=False)
     assert done.returncode == 0, done.stderr.decode()
     expected = [env.step(np.array(torque))[0].tolist() for torque in ([80.0, 20.0], [80.5, 20.0], [-1.25, 0.5])]
-    assert [json.loads(line) for line in done.stderr.splitlines()] == expected and done.stdout.split() == [b"1"]
+    assert [json.loads(line) for line in done.stderr.splitlines()] == expected and done.stdout.split() == [b"False"]
 
 
 def test_a_copy_and_its_original_do_not_touch_each_other():
@@ -402,8 +405,9 @@ def test_copies_of_a_batch_with_threads_go_on_bit_for_bit():
 
 
 def assert_compiled_once():
-    """No kernel has been compiled for a second kind of arguments."""
-    assert len(begin.signatures) == len(advance_one.signatures) == 1 and len(advance.signatures) <= 1
+    """No kernel has been compiled for a second kind of arguments; that of the single arm is machine code by now."""
+    assert len(begin.signatures) == 1 and len(kernels.advance.signatures) <= 1
+    assert not hasattr(kernels.advance_one, "signatures")
 
 
 def read_only(torque):

@@ -249,5 +249,5 @@ def test_bad_payload_mass_is_named(mass):
 
 
 def test_bad_payload_place_is_named():
-    with pytest.raises(ValueError, match="payload at = 'elbow' is unknown; choose 'tip' or 'link'"):
+    with pytest.raises(ValueError, match="payload at = 'elbow' is unknown; choose from: tip, link"):
         Payload(1.0, "elbow")

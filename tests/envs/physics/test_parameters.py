@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import pytest
 from hypothesis import given, settings
@@ -76,7 +77,7 @@ def test_bad_value_is_named_with_its_range(name, value):
     with pytest.raises(ValueError) as caught:
         ArmParameters(**{name: value})
     message = str(caught.value)
-    assert message.startswith(f"{name} = {str(value)[:80]}" if not isinstance(value, str) else f"{name} = ")
+    assert re.match(rf"{name}(\[[01]\])? = ", message)
     assert message.endswith(f"allowed: {ALLOWED[name]}")
 
 
@@ -162,8 +163,8 @@ def test_toml_keeps_table_1_for_what_it_leaves_out(tmp_path):
         ("weight = 3.0\n", "unknown arm field weight; known: length, mass"),
         ("[arm]\nmass = [1, 2]\n", "unknown arm field arm"),
         ("mass = [1.0\n", "is not a TOML file"),
-        ("mass = [1.0, -2.0]\n", "mass = .* out of range; allowed: .0, 1e\\+12. kg"),
-        ("mass = [nan, 2.0]\n", "mass = .* must be finite"),
+        ("mass = [1.0, -2.0]\n", "mass.* = .* out of range; allowed: .0, 1e\\+12. kg"),
+        ("mass = [nan, 2.0]\n", "mass.* = nan kg is out of range"),
     ],
 )
 def test_bad_file_is_named(tmp_path, text, message):

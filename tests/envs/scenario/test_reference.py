@@ -197,7 +197,8 @@ def test_velocity_limit_names_joint_value_limit_and_the_duration_that_helps():
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, math.nan, math.inf, True, "1.5", None])
 def test_bad_duration_raises(duration):
-    with pytest.raises(ValueError, match=rf"duration = {duration!r} s is out of range; allowed: \(0, inf\) s"):
+    kind = ValueError if type(duration) is float else TypeError
+    with pytest.raises(kind, match=rf"duration = {duration!r}.*; allowed: \(0, inf\) s"):
         JointReference(duration=duration)
 
 

@@ -11,7 +11,8 @@ from scipy.integrate import cumulative_simpson
 
 from fuzzyarm.envs.physics.dynamics import rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
-from fuzzyarm.eval.certified.frozen import frozen, gain_at, lyapunov_rate, pole_rate, search, slowest_error
+from fuzzyarm.eval.certified.extremes import worst_posture
+from fuzzyarm.eval.certified.frozen import find_worst_point, freeze, gain_at, lyapunov_rate, pole_rate, slowest_error
 from fuzzyarm.eval.certified.probes import HELD, Uniform, _discrete, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, Run, simulate
@@ -65,12 +66,6 @@ def disturbed(loop: RigidLoop, motion: Motion, duration: float, *, total: bool =
     return simulate(loop, motion, start, joined(stacked, STEP), duration, total=total, step=STEP)
 
 
-def worst_posture(loop: RigidLoop) -> Uniform:
-    """The held posture of largest frozen gain, a little inside the box."""
-    found = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega), moving=False)
-    return Uniform(0.98 * found.q[np.newaxis], np.zeros((1, 2)))
-
-
 # (e) the model
 
 
@@ -115,7 +110,7 @@ def test_error_dynamics_are_the_frozen_loop_exactly(name: str, total: bool) -> N
     target = ReferenceSample(q, dq, rng.uniform(-50.0, 50.0, (100, 2)))
     torque = rng.normal(size=(100, 2)) * 100.0
     rate, w = loop.error_rate(error, target, torque, total=total)
-    F, G = frozen(loop, q + error[:, :2], dq + error[:, 2:4])
+    F, G = freeze(loop, q + error[:, :2], dq + error[:, 2:4])
     np.testing.assert_allclose(rate, (F @ error[..., None] + G @ w[..., None])[..., 0], rtol=1e-10, atol=1e-8)
     assert np.array_equal(w, torque) == total or name == "fuzzy-32"
 
@@ -238,11 +233,11 @@ def test_the_slowest_start_shows_the_rate_and_no_less(name: str) -> None:
     """Where V decays slowest, found by search, the rollout meets that rate: α holds, 1.03 α is refuted."""
     loop = shipped(name)
     P, alpha = loop.controller.P, loop.controller.alpha
-    found = search(loop, lambda F, G, omega: -lyapunov_rate(F, P))
+    found = find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P))
     dq = 0.98 * found.dq[np.newaxis]
     room = np.pi - 0.02 * np.abs(dq) - 0.01  # a worst posture at the border of the box must not be left outwards
     q = np.clip(found.q[np.newaxis], -room, room)
-    start = 1e-3 * slowest_error(frozen(loop, q, dq)[0], P)
+    start = 1e-3 * slowest_error(freeze(loop, q, dq)[0], P)
     run = simulate(loop, Uniform(q - start[:, :2], dq - start[:, 2:4]), start, NOTHING, 0.02, step=1e-4)
     assert run.in_box.all() and decays(run, alpha) and not decays(run, 1.03 * alpha)
     assert alpha < run.rate.min() < 1.03 * alpha
@@ -279,7 +274,7 @@ def test_the_worst_torque_at_the_worst_posture(name: str) -> None:
     best = run.gain.max(axis=0)
     assert run.in_box.all() and run.dissipation.max() <= 0.0
     assert best.max() <= gamma
-    F, G = frozen(loop, motion.q, motion.dq)
+    F, G = freeze(loop, motion.q, motion.dq)
     frozen_gain = max(gain_at(F, G, np.array([1j * omega]))[0] for omega in np.arange(30.0, 120.0))
     assert best.argmax() == len(best) - 2
     assert 0.96 * frozen_gain < best.max() < frozen_gain
@@ -317,8 +312,8 @@ def test_every_frozen_loop_keeps_the_claims(name: str) -> None:
     """Poles left of -α, V at least as fast, ‖C (jω - α - F)⁻¹ G‖ <= γ; with 1.03 α and 0.6 γ somewhere not."""
     loop = shipped(name)
     P, alpha, gamma = loop.controller.P, loop.controller.alpha, loop.controller.gamma
-    F, _ = frozen(loop, *states(16, 5000))
+    F, _ = freeze(loop, *states(16, 5000))
     assert 1.5 * alpha > pole_rate(F).min() > lyapunov_rate(F, P).min() > alpha
-    assert search(loop, lambda F, G, omega: -lyapunov_rate(F, P)).value > -1.03 * alpha
-    shifted = search(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value
+    assert find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P)).value > -1.03 * alpha
+    shifted = find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega - alpha)).value
     assert 0.6 * gamma < shifted < gamma

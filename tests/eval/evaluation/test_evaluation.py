@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import REFERENCE
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.metrics import metrics
-from fuzzyarm.eval.episodes.rollout import rollout
+from fuzzyarm.eval.episodes.loop import episodes
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import Signals, record_rollout
 from fuzzyarm.eval.evaluation.result_table import markdown_table, table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -107,8 +109,8 @@ def test_the_tip_follows_a_hundred_times_closer_without_load(evaluation, policy)
 def test_a_stiffness_known_to_five_percent_costs_a_quarter_millimetre(policy, factor):
     arm = ArmParameters()
     plant = dataclasses.replace(arm, stiffness=tuple(factor * k for k in arm.stiffness))
-    run = rollout(FuzzyArmEnv(parameters=plant), load_policy(policy), policy_name=policy, case="nominal", seed=0)
-    assert 0.1 < metrics(run)["tip_error_max_mm"] < 0.25
+    run = record_rollout(FuzzyArmEnv(parameters=plant), load_policy(policy), policy_name=policy, case="nominal", seed=0)
+    assert 0.1 < metrics_of(run)["tip_error_max_mm"] < 0.25
 
 
 def test_results_file_holds_what_a_rerun_needs(evaluation, tmp_path):
@@ -151,24 +153,18 @@ def test_bad_configurations_are_refused_before_anything_runs(change, message):
         dataclasses.replace(EvaluationConfig(), **change)
 
 
-class LinkSide:
-    """Computed torque that measures the links instead of the motors."""
-
-    def __init__(self, env, bandwidth):
-        self.env, self.policy = env, ComputedTorquePolicy(bandwidth=bandwidth)
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        link = np.concatenate([self.env._lanes._values[2:4, 0], self.env._lanes._values[6:8, 0]])
-        return self.policy.predict(np.concatenate([link, observation[4:]]), state)
+def link_side_sensors(observation, info):
+    return np.concatenate([info["q_link"], info["dq_link"], observation[REFERENCE]])
 
 
 def test_link_side_measurement_is_unstable_where_motor_side_is_not():
     """Why the motors are measured: 30 rad/s, half the shipped bandwidth, chatters at the torque limits."""
-    env = FuzzyArmEnv()
-    runs = [
-        rollout(env, policy, policy_name="", case="nominal", seed=0)
-        for policy in (ComputedTorquePolicy(bandwidth=30.0), LinkSide(env, 30.0))
-    ]
-    motor_side, link_side = (metrics(run) for run in runs)
+    env, runs = FuzzyArmEnv(), []
+    for sense in (None, link_side_sensors):
+        signals = Signals()
+        for step in episodes(env, ComputedTorquePolicy(bandwidth=30.0), env.reset(seed=0), sense=sense):
+            signals.add(step)
+        runs.append(signals.rollout(policy="", case="nominal", seed=0, control_period=1e-3, parameters=env.parameters))
+    motor_side, link_side = (metrics_of(run) for run in runs)
     assert motor_side["torque_rate_rms"] < 1e3
     assert link_side["torque_rate_rms"] > 1e4

@@ -13,7 +13,8 @@ import pytest
 from PIL import Image
 
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.figures import FOCUS, TIME_FIGURES, draw_figures, write_figures
+from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, write_figures
+from fuzzyarm.eval.evaluation.panels import TIME_FIGURES
 
 WITHOUT_FORCE = ("path", *TIME_FIGURES)
 WITH_FORCE = (*WITHOUT_FORCE, "force")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluation.ranking import leaderboard
+from fuzzyarm.eval.evaluation.ranking import rank_policies
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.evaluation.statistics import estimate
 
@@ -53,7 +53,7 @@ def write(tmp_path):
 
 
 def ranked(*paths):
-    board = leaderboard(paths)
+    board = rank_policies(paths)
     return [(rank, standing.policy) for rank, standing in zip(board.ranks, board.standings, strict=True)]
 
 
@@ -66,7 +66,7 @@ def one_line_error(capsys):
 
 
 def test_the_score_is_the_geometric_mean_over_the_cases(write):
-    board = leaderboard([write("a", document({"a": [[1.0], [8.0], [27.0]], "b": [[0.0], [8.0], [27.0]]}))])
+    board = rank_policies([write("a", document({"a": [[1.0], [8.0], [27.0]], "b": [[0.0], [8.0], [27.0]]}))])
     assert [standing.score.mean for standing in board.standings] == pytest.approx([0.0, 6.0])
     assert board.standings[1].score[1:] == (None, None)  # one seed says nothing of the spread
     assert board.standings[1].rms == {"nominal": 1.0, "machining": 8.0, "payload": 27.0}
@@ -74,7 +74,7 @@ def test_the_score_is_the_geometric_mean_over_the_cases(write):
 
 def test_seeds_are_scored_one_by_one_and_then_estimated(write):
     errors = np.random.default_rng(0).lognormal(size=(3, 5))
-    standing = leaderboard([write("a", document({"a": errors.tolist()}))]).standings[0]
+    standing = rank_policies([write("a", document({"a": errors.tolist()}))]).standings[0]
     assert standing.score == pytest.approx(estimate(np.exp(np.log(errors).mean(axis=0))), rel=1e-12)
     assert standing.score.low < standing.score.mean < standing.score.high
     assert standing.rms["payload"] == pytest.approx(np.sort(errors[2])[1:4].mean())
@@ -84,7 +84,7 @@ def test_the_smallest_comes_first_across_files_and_equals_share_a_rank(write):
     one = write("one", document({"c": [[3.0]] * 3, "a": [[1.0]] * 3}))
     two = write("two", document({"a": [[1.0]] * 3, "b": [[2.0]] * 3}))
     assert ranked(one, two.parent) == [(1, "a"), (1, "a"), (3, "b"), (4, "c")]
-    assert [s.source for s in leaderboard([one, two.parent]).standings] == [str(p) for p in (one, two, two, one)]
+    assert [s.source for s in rank_policies([one, two.parent]).standings] == [str(p) for p in (one, two, two, one)]
 
 
 def test_who_lost_the_path_ranks_last_by_how_often(write):
@@ -96,7 +96,7 @@ def test_who_lost_the_path_ranks_last_by_how_often(write):
     rows["c", "machining"]["tip_error_max_mm"] = 100.0  # at the limit is not beyond it
     path = write("a", results)
     assert ranked(path) == [(1, "c"), (2, "d"), (3, "b"), (4, "a")]
-    standings = {standing.policy: standing for standing in leaderboard([path]).standings}
+    standings = {standing.policy: standing for standing in rank_policies([path]).standings}
     assert standings["a"].score is None
     assert (standings["a"].lost, standings["a"].episodes) == (2, 3)
     assert standings["a"].rms == {"nominal": None, "machining": 1.0, "payload": None}
@@ -125,7 +125,7 @@ def test_unlike_results_are_refused_with_the_difference(write, capsys, other, ex
 
 def test_the_order_of_the_cases_is_no_difference(write):
     turned = document({"b": [[30.0], [2.0], [1.0]]}, cases=CASES[::-1])
-    standings = leaderboard([write("a", document(FINE)), write("b", turned)]).standings
+    standings = rank_policies([write("a", document(FINE)), write("b", turned)]).standings
     assert [list(standing.rms) for standing in standings] == [list(CASES)] * 2
     assert standings[1].rms["payload"] == 30.0
 

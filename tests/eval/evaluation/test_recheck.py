@@ -1,7 +1,6 @@
 """Running an evaluation again from its results: what agrees, what differs, and what is refused."""
 
 import copy
-import hashlib
 import json
 import shlex
 import shutil
@@ -13,10 +12,9 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.evaluation.recheck import check
+from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
-from fuzzyarm.policies.files import policy_files
 
 ROOT = Path(__file__).parents[3]
 SHIPPED = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers")))
@@ -62,7 +60,7 @@ def one_line_error(capsys):
 def differences(folder, document, evaluation, monkeypatch):
     """What a check of a document finds if this evaluation comes out."""
     monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", lambda *_: evaluation)
-    return [found.name for found in check(read_results(write(folder, document))).differences]
+    return [found.name for found in recheck_results(read_results(write(folder, document))).differences]
 
 
 @pytest.mark.parametrize("name", ["results.json", "."])
@@ -205,30 +203,33 @@ def replaced(keys, value):
 BROKEN = {
     "another schema": (replaced(["schema"], "fuzzyarm-margins/1"), "the schema is 'fuzzyarm-margins/1'"),
     "no schema": (replaced(["schema"], None), "the schema is 'None'"),
-    "no configuration": (replaced(["config"], None), "'config' is missing"),
-    "no versions": (replaced(["versions"], None), "'versions' is missing"),
+    "no configuration": (replaced(["config"], None), "missing required field `config`"),
+    "no versions": (replaced(["versions"], None), "missing required field `versions`"),
     "no version": (replaced(["versions", "fuzzyarm"], None), "'fuzzyarm' is missing"),
-    "no certificates": (replaced(["certificates"], None), "'certificates' is missing"),
+    "no certificates": (replaced(["certificates"], None), "missing required field `certificates`"),
     "bounds": (replaced(["certified_bounds", "fuzzy-4"], [1]), "is damaged"),
     "a bound": (replaced(["certified_bounds", "fuzzy-4", "gamma"], 10**400), "is damaged"),
-    "a word for a bound": (replaced(["certified_bounds", "fuzzy-4", "gamma"], [1.0]), "are no finite numbers and text"),
+    "a word for a bound": (replaced(["certified_bounds", "fuzzy-4", "gamma"], [1.0]), "at `certified_bounds"),
     "digests": (replaced(["policy_files", "fuzzy-4"], "abc"), "is damaged"),
     "no digests": (replaced(["policy_files", "fuzzy-4"], None), "'fuzzy-4' is missing"),
-    "no machine": (replaced(["machine"], None), "'machine' is missing"),
-    "policies": (replaced(["config", "policies"], "fuzzy-4"), "must be one or more different names"),
-    "a policy": (replaced(["config", "policies", 0], 4), "policies must be names"),
+    "no machine": (replaced(["machine"], None), "missing required field `machine`"),
+    "policies": (replaced(["config", "policies"], "fuzzy-4"), "got `str` at `config.policies`"),
+    "a policy": (replaced(["config", "policies", 0], 4), "got `int` at `config.policies[0]`"),
     "a case": (replaced(["config", "cases"], ["nowhere"]), "choose from: nominal"),
     "seeds": (replaced(["config", "seeds"], "many"), "is damaged"),
     "many seeds": (replaced(["config", "seeds"], 10**12), "4 rows are not one for each policy, case and seed"),
     "noise": (replaced(["config", "encoder_noise"], [0.0]), "is damaged"),
-    "period": (replaced(["config", "control_period"], "0.001"), "control_period must be a number"),
-    "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass = "),
+    "period": (replaced(["config", "control_period"], "0.001"), "got `str` at `config.control_period`"),
+    "the arm": (replaced(["config", "parameters", "mass"], [-1.0, 1.0]), "mass[0] = "),
+    "an unknown key": (replaced(["config", "colour"], "red"), "unknown field colour"),
+    "an unknown key of the arm": (replaced(["config", "parameters", "colour"], "red"), "unknown field colour"),
+    "negative noise": (replaced(["config", "encoder_noise"], [-1.0, 0.0]), "EncoderNoise.position = -1.0"),
     "no rows": (replaced(["results"], []), "0 rows are not one for each"),
     "a row": (replaced(["results", 0], "fuzzy-4"), "is damaged"),
     "a row of another": (replaced(["results", 0, "seed"], 1), "where the row of ('nominal', 'fuzzy-4', 0) belongs"),
     "no error": (replaced(["results", 0, "tip_error_rms_mm"], None), "a row lacks tip_error_rms_mm"),
-    "a word": (replaced(["results", 0, "energy"], "much"), "energy of ('nominal', 'fuzzy-4', 0) is 'much'"),
-    "infinity": (replaced(["results", 0, "energy"], float("inf")), "is inf, no finite number"),
+    "a word": (replaced(["results", 0, "energy"], "much"), "energy of ('nominal', 'fuzzy-4', 0) = 'much'"),
+    "infinity": (replaced(["results", 0, "energy"], float("inf")), "Infinity is no number of JSON"),
     "a huge number": (replaced(["results", 0, "energy"], 10**400), "is damaged"),
     "completed": (replaced(["results", 0, "completed"], "yes"), "completed = 'yes'"),
 }
@@ -272,22 +273,6 @@ def test_files_from_before_the_digests_still_read(folder, document, capsys):
     assert main(["evaluate", "--check", str(write(folder, document))]) == 0
     assert "whether their files are the same was not compared" in capsys.readouterr().out
     read_results(ROOT / "benchmarks" / "results" / "evaluate.json")
-
-
-def sha256(path):
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
-def test_policies_are_known_by_the_content_of_their_files(folder):
-    shipped = ROOT / "fuzzyarm" / "learned_policy" / "policies"
-    assert policy_files("fuzzy-4") == policy_files("fuzzy-4-tip") == {"fuzzy-4.json": sha256(SHIPPED / "fuzzy-4.json")}
-    assert policy_files("computed-torque") == policy_files("computed-torque-tip") == policy_files("nobody") == {}
-    assert policy_files("ppo-robust") == {"policy.json": sha256(shipped / "ppo-robust" / "policy.json")}
-    residual = {"policy.json": sha256(shipped / "ppo-residual" / "policy.json")} | policy_files("fuzzy-4")
-    assert policy_files("ppo-residual") == policy_files(str(shipped / "ppo-residual")) == residual
-    mine = folder / "mine.json"
-    mine.write_bytes((SHIPPED / "fuzzy-4.json").read_bytes().replace(b"\n", b"\r\n"))  # as another system writes it
-    assert policy_files("mine.json-tip") == {"mine.json": sha256(SHIPPED / "fuzzy-4.json")}
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ TABLE_2 = {
 
 
 def test_our_numbers_have_not_moved(comparison):
-    """Renew what is stored with: fuzzyarm paper --renew --out DIR."""
+    """If they moved on purpose: fuzzyarm paper --out DIR --renew fuzzyarm/eval/paper/expected.json."""
     assert not comparison.drifted, "\n".join(map(str, comparison.drifted))
 
 

@@ -1,4 +1,4 @@
-"""Drift: what counts as moved, and the file of what is expected."""
+"""Drift: which differences count, and the file of stored numbers."""
 
 import json
 import math
@@ -48,11 +48,21 @@ def test_stored_numbers_come_back_exactly(tmp_path):
     assert json.loads(path.read_text())["commit"] == "abc"
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "other/1", "measured": {}}', '{"schema": 1'])
-def test_a_damaged_file_says_how_to_make_it_anew(tmp_path, text):
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"schema": "other/1", "measured": {}}',
+        '{"schema": 1',
+        '{"schema": "fuzzyarm-paper-expected/1", "measured": {"peak": {"a": "1"}}}',
+    ],
+)
+def test_a_damaged_file_says_how_to_write_it_again(tmp_path, text):
     path = tmp_path / "expected.json"
     path.write_text(text)
-    with pytest.raises(ValueError, match=r"expected\.json is damaged .* --renew"):
+    with pytest.raises(ValueError, match=r"expected\.json holds no stored numbers .* --renew"):
         load_expected(path)
 
 

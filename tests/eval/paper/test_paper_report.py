@@ -57,12 +57,12 @@ def test_json_has_every_value_with_the_papers_and_what_it_was_made_with(undrawn,
     assert torque["measured"] == comparison.measured["peak-torque-1"]["consistent-4"]
 
 
-def test_a_number_that_moved_is_named_and_exit_code_1(undrawn, tmp_path, capsys, monkeypatch):
+def test_a_number_that_moved_is_named_and_exit_code_1(undrawn, tmp_path, capsys):
     moved = {key: dict(values) for key, values in drift.load_expected().items()}
     moved["case-1-largest-tip"]["consistent-4"] *= 1.01
     moved["table-2-rows"]["4 rules"] += 1
-    monkeypatch.setattr("fuzzyarm.eval.paper.drift.load_expected", lambda: moved)
-    assert run("--out", tmp_path) == 1
+    drift.store_expected(moved, {}, tmp_path / "moved.json")
+    assert run("--expected", tmp_path / "moved.json", "--out", tmp_path) == 1
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
     assert lines[0].startswith("fuzzyarm paper: table-2-rows, 4 rules: measured 664, stored 665")
@@ -71,29 +71,30 @@ def test_a_number_that_moved_is_named_and_exit_code_1(undrawn, tmp_path, capsys,
     assert "2 of " in text and "- table-2-rows, 4 rules: measured 664" in text
 
 
-def test_renew_stores_what_is_measured(undrawn, comparison, tmp_path, capsys, monkeypatch):
-    expected = tmp_path / "expected.json"
-    monkeypatch.setattr(drift, "EXPECTED", expected)
-    assert run("--out", tmp_path / "first") == 2  # nothing is stored yet
-    assert "expected.json" in capsys.readouterr().err
-    assert run("--renew", "--out", tmp_path / "first") == 0
-    assert drift.load_expected() == comparison.measured
-    assert run("--out", tmp_path / "second") == 0
+def test_renew_writes_what_is_measured_and_leaves_the_package_alone(undrawn, comparison, tmp_path, capsys):
+    shipped, expected = drift.EXPECTED.read_bytes(), tmp_path / "mine.json"
+    assert run("--expected", expected, "--out", tmp_path / "first") == 2  # nothing is stored yet
+    assert "mine.json" in capsys.readouterr().err
+    assert run("--renew", expected, "--out", tmp_path / "first") == 0
+    assert drift.load_expected(expected) == comparison.measured
+    assert run("--expected", expected, "--out", tmp_path / "second") == 0
+    assert drift.EXPECTED.read_bytes() == shipped
 
 
-def test_bad_usage_is_one_line_and_exit_code_2(undrawn, tmp_path, capsys, monkeypatch):
+def test_bad_usage_is_one_line_and_exit_code_2(undrawn, tmp_path, capsys):
     occupied = tmp_path / "file"
     occupied.write_text("mine")
     assert run("--out", occupied) == 2
     assert capsys.readouterr().err.startswith("fuzzyarm paper: cannot write to")
-    damaged = tmp_path / "expected.json"
+    damaged = tmp_path / "damaged.json"
     damaged.write_text("{}")
-    monkeypatch.setattr(drift, "EXPECTED", damaged)
-    assert run("--out", tmp_path / "out") == 2
+    assert run("--expected", damaged, "--out", tmp_path / "out") == 2
     assert "--renew" in capsys.readouterr().err
-    with pytest.raises(SystemExit) as stop:
-        run()
-    assert stop.value.code == 2
+    assert run("--expected", damaged, "--renew", damaged, "--out", tmp_path / "out") == 2
+    assert "give one of them" in capsys.readouterr().err
+    assert run("--renew", occupied / "new.json", "--out", tmp_path / "out") == 2
+    assert "cannot write to" in capsys.readouterr().err
+    assert run() == 2
 
 
 def test_a_terminal_gets_lines_and_every_number(comparison):

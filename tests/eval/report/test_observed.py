@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.evaluation.run import EvaluationConfig, certified_bounds
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.policies import load_policy
 
 ROOT = Path(__file__).parents[3]
 STORED = json.loads((ROOT / "benchmarks" / "results" / "certified_bounds.json").read_text())["bounds"]["fuzzy-4"]
-CLAIMED = certified_bounds(load_policy("fuzzy-4"), JointReference())
+CLAIMED = load_policy("fuzzy-4").certificate(JointReference()).bounds
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +31,8 @@ def test_it_is_what_the_benchmark_finds_and_within_the_certificate(controller, s
 
 def test_the_bounds_are_those_of_the_controller(controller):
     assert (CLAIMED["alpha"], CLAIMED["gamma"], CLAIMED["form"]) == (controller.alpha, controller.gamma, "consistent")
-    assert certified_bounds(load_policy("fuzzy-4-tip"), JointReference()) == CLAIMED
-    assert certified_bounds(load_policy("computed-torque"), JointReference()) is None
+    assert load_policy("fuzzy-4-tip").certificate(JointReference()).bounds == CLAIMED
+    assert load_policy("computed-torque").certificate(JointReference()) is None
 
 
 @pytest.fixture

@@ -14,13 +14,13 @@ from support.altered_evaluations import NASTY, wild, with_runs
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.report.chart import Axis, Bound, Errors, chart, digits
+from fuzzyarm.eval.report.chart import Axis, Bound, Errors, digits, draw_chart
 from fuzzyarm.eval.report.observed import Observed
-from fuzzyarm.eval.report.page import command, page
-from fuzzyarm.eval.report.payload import _shown, _within, payload
+from fuzzyarm.eval.report.page import command, render_page
+from fuzzyarm.eval.report.payload import _shown, _within, replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
-from fuzzyarm.eval.report.summary import best, table
-from fuzzyarm.fuzzy_policy.proof.certificate import NOT_COVERED
+from fuzzyarm.eval.report.summary import best, metrics_table
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
 
@@ -86,7 +86,7 @@ def test_a_nasty_name_stays_text(nasty_folder):
 
 def test_the_embedded_signals_are_those_of_the_rollouts(folder):
     stored = read_evaluation(folder)
-    data = payload(stored)
+    data = replay_data(stored)
     assert data["stride"] == 1
     runs = iter(stored.rollouts)
     for case in data["cases"]:
@@ -108,11 +108,11 @@ def test_many_policies_are_thinned_to_fit_and_the_page_says_so(evaluation):
     many = [dataclasses.replace(run, policy=f"policy-{k}") for k in range(60)]
     many += [wild(run, "early", 703)]
     stored = as_stored(with_runs(evaluation, many))
-    text = page(stored, {})
+    text = render_page(stored, {})
     assert len(text.encode()) < 3_000_000
-    stride = payload(stored)["stride"]
+    stride = replay_data(stored)["stride"]
     assert stride > 1 and f"one sample in {stride} and the last of each episode" in text
-    last = payload(stored)["cases"][0]["runs"][-1]
+    last = replay_data(stored)["cases"][0]["runs"][-1]
     np.testing.assert_allclose(numbers(last["torque"])[-2:], many[-1].torque[-1], rtol=1e-6)
 
 
@@ -130,7 +130,7 @@ def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
     for _, policy, cells in table_rows(evaluation.rows):
         row = re.search(rf'<th scope="row"><span class="swatch"></span>{policy}</th>(.*?)</tr>', text).group(1)
         assert row.count("<td") == len(cells)
-    cells = re.findall(r"<td[^>]*>(.*?)</td>", table(evaluation.rows))
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", metrics_table(evaluation.rows))
     expected = [re.sub(r"\.(?!\d)", "", cell) for _, _, row in table_rows(evaluation.rows) for cell in row]
     assert cells == expected
 
@@ -157,7 +157,7 @@ def test_the_best_of_a_column(values, early, expected):
 
 
 def test_certificates_stand_beside_what_was_observed(evaluation):
-    text = page(as_stored(evaluation), SEEN)
+    text = render_page(as_stored(evaluation), SEEN)
     assert "not for the sampled elastic arm" in text and NOT_COVERED in text
     assert "20.5 ≥ 20<" in text and "70.0 ≤ 140<" in text
     assert "> ≥ 20<" not in text and ">≥ 20<" in text  # the bound alone where nothing was observed
@@ -180,7 +180,7 @@ def test_a_bound_lies_between_what_it_rules_out_and_what_was_seen():
         (Bound(20.0, 21.0, at_least=True), (0.0, 20.0)),
         (Bound(20.0, 15.0, at_least=False), (20.0, 25.0)),
     ):
-        svg = chart(axis, [("a", bound)], "")
+        svg = draw_chart(axis, [("a", bound)], "")
         left, width = map(float, re.search(r'ruled-out" x="([\d.]+)" y="[\d.]+" width="([\d.]+)"', svg).groups())
         assert (left, left + width) == pytest.approx((axis.x(hatched[0]), axis.x(hatched[1])), abs=0.11)
         seen = float(re.search(r'circle class="dot" cx="([\d.]+)"', svg).group(1))
@@ -194,7 +194,7 @@ def test_digits():
 
 def test_errors_are_drawn_from_rms_to_maximum():
     axis = Axis("", 0.1, 100.0, log=True)
-    svg = chart(axis, [("a", Errors(1.0, 10.0, best=True)), (NASTY, Errors(2.0, 3.0, best=False))], "x < y")
+    svg = draw_chart(axis, [("a", Errors(1.0, 10.0, best=True)), (NASTY, Errors(2.0, 3.0, best=False))], "x < y")
     assert f'd="M{axis.x(1.0):.1f} 18.5H{axis.x(10.0):.1f}"' in svg
     assert svg.count("★") == 1 and "<img" not in svg and "x &lt; y" in svg
 

@@ -53,7 +53,7 @@ def test_no_folder_and_an_empty_one(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["report.txt", "no/such/report.html"])
 def test_a_bad_place_for_the_page(folder, tmp_path, capsys, name):
     assert main(["report", str(folder), "--out", str(tmp_path / name)]) == 2
-    assert "must end in .html" in (err := capsys.readouterr().err) or "does not exist" in err
+    assert "must be a file ending in .html" in (err := capsys.readouterr().err) or "does not exist" in err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -68,7 +68,7 @@ def test_an_interrupted_evaluation(copy, capsys):
 def test_broken_or_foreign_results(copy, capsys, content):
     (copy / "results.json").write_text(content)
     message = refusal(copy, capsys)
-    assert "results.json" in message and ("is not JSON" in message or "'fuzzyarm-evaluation/1'" in message)
+    assert "results.json" in message and ("not a JSON document" in message or "'fuzzyarm-evaluation/1'" in message)
 
 
 def test_another_version(copy, stored, capsys):

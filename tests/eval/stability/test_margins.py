@@ -15,22 +15,24 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from fuzzyarm.cli.application import _parser
+from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability import margins as margins_table
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
+from fuzzyarm.eval.stability.local_loop import GainLimits
 from fuzzyarm.eval.stability.margins import (
     CONDITIONS,
     LIMITS,
     MarginsConfig,
     margin_cells,
     margin_notes,
-    margins,
-    measure,
+    measure_margins,
+    policy_margins,
 )
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.policies.registry import LEARNED, NAMES, load_policy
+from fuzzyarm.fuzzy_policy.policy import Predictor
+from fuzzyarm.policies import LEARNED, NAMES, load_policy
 
 ARM = ArmParameters()
 NAMED = ("computed-torque", "fuzzy-4")
@@ -45,6 +47,10 @@ class Springs:
         e = observation[..., :4] - observation[..., 4:8]
         return np.array([60.0, 20.0]) - 2e4 * e[..., :2] - 400.0 * e[..., 2:], None
 
+    def without_dry_friction(self) -> Predictor:
+        """Return the springs, which have no model of friction."""
+        return self
+
 
 class Forgetful(Springs):
     """Springs with a memory that is no array."""
@@ -57,7 +63,7 @@ class Forgetful(Springs):
 @functools.cache
 def nominal() -> dict[str, Any]:
     """Two policies with the arm of Table 1, measured once and not to be changed."""
-    return margins(MarginsConfig(NAMED))
+    return measure_margins(MarginsConfig(NAMED))
 
 
 def shown(document: dict[str, Any], **console: Any) -> str:
@@ -117,7 +123,7 @@ def test_each_plant_is_linearised_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     original = margins_table.linearise_path
     monkeypatch.setattr(margins_table, "linearise_path", lambda *given: calls.append(given) or original(*given))
-    measure(Springs(), ARM, 1e-3)
+    policy_margins(Springs(), ARM, 1e-3)
     assert len(calls) == 4
 
 
@@ -134,19 +140,29 @@ def test_the_document() -> None:
     assert [row["policy"] for row in document["rows"]] == list(NAMED)
 
 
-def test_the_command_makes_the_configuration_again() -> None:
-    """Read back by the command line's own parser, names with spaces included; all policies need not be named."""
-    assert MarginsConfig().command() == "fuzzyarm margins"
+def test_the_command_makes_the_configuration_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read back by the command line itself, names with spaces included; all policies need not be named."""
+
+    class Seen(Exception):
+        """The configuration is as expected."""
+
     config = MarginsConfig(("my own.json", "fuzzy-1"), Path("other arm.toml"))
-    options = _parser().parse_args(shlex.split(config.command())[1:])
-    assert (tuple(options.policy), options.robot) == (config.policies, config.robot)
+
+    def seen(given: MarginsConfig, *_: Any) -> None:
+        assert given == config
+        raise Seen
+
+    assert MarginsConfig().command() == "fuzzyarm margins"
+    monkeypatch.setattr(margins_table, "measure_margins", seen)
+    with pytest.raises(Seen):
+        main(shlex.split(config.command())[1:])
 
 
 def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
     """Torque limits that the payload exceeds: nothing there, numbers elsewhere, a dash in the table and the reason."""
     robot = tmp_path / "weak.toml"
     robot.write_text("torque_limit = [95.0, 45.0]\n")
-    document = margins(MarginsConfig(("computed-torque",), robot))
+    document = measure_margins(MarginsConfig(("computed-torque",), robot))
     (row,) = document["rows"]
     assert row["spectral_radius"].pop(PAYLOAD) is None
     assert all(0.9 < radius < 1.0 for radius in row["spectral_radius"].values())
@@ -159,7 +175,7 @@ def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
 
 def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
     """All null, and why."""
-    row = measure(Forgetful(), ARM, 1e-3)
+    row = policy_margins(Forgetful(), ARM, 1e-3)
     assert set(row["spectral_radius"].values()) == set(row["loop_gain"].values()) == {None}
     assert set(row["reasons"]) == {*(condition.name for condition in CONDITIONS), *LIMITS}
     assert all("state tuple; needed: float64, array or None" in reason for reason in row["reasons"].values())
@@ -169,7 +185,7 @@ def test_a_policy_that_cannot_be_linearised_has_no_numbers() -> None:
 
 def test_an_unstable_loop_is_marked_by_a_word() -> None:
     """Computed torque at 400 rad/s: radii above 1, and no margins around an unstable loop."""
-    row = measure(ComputedTorquePolicy(ARM, 1e-3, 400.0), ARM, 1e-3)
+    row = policy_margins(ComputedTorquePolicy(ARM, 1e-3, 400.0), ARM, 1e-3)
     assert row["spectral_radius"]["nominal"] > 1.0
     assert row["loop_gain"] == dict.fromkeys(LIMITS)
     assert row["reasons"] == dict.fromkeys(LIMITS, "unstable with its own loop gain")
@@ -190,11 +206,11 @@ def test_radius_cells(radius: float | None, cell: str) -> None:
 
 def test_a_gain_without_limit_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """Springs without integral bear any smaller gain; an upper limit beyond the search is none either."""
-    row = measure(Springs(), ARM, 1e-3)
+    row = policy_margins(Springs(), ARM, 1e-3)
     assert row["loop_gain"]["lower"] is None and row["loop_gain"]["upper"] > 2.0
     assert row["reasons"] == {"lower": "stable down to 0.01 times its loop gain"}
-    monkeypatch.setattr(margins_table, "gain_limits", lambda *_: (0.5, math.inf))
-    row = measure(Springs(), ARM, 1e-3)
+    monkeypatch.setattr(margins_table, "gain_limits", lambda *_: GainLimits(0.5, math.inf))
+    row = policy_margins(Springs(), ARM, 1e-3)
     assert row["loop_gain"] == {"lower": 0.5, "upper": None, "upper_one_sample_later": None}
     assert row["reasons"]["upper"] == "stable up to 100 times its loop gain"
 
@@ -205,19 +221,19 @@ def test_bad_configurations(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="one or more different names"):
             MarginsConfig(policies)
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
-        margins(MarginsConfig(("nobody",)))
+        measure_margins(MarginsConfig(("nobody",)))
     load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match="two of them have the same name"):
-        margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
+        measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
     (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\n")
     with pytest.raises(ValueError, match="reach"):
-        margins(MarginsConfig(("computed-torque",), tmp_path / "short.toml"))
+        measure_margins(MarginsConfig(("computed-torque",), tmp_path / "short.toml"))
 
 
 def test_every_policy_there_is() -> None:
     """By default each has its row, is stable in the nominal loop unless it was learned, and is reported when done."""
     steps: list[int] = []
-    document = margins(MarginsConfig(), lambda: steps.append(1))
+    document = measure_margins(MarginsConfig(), lambda: steps.append(1))
     assert [row["policy"] for row in document["rows"]] == list(NAMES)
     assert len(steps) == len(NAMES)
     for row in document["rows"]:

@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import MEASURED
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.eval.sweep.config import COLUMNS, DISTRIBUTIONS, NOISE, Axis, SweepConfig
-from fuzzyarm.eval.sweep.episodes import MEASURES, measure, replay, steps
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.sweep.config import Axis, SweepConfig
+from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
+from fuzzyarm.eval.sweep.episodes import replay, run_plants, steps
 from fuzzyarm.eval.sweep.plants import Plants
+from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE
+from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.policies import load_policy
 
 POLICIES = {name: load_policy(name) for name in ("fuzzy-4", "elastic-observer")}
@@ -21,7 +27,7 @@ CONFIG = SweepConfig(policies=tuple(POLICIES), plants=6, distribution="all", see
 
 @pytest.fixture(scope="module")
 def whole():
-    return measure(CONFIG, POLICIES, range(6))
+    return run_plants(CONFIG, POLICIES, range(6))
 
 
 def tip_errors(env, policy, seed, delay=0, noise=1.0):
@@ -30,7 +36,8 @@ def tip_errors(env, policy, seed, delay=0, noise=1.0):
     waiting, state, errors, done = None, None, [], False
     while not done:
         true = np.concatenate([info["q_motor"], info["dq_motor"]])
-        read = np.concatenate([true + noise * (observation[:4] - true), observation[4:]])
+        read = observation.copy()
+        read[MEASURED] = true + noise * (read[MEASURED] - true)
         torque, state = policy.predict(read, state)
         waiting = deque([torque] * delay) if waiting is None else waiting
         waiting.append(torque)
@@ -46,17 +53,17 @@ def test_the_numbers_are_those_of_single_environments(whole):
     for case in ("nominal", "machining"):
         c = CONFIG.cases.index(case)
         for i in (1, 4):
-            noise, delay = plants.column("noise")[i], int(plants.column("delay")[i])
+            noise, delay = plants.values["noise"][i], int(plants.values["delay"][i])
             noisy = CASES[case].disturbance.__class__(
                 tip_force=CASES[case].disturbance.tip_force, encoder_noise=EncoderNoise(NOISE.position, NOISE.velocity)
             )
             env = FuzzyArmEnv(disturbance=noisy, randomisation=DISTRIBUTIONS["all"].randomisation())
             for p, policy in enumerate(POLICIES.values()):
                 errors, completed = tip_errors(env, policy, 40 + i, delay, noise)
-                assert whole["max_mm"][p, c, i] == 1e3 * errors.max()
-                assert whole["rms_mm"][p, c, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-12)
-                assert whole["completed"][p, c, i] == completed
-                assert whole["seconds"][p, c, i] == pytest.approx(1e-3 * len(errors))
+                assert whole.max_mm[p, c, i] == 1e3 * errors.max()
+                assert whole.rms_mm[p, c, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-12)
+                assert whole.completed[p, c, i] == completed
+                assert whole.seconds[p, c, i] == pytest.approx(1e-3 * len(errors))
 
 
 def test_what_is_drawn_is_what_the_environment_draws_from_the_same_seed():
@@ -64,41 +71,45 @@ def test_what_is_drawn_is_what_the_environment_draws_from_the_same_seed():
     env = FuzzyArmEnv(randomisation=DISTRIBUTIONS["all"].randomisation())
     for i in range(6):
         drawn = env.reset(seed=40 + i)[1]["randomisation"]
-        assert np.array_equal(plants.values[i, :12], np.concatenate([drawn[n] for n in list(drawn)[:6]]))
-        assert (plants.column("payload")[i], plants.column("force")[i]) == (drawn["payload"], drawn["force"])
+        for name, column in COLUMNS.items():
+            if column.joint is not None:
+                assert plants.values[name][i] == drawn[column.quantity][column.joint]
+        assert (plants.values["payload"][i], plants.values["force"][i]) == (drawn["payload"], drawn["force"])
 
 
 def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
     plants = Plants.draw(SweepConfig(plants=3000, distribution="all"), range(3000))
-    noise, delay = plants.column("noise"), plants.column("delay")
+    noise, delay = plants.values["noise"], plants.values["delay"]
     assert 0.0 <= noise.min() < 0.01 and 1.99 < noise.max() < 2.0
     assert noise.mean() == pytest.approx(1.0, abs=4 * 2 / math.sqrt(12 * 3000))
     counts = np.bincount(delay.astype(int))
     assert len(counts) == 3 and np.all(np.abs(counts - 1000) < 4 * math.sqrt(3000 * 2 / 9))
-    others = np.corrcoef(plants.values.T)[:, [COLUMNS.index("noise"), COLUMNS.index("delay")]]
-    assert np.sum(np.abs(others) > 0.09) == 2  # with themselves
+    for extra in ("noise", "delay"):
+        for name in COLUMNS:
+            correlation = np.corrcoef(plants.values[name], plants.values[extra])[0, 1]
+            assert abs(correlation) < 0.09 or name == extra
 
 
 @pytest.mark.parametrize("size", [1, 4])
 def test_no_number_depends_on_the_chunk_it_was_computed_in(whole, size):
-    parts = [measure(CONFIG, POLICIES, range(6)[start : start + size]) for start in range(0, 6, size)]
-    for name in MEASURES:
-        assert np.array_equal(np.concatenate([part[name] for part in parts], axis=-1), whole[name]), name
-    assert np.array_equal(np.concatenate([part["plants"] for part in parts]), whole["plants"])
+    parts = [run_plants(CONFIG, POLICIES, range(6)[start : start + size]) for start in range(0, 6, size)]
+    joined = SweepResults.joined(parts).arrays()
+    for name, array in whole.arrays().items():
+        assert np.array_equal(joined[name], array), name
 
 
 def test_no_number_depends_on_the_other_policies_and_cases(whole):
     alone = SweepConfig(policies=("elastic-observer",), cases=("payload",), plants=6, distribution="all", seed=40)
-    found = measure(alone, {"elastic-observer": POLICIES["elastic-observer"]}, range(6))
-    assert np.array_equal(found["max_mm"][0, 0], whole["max_mm"][1, 2])
+    found = run_plants(alone, {"elastic-observer": POLICIES["elastic-observer"]}, range(6))
+    assert np.array_equal(found.max_mm[0, 0], whole.max_mm[1, 2])
 
 
 def test_a_replay_is_the_episode_of_the_sweep_bit_for_bit(whole):
     for p, policy in enumerate(POLICIES):
         run = replay(CONFIG, POLICIES, 3, policy, "machining")
-        assert 1e3 * run.tip_error.max() == whole["max_mm"][p, 1, 3]
-        assert 1e3 * np.sqrt(np.cumsum(run.tip_error**2)[-1] / len(run.time)) == whole["rms_mm"][p, 1, 3]
-        assert run.completed == whole["completed"][p, 1, 3] and run.seed == 43
+        assert 1e3 * run.tip_error.max() == whole.max_mm[p, 1, 3]
+        assert 1e3 * np.sqrt(np.cumsum(run.tip_error**2)[-1] / len(run.time)) == whole.rms_mm[p, 1, 3]
+        assert run.completed == whole.completed[p, 1, 3] and run.seed == 43
         assert run.time[-1] == pytest.approx(1.5) and np.abs(run.external_force).max() > 50.0
         assert np.allclose(np.hypot(*(run.tip - run.tip_reference).T), run.tip_error)
 
@@ -119,30 +130,30 @@ SOFT = SweepConfig(
 
 def test_an_episode_that_ends_early_counts_up_to_its_end():
     policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
-    found = measure(SOFT, policies, range(4))
-    ended = np.flatnonzero(~found["completed"][0, 0])
+    found = run_plants(SOFT, policies, range(4))
+    ended = np.flatnonzero(~found.completed[0, 0])
     assert 0 < len(ended) < 4
     for i in ended.tolist():
-        stiffness, payload = found["plants"][i, [COLUMNS.index("stiffness_1"), COLUMNS.index("payload")]]
+        stiffness, payload = found.plants["stiffness_1"][i], found.plants["payload"][i]
         drawn = DomainRandomisation(stiffness=(stiffness,) * 2, payload=(payload,) * 2)
         errors, completed = tip_errors(FuzzyArmEnv("payload", randomisation=drawn), policies["fuzzy-4"], 0)
         assert not completed and len(errors) < 1500
-        assert found["seconds"][0, 0, i] == pytest.approx(1e-3 * len(errors))
-        assert found["max_mm"][0, 0, i] == pytest.approx(1e3 * errors.max(), rel=1e-6)
-        assert found["rms_mm"][0, 0, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-6)
+        assert found.seconds[0, 0, i] == pytest.approx(1e-3 * len(errors))
+        assert found.max_mm[0, 0, i] == pytest.approx(1e3 * errors.max(), rel=1e-6)
+        assert found.rms_mm[0, 0, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-6)
         run = replay(SOFT, policies, i, "fuzzy-4", "payload")
         assert not run.completed and "left the domain" in run.reason and len(run.time) == len(errors)
-        assert 1e3 * run.tip_error.max() == found["max_mm"][0, 0, i]
+        assert 1e3 * run.tip_error.max() == found.max_mm[0, 0, i]
 
 
 def test_a_grid_sets_every_pair_of_values_once_for_each_of_its_plants():
     config = SweepConfig(grid=(Axis("delay", 0, 3, 4), Axis("mass", 0.9, 1.1, 3)), distribution="loads", plants=2)
     plants = Plants.draw(config, range(config.total))
-    pairs = np.stack([plants.column("delay"), plants.column("mass_1")], axis=1)
+    pairs = np.stack([plants.values["delay"], plants.values["mass_1"]], axis=1)
     expected = [(delay, mass) for delay in range(4) for mass in (0.9, 1.0, 1.1) for _ in range(2)]
     assert np.allclose(pairs, expected)
-    assert np.array_equal(plants.column("mass_1"), plants.column("mass_2"))
-    assert len(np.unique(plants.column("payload"))) == config.total  # what is drawn differs everywhere
+    assert np.array_equal(plants.values["mass_1"], plants.values["mass_2"])
+    assert len(np.unique(plants.values["payload"])) == config.total  # what is drawn differs everywhere
 
 
 @pytest.mark.parametrize(
@@ -157,9 +168,9 @@ def test_a_grid_sets_every_pair_of_values_once_for_each_of_its_plants():
 def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(grid, exact):
     config = SweepConfig(policies=("fuzzy-4",), cases=("machining",), grid=grid, distribution="nominal", plants=1)
     policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
-    found = measure(config, policies, range(4))["max_mm"][0, 0]
+    found = run_plants(config, policies, range(4)).max_mm[0, 0]
     for i, (first, second) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
-        drawn = DomainRandomisation(**{grid[0].name: (first, first), grid[1].name: (second, second)})
+        drawn = DomainRandomisation(**{grid[0].quantity: (first, first), grid[1].quantity: (second, second)})
         errors, _ = tip_errors(FuzzyArmEnv("machining", randomisation=drawn), policies["fuzzy-4"], 0)
         assert found[i] == (1e3 * errors.max() if exact else pytest.approx(1e3 * errors.max(), rel=1e-9))
 
@@ -169,5 +180,49 @@ def test_a_lane_that_ended_does_not_disturb_its_neighbours():
     seen = [step.running.copy() for step in steps(plants, plants.environment(["payload"]), POLICIES["fuzzy-4"])]
     lengths = np.sum(seen, axis=0)
     assert len(seen) == lengths.max() == 1500 and lengths.min() < 1500
-    alone = measure(SOFT, {"fuzzy-4": POLICIES["fuzzy-4"]}, [0])
-    assert np.array_equal(measure(SOFT, {"fuzzy-4": POLICIES["fuzzy-4"]}, range(4))["max_mm"][..., :1], alone["max_mm"])
+    alone = run_plants(SOFT, {"fuzzy-4": POLICIES["fuzzy-4"]}, [0])
+    assert np.array_equal(run_plants(SOFT, {"fuzzy-4": POLICIES["fuzzy-4"]}, range(4)).max_mm[..., :1], alone.max_mm)
+
+
+def test_plants_are_drawn_around_the_robot():
+    """Each plant is the robot with the factors of its record, and starts where the robot does."""
+    robot = ArmParameters(length=(0.45, 0.55), mass_center=(0.22, 0.27), stiffness=(5e4, 1e4))
+    config = SweepConfig(
+        policies=("computed-torque",), cases=("machining",), plants=2, distribution="plants", robot=robot
+    )
+    policies = {"computed-torque": load_policy("computed-torque", robot=robot)}
+    found = run_plants(config, policies, range(2))
+    for i in range(2):
+        env = FuzzyArmEnv(
+            disturbance=CASES["machining"].disturbance,
+            parameters=robot,
+            reference=JointReference(parameters=robot),
+            randomisation=DISTRIBUTIONS["plants"].randomisation(),
+        )
+        errors, _ = tip_errors(env, policies["computed-torque"], i)
+        assert found.max_mm[0, 0, i] == 1e3 * errors.max()
+    run = replay(config, policies, 1, "computed-torque", "machining")
+    assert 1e3 * run.tip_error.max() == found.max_mm[0, 0, 1]
+
+
+def test_a_grid_scales_the_robot():
+    robot = ArmParameters(stiffness=(5e4, 1e4))
+    grid = Axis("stiffness", 0.8, 1.2, 2), Axis("mass", 0.9, 1.1, 2)
+    config = SweepConfig(
+        policies=("computed-torque",), cases=("nominal",), grid=grid, distribution="nominal", plants=1, robot=robot
+    )
+    policies = {"computed-torque": load_policy("computed-torque", robot=robot)}
+    found = run_plants(config, policies, range(4)).max_mm[0, 0]
+    for i, (stiffness, mass) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
+        drawn = DomainRandomisation(stiffness=(stiffness,) * 2, mass=(mass,) * 2)
+        errors, _ = tip_errors(FuzzyArmEnv(parameters=robot, randomisation=drawn), policies["computed-torque"], 0)
+        assert found[i] == 1e3 * errors.max()
+
+
+def test_a_policy_that_fails_is_named():
+    class Failing:
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            raise ValueError("out of ideas")
+
+    with pytest.raises(ValueError, match="policy mine, plants 2 to 3: out of ideas"):
+        run_plants(CONFIG, {"mine": Failing()}, range(2, 4))

@@ -4,8 +4,10 @@ import matplotlib.style
 import numpy as np
 import pytest
 
-from fuzzyarm.eval.sweep.config import COLUMNS, Axis, SweepConfig
+from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.figures import COLORS, Cells, draw_sweep, write_sweep_figures
+from fuzzyarm.eval.sweep.quantities import COLUMNS, PLANT
+from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.summary import summarise
 
 GRID = SweepConfig(
@@ -17,25 +19,27 @@ DRAWN = SweepConfig(policies=("fuzzy-4",), cases=("nominal",), plants=500, distr
 
 def made(config, ended=True):
     generator = np.random.default_rng(0)
-    plants = generator.uniform(size=(config.total, len(COLUMNS)))
-    plants[:, COLUMNS.index("delay")] = generator.integers(0, 3, config.total)
+    plants = np.empty(config.total, dtype=PLANT)
+    for name in COLUMNS:
+        plants[name] = generator.uniform(size=config.total)
+    plants["delay"] = generator.integers(0, 3, config.total)
     if config.grid:
         cell = np.arange(config.total) // config.plants
         first, second = config.grid
-        plants[:, COLUMNS.index("stiffness_1")] = first.values[cell // second.number]
-        plants[:, COLUMNS.index("delay")] = second.values[cell % second.number]
+        plants["stiffness_1"] = first.values[cell // second.number]
+        plants["delay"] = second.values[cell % second.number]
     shape = len(config.policies), len(config.cases), config.total
     completed = np.ones(shape, dtype=bool)
     if ended:
         completed[..., :3] = False
     largest = generator.lognormal(2.5, 1.0, shape)
-    return {"plants": plants, "max_mm": largest, "rms_mm": largest / 3, "seconds": largest, "completed": completed}
+    return SweepResults(plants, max_mm=largest, rms_mm=largest / 3, seconds=largest, completed=completed)
 
 
 def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
     results = made(GRID)
-    cells = Cells.of(GRID, results["plants"])
-    errors = results["max_mm"][0, 0]
+    cells = Cells.of(GRID, results.plants)
+    errors = results.max_mm[0, 0]
     expected = np.median(errors.reshape(5, 4, 3), axis=-1).T
     assert np.array_equal(cells.medians(errors), expected)
     assert np.allclose(cells.edges[0], [0.375, 0.625, 0.875, 1.125, 1.375, 1.625])
@@ -45,11 +49,11 @@ def test_the_cells_of_a_grid_hold_the_medians_of_their_plants():
 def test_the_bins_of_drawn_plants_hold_the_lower_medians_and_leave_nobody_out():
     config = SweepConfig(**vars(DRAWN) | {"map": ("mass_1", "delay")})
     results = made(config)
-    cells = Cells.of(config, results["plants"])
-    errors = np.where(results["completed"], results["max_mm"], np.inf)[0, 0]
+    cells = Cells.of(config, results.plants)
+    errors = results.errors[0, 0]
     across, up = cells.edges
     assert len(up) == 4  # a row for each delay
-    mass, delay = (results["plants"][:, COLUMNS.index(name)] for name in ("mass_1", "delay"))
+    mass, delay = results.plants["mass_1"], results.plants["delay"]
     found = cells.medians(errors)
     for j in range(3):
         for i in range(len(across) - 1):
@@ -98,3 +102,10 @@ def test_the_same_sweep_gives_the_same_files(tmp_path):
     assert contents[0] == contents[1] and len(contents[0]) == 4
     image = matplotlib.image.imread(io.BytesIO(contents[0]["map-fuzzy-4.png"]))
     assert image.shape[1] > image.shape[0] > 300
+
+
+def test_the_label_of_code_makes_a_file_name_for_every_system(tmp_path):
+    config = SweepConfig(policies=("lab.mine:make",), cases=("nominal",), plants=30)
+    results = made(config)
+    paths = write_sweep_figures(config, results, summarise(config, results)["rows"], tmp_path)
+    assert {path.name for path in paths} >= {"map-lab.mine-make.png", "map-lab.mine-make.svg"}

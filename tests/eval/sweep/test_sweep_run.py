@@ -1,5 +1,6 @@
 """A whole sweep on every backend, with workers and the driver killed: always the same numbers."""
 
+import functools
 import json
 import os
 import signal
@@ -10,13 +11,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.processes import running, wait_until
 
 from fuzzyarm.cli import main
+from fuzzyarm.eval.sweep import chunks
+from fuzzyarm.eval.sweep.chunks import Chunk, load_policies, run_chunk, run_missing
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
-from fuzzyarm.eval.sweep.run import Chunk, load_policies, run_chunk, run_missing
 from fuzzyarm.eval.sweep.store import Store
 
+HERE = Path(__file__).parent
 CONFIG = SweepConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("machining",), plants=24, chunk=2, seed=5)
 
 
@@ -27,30 +31,45 @@ def expected(tmp_path_factory):
 
 def swept(folder, engine, progress=lambda number, chunk: None, report=lambda text: None, config=CONFIG):
     store = Store.create(folder / "sweep", config)
-    run_missing(store, load_policies(config), engine, progress, report)
-    return store.load_all()
+    for number, chunk in run_missing(store, load_policies(store), engine, report):
+        progress(number, chunk)
+    return store.load_all().arrays()
 
 
 def equal(one, other):
     return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
 
 
-class Killer:
-    """Kills the first worker that hands in a chunk, a moment later, in the middle of its next."""
+def waiting(folder, config, policies, number):
+    """Run a chunk in a worker; its second waits until somebody was killed."""
+    if (folder / f"{os.getpid()}").exists():
+        (folder / f"{os.getpid()}-again").touch()
+        while not (folder / "killed").exists():
+            time.sleep(0.005)
+    (folder / f"{os.getpid()}").touch()
+    return run_chunk(config, policies, number)
 
-    def __init__(self):
-        self.processes, self.killed = set(), None
+
+class Killer:
+    """Kills the first worker that hands in a chunk, in the middle of its next."""
+
+    def __init__(self, folder):
+        self.folder, self.processes, self.killed = folder, set(), None
+        chunks.run_chunk = functools.partial(waiting, folder)
 
     def __call__(self, number, chunk):
         self.processes.add(chunk.process)
         if self.killed is None:
-            time.sleep(0.03)
+            while not (self.folder / f"{chunk.process}-again").exists():
+                time.sleep(0.005)
             os.kill(chunk.process, signal.SIGKILL)
             self.killed = chunk.process
+            (self.folder / "killed").touch()
 
 
-def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected):
-    killer, reports = Killer(), []
+def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected, monkeypatch):
+    monkeypatch.setattr(chunks, "run_chunk", run_chunk)  # put back after the test
+    killer, reports = Killer(tmp_path), []
     assert equal(swept(tmp_path, Engine(jobs=2), killer, reports.append), expected)
     assert os.getpid() not in killer.processes and len(killer.processes) > 1
     assert len(reports) == 1
@@ -59,11 +78,10 @@ def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_pat
 ON_RAY = """
 import json, os, sys
 from pathlib import Path
-sys.path.insert(0, sys.argv[2])
 from test_sweep_run import CONFIG, Killer, swept
 from fuzzyarm.eval.sweep.engine import Engine
 
-killer, reports, addresses = Killer(), [], set()
+killer, reports, addresses = Killer(Path(sys.argv[1])), [], set()
 
 def progress(number, chunk):
     import ray
@@ -79,13 +97,14 @@ Path(sys.argv[1], "found.json").write_text(json.dumps(found | {"left": ray.is_in
 
 def test_ray_gives_the_same_numbers_and_a_killed_worker_costs_only_its_chunk(tmp_path, expected):
     """In a process of its own: Ray does not wait for its processes, which warns."""
-    command = [sys.executable, "-c", ON_RAY, str(tmp_path), str(Path(__file__).parent)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
+    path = os.pathsep.join([str(HERE), *sys.path])  # Ray's workers get it too
+    command, environment = [sys.executable, "-c", ON_RAY, str(tmp_path)], os.environ | {"PYTHONPATH": path}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""  # is for results
-    assert equal(Store.open(tmp_path / "sweep").load_all(), expected)
+    assert equal(Store.open(tmp_path / "sweep").load_all().arrays(), expected)
     found = json.loads((tmp_path / "found.json").read_text())
-    assert len(found["workers"]) > 2 and found["own"] not in found["workers"]
+    assert len(found["workers"]) > 1 and found["own"] not in found["workers"]
     assert found["reports"] == ["a worker died; the chunk it was at is run again"]
     assert found["addresses"] == ["127.0.0.1"]  # nobody else can reach it
     assert not found["left"]
@@ -99,12 +118,29 @@ def test_another_chunk_size_gives_the_same_numbers(tmp_path, expected):
 def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
     def old(config, policies, number):
         chunk = run_chunk(config, policies, number)
-        return Chunk(chunk.arrays, chunk.process, chunk.made_with | {"numpy": "1.0"})
+        return Chunk(chunk.results, chunk.process, chunk.made_with | {"numpy": "1.0"})
 
-    monkeypatch.setattr("fuzzyarm.eval.sweep.run.run_chunk", old)
+    monkeypatch.setattr("fuzzyarm.eval.sweep.chunks.run_chunk", old)
     with pytest.raises(ValueError, match=r"other versions than this process \(numpy 1\.0 and"):
         swept(tmp_path, Engine(jobs=1))
     assert list((tmp_path / "sweep" / "chunks").iterdir()) == []
+
+
+WAITS = """
+import os, sys, time
+from pathlib import Path
+from fuzzyarm.cli import main
+replace = os.replace
+
+def waits(source, target):
+    replace(source, target)
+    folder = Path(target).parent
+    if folder.name == "chunks" and len(list(folder.glob("*.npz"))) == int(sys.argv[1]):
+        time.sleep(3600)
+
+os.replace = waits
+sys.exit(main(sys.argv[2:]))
+"""
 
 
 def test_an_interrupted_and_then_a_killed_sweep_goes_on_to_the_same_end(tmp_path, capsys):
@@ -112,27 +148,24 @@ def test_an_interrupted_and_then_a_killed_sweep_goes_on_to_the_same_end(tmp_path
     arguments = ["--policy", "fuzzy-4", "--case", "machining", "--plants", "60", "--chunk", "2", "--seed", "5"]
 
     def started(words, files):
-        """Start a sweep in a session of its own, and return it when there are so many chunks."""
-        command = [sys.executable, "-m", "fuzzyarm", "sweep", *words, "--jobs", "2", "--out", str(folder)]
-        process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        deadline = time.monotonic() + 100.0
-        while len(list(folder.glob("chunks/*.npz"))) < files:
-            assert process.poll() is None and time.monotonic() < deadline
-            time.sleep(0.01)
-        return process
+        """Start a sweep that waits, and its workers too, once there are so many chunks."""
+        command = ["sweep", *words, "--jobs", "2", "--out", str(folder)]
+        return running(WAITS, str(files), *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
-    process = started(arguments, 3)
-    os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C in a terminal does: everybody gets it
-    error = process.communicate(timeout=60)[1].decode()
+    def done():
+        return len(list(folder.glob("chunks/*.npz")))
+
+    with started(arguments, 3) as process:
+        wait_until(lambda: done() == 3, process)
+        os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C in a terminal does: everybody gets it
+        error = process.communicate()[1]
     assert process.returncode == 130
     assert error.splitlines()[-1].startswith("fuzzyarm sweep: interrupted; what is done is kept: --resume --out")
-    done = len(list(folder.glob("chunks/*.npz")))
-    assert 3 <= done < 30
-    process = started(["--resume"], done + 3)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate(timeout=60)
+    assert done() == 3
+    with started(["--resume"], 6) as process:
+        wait_until(lambda: done() == 6, process)  # and is killed
     kept = {path: path.stat().st_mtime_ns for path in folder.glob("chunks/*.npz")}
-    assert 6 <= len(kept) < 30 and not (folder / "sweep.json").exists()
+    assert len(kept) == 6 and not (folder / "sweep.json").exists()
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
     assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
     whole = SweepConfig(policies=("fuzzy-4",), cases=("machining",), plants=60, chunk=60, seed=5)

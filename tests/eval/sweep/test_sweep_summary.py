@@ -1,11 +1,15 @@
+import io
 import math
 import re
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.stats import binom, norm
 
-from fuzzyarm.eval.sweep.config import COLUMNS, SweepConfig
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.quantities import COLUMNS, PLANT
+from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.summary import QUANTILES, quantile_ranks, quantiles, summarise, worst
 from fuzzyarm.eval.sweep.table import print_sweep, summary_csv
 
@@ -54,23 +58,26 @@ def made(count=200):
     generator = np.random.default_rng(3)
     config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=count, bound=10.0, worst=3, seed=7)
     shape = 1, 2, count
-    results = {
-        "plants": generator.uniform(size=(count, len(COLUMNS))),
-        "max_mm": generator.uniform(1.0, 20.0, shape),
-        "rms_mm": generator.uniform(0.1, 1.0, shape),
-        "seconds": np.full(shape, 1.5),
-        "completed": np.ones(shape, dtype=bool),
-    }
-    results["completed"][0, 1, [4, 9]] = False
-    results["seconds"][0, 1, [4, 9]] = 0.7, 0.2
-    results["max_mm"][0, 1, [4, 9]] = 2.0, 3.0  # small, but not to the end
+    plants = np.empty(count, dtype=PLANT)
+    for name in COLUMNS:
+        plants[name] = generator.uniform(size=count)
+    results = SweepResults(
+        plants,
+        max_mm=generator.uniform(1.0, 20.0, shape),
+        rms_mm=generator.uniform(0.1, 1.0, shape),
+        seconds=np.full(shape, 1.5),
+        completed=np.ones(shape, dtype=bool),
+    )
+    results.completed[0, 1, [4, 9]] = False
+    results.seconds[0, 1, [4, 9]] = 0.7, 0.2
+    results.max_mm[0, 1, [4, 9]] = 2.0, 3.0  # small, but not to the end
     return config, results
 
 
 def test_success_counts_plants_below_the_bound_with_wilsons_interval():
     config, results = made()
     row = summarise(config, results)["rows"][1]
-    n, k = 200, sum((results["max_mm"][0, 1] < 10.0) & results["completed"][0, 1])
+    n, k = 200, sum((results.max_mm[0, 1] < 10.0) & results.completed[0, 1])
     z, share = norm.ppf(0.975), k / n
     center = (share + z * z / (2 * n)) / (1 + z * z / n)
     reach = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
@@ -82,25 +89,34 @@ def test_the_worst_plants_come_with_what_makes_them():
     config, results = made()
     first, second = summarise(config, results)["rows"]
     assert [one["plant"] for one in second["worst"]][:2] == [9, 4]  # the earliest end first
-    order = np.argsort(results["max_mm"][0, 0])[::-1][:3]
+    order = np.argsort(results.max_mm[0, 0])[::-1][:3]
     assert [one["plant"] for one in first["worst"]] == order.tolist()
     for one in first["worst"]:
         assert one["seed"] == 7 + one["plant"]
-        assert list(one["parameters"].values()) == results["plants"][one["plant"]].tolist()
-        assert one["max_mm"] == results["max_mm"][0, 0, one["plant"]]
-    assert len(worst({name: values[0, 0] for name, values in results.items() if name != "plants"}, 0)) == 0
+        assert list(one["parameters"].items()) == list(zip(COLUMNS, results.plants[one["plant"]].tolist(), strict=True))
+        assert one["max_mm"] == results.max_mm[0, 0, one["plant"]]
+    assert len(worst(results.episodes(0, 0), 0)) == 0
 
 
 def test_the_table_shows_no_number_without_its_interval():
-    from rich.console import Console
-
     config, results = made(5000)
-    results["max_mm"][0, 0] = 1.0  # all succeed
+    results.max_mm[0, 0] = 1.0  # all succeed
     with (console := Console(width=250)).capture() as captured:
         print_sweep(summarise(config, results), console)
     lines = [line for line in captured.get().splitlines() if line.startswith("fuzzy-4")]
     assert len(lines) == 2 and all(len(re.findall(r"[\d.]+ \([\d.]+ to [\d.]+\)", line)) == 5 for line in lines)
     assert "100.00 (99.92 to 100.00)" in lines[0]  # Wilson: n/(n + z²) of 5000
+
+
+def test_a_terminal_of_eighty_columns_shows_every_number():
+    document, out = summarise(*made()), io.StringIO()
+    print_sweep(document, Console(file=out, width=80, force_terminal=True, color_system=None))
+    lines = out.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80 and not any("…" in line for line in lines)
+    for row in document["rows"]:
+        for level in ("0.5", "0.9", "0.99"):
+            value = row["max_mm"][level]["value"]
+            assert value is None or any(f"{value:#.3g}" in line for line in lines)
 
 
 def test_the_csv_has_every_number_with_both_ends():

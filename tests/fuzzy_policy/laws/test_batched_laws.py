@@ -11,7 +11,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies.registry import NAMES
+from fuzzyarm.policies import NAMES
 
 LANES = 1024
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))

@@ -5,13 +5,14 @@ import warnings
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.policies import loaded
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.ts_model import premises
-from fuzzyarm.policies.registry import NAMES
+from fuzzyarm.policies import NAMES
 
 ARM = ArmParameters()
 
@@ -67,7 +68,7 @@ def test_computed_torque_linearises_the_rigid_arm():
 @pytest.mark.parametrize("name", NAMES)
 class TestProtocol:
     def test_a_batch_equals_its_lanes_bit_for_bit(self, name):
-        policy, batch = load_policy(name), observations(64)
+        policy, batch = loaded(name), observations(64)
         states = some_state(policy, batch)
         actions, after = policy.predict(batch, state=states)
         for lane in range(64):
@@ -76,7 +77,7 @@ class TestProtocol:
             np.testing.assert_array_equal(state, after[lane])
 
     def test_episode_start_resets_only_its_lanes(self, name):
-        policy, batch = load_policy(name), observations(3)
+        policy, batch = loaded(name), observations(3)
         states = some_state(policy, batch)
         actions, _ = policy.predict(batch, state=states, episode_start=np.array([False, True, False]))
         fresh, _ = policy.predict(batch)
@@ -86,7 +87,7 @@ class TestProtocol:
         assert not np.array_equal(fresh[1], kept[1])
 
     def test_arguments_are_left_alone(self, name):
-        policy, batch = load_policy(name), observations(3)
+        policy, batch = loaded(name), observations(3)
         states = some_state(policy, batch)
         before = batch.copy(), states.copy()
         policy.predict(batch, state=states, episode_start=np.ones(3, bool))
@@ -94,7 +95,7 @@ class TestProtocol:
         np.testing.assert_array_equal(states, before[1])
 
     def test_torques_are_clipped_to_the_limits(self, name):
-        policy = load_policy(name)
+        policy = loaded(name)
         action, _ = policy.predict(np.array([3.0, -3.0, 0, 0, -3.0, 3.0, 0, 0, 0, 0]))
         if name in ("ppo-nominal", "ppo-robust"):  # their own scale is below the limits
             assert np.all(np.abs(action) <= [400.0, 180.0]) and np.any(action != 0.0)
@@ -104,10 +105,10 @@ class TestProtocol:
     @pytest.mark.parametrize("shape", [(9,), (2, 11), (1, 2, 10), ()])
     def test_a_wrong_observation_shape_is_named(self, name, shape):
         with pytest.raises(ValueError, match=r"allowed: \(10,\) or \(lanes, 10\)"):
-            load_policy(name).predict(np.zeros(shape))
+            loaded(name).predict(np.zeros(shape))
 
     def test_wrong_state_and_episode_start_are_named(self, name):
-        policy = load_policy(name)
+        policy = loaded(name)
         with pytest.raises(ValueError, match="state has shape"):
             policy.predict(np.zeros((3, 10)), state=np.zeros((2, policy.memory_size)))
         with pytest.raises(ValueError, match="episode_start has shape"):
@@ -119,7 +120,7 @@ class TestProtocol:
             from stable_baselines3.common.evaluation import evaluate_policy
             from stable_baselines3.common.monitor import Monitor
         returns, lengths = evaluate_policy(
-            load_policy(name), Monitor(gym.make("FuzzyArm-v0")), n_eval_episodes=2, return_episode_rewards=True
+            loaded(name), Monitor(gym.make("FuzzyArm-v0")), n_eval_episodes=2, return_episode_rewards=True
         )
         assert lengths == [1500, 1500]
         assert returns[0] == returns[1] > 1000.0

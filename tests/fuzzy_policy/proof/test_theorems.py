@@ -52,7 +52,7 @@ def vertices_of(form, model, integral, common=False):
 
 def fastest_pole(data, i, k, *, alpha, gamma2, **values):
     """Return Φ_ijk for β = `alpha`, by the signature of Ψ; there is no γ in it."""
-    return consistent_reference.phi(data, i, k, beta=alpha, **values)
+    return consistent_reference.phi(data, i, k, fastest_pole=alpha, **values)
 
 
 def draw(rng, data, form):
@@ -127,7 +127,7 @@ def test_theorem_2_is_the_general_form_up_to_the_scale_of_z(kept, integral, comm
 @with_and_without_integral
 def test_the_consistent_form_is_the_general_form(kept, integral):
     model, rng = TSModel(ARM, kept), np.random.default_rng(0)
-    data, system = error_vertices(model, integral), error_model.consistent_reference(model, integral)
+    data, system = error_vertices(model, integral), error_model.consistent_form(model, integral)
     for i, k in itertools.product(range(len(data.A)), range(len(data.E))):
         values = draw(rng, data, "consistent")
         ours, theirs = consistent_reference.psi(data, i, k, alpha=ALPHA, **values), general_psi(system, i, k, **values)
@@ -140,7 +140,7 @@ def test_the_fastest_pole_is_the_general_form_of_the_reversed_motion(kept, integ
     """Φ for β is the general inequality for α = -β of the model with -A and -B, without w and z."""
     model, rng = TSModel(ARM, kept), np.random.default_rng(0)
     data = error_vertices(model, integral)
-    system = error_model.reversed_time(error_model.consistent_reference(model, integral))
+    system = error_model.reversed_time(error_model.consistent_form(model, integral))
     for i, k in itertools.product(range(len(data.A)), range(len(data.E))):
         values = draw(rng, data, "fastest pole")
         ours, theirs = fastest_pole(data, i, k, alpha=-ALPHA, **values), general_psi(system, i, k, **values)

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
+__all__ = ["exact", "is_positive_definite", "rational", "smallest_eigenvalue"]
+
 
 def rational(value: Any) -> fmpq:
     """Return a float, an integer or a rational as the exact rational it is."""
@@ -32,7 +34,8 @@ def exact(array: Any) -> np.ndarray:
 def smallest_eigenvalue(matrix: np.ndarray) -> float:
     """Return the smallest eigenvalue of a symmetric matrix scaled to unit diagonal, in floating point.
 
-    -inf if the diagonal is not positive. A measure of how far from singular, comparable between units; no proof.
+    -inf if the diagonal is not positive. It measures the distance from a singular matrix, whatever the units; it is no
+    proof.
     """
     numbers = np.array(matrix, dtype=np.float64)
     diagonal = np.diag(numbers)

@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import types
 from dataclasses import replace
 
@@ -15,29 +14,39 @@ import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
+from support.processes import running, wait_until  # noqa: E402
+
 from fuzzyarm.cli import main  # noqa: E402
 from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.learned_policy.policy import LearnedPolicy  # noqa: E402
-from fuzzyarm.rl_baselines import checkpoint, ppo_training, train_ppo  # noqa: E402
+from fuzzyarm.rl_baselines import training as trainer  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
-from fuzzyarm.rl_baselines.ppo_config import PRESETS, PPOConfig  # noqa: E402
-from fuzzyarm.rl_baselines.ppo_training import Training  # noqa: E402
+from fuzzyarm.rl_baselines.ppo import PRESETS, PPOConfig  # noqa: E402
+from fuzzyarm.rl_baselines.progress import train_with_progress  # noqa: E402
+from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
 # A dozen updates; everything is on: drawn plants and references, a base, evaluations and checkpoints between them.
 FLAGS = {
     "preset": "residual",
-    "steps": 6144,
+    "total_timesteps": 6144,
     "lanes": 8,
-    "rollout": 64,
+    "n_steps": 64,
     "batch_size": 256,
-    "epochs": 2,
+    "n_epochs": 2,
     "hidden": 16,
     "circles": 2,
     "evaluation_interval": 3000,
     "checkpoint_interval": 1024,
     "seed": 11,
 }
-SHORT = {"steps": 1024, "lanes": 8, "rollout": 64, "batch_size": 256, "epochs": 2, "evaluation_interval": 10**6}
+SHORT = {
+    "total_timesteps": 1024,
+    "lanes": 8,
+    "n_steps": 64,
+    "batch_size": 256,
+    "n_epochs": 2,
+    "evaluation_interval": 10**6,
+}
 SMALL = PPOConfig(**SHORT, tensorboard=False)
 
 
@@ -60,21 +69,31 @@ def whole(tmp_path_factory):
     return folder
 
 
+WAITS = """
+import sys, time
+from stable_baselines3 import PPO
+from fuzzyarm.cli import main
+train, updates = PPO.train, []
+
+def waits(self):
+    if len(updates) == 5:
+        time.sleep(3600)
+    updates.append(train(self))
+
+PPO.train = waits
+sys.exit(main(sys.argv[1:]))
+"""
+
+
 def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
     folder = tmp_path / "run"
     flags = [*words(FLAGS), "--no-tensorboard", "--out", str(folder)]
-    command = [sys.executable, "-m", "fuzzyarm", "train", "ppo", *flags]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        curve, deadline = folder / "curve.csv", time.monotonic() + 120.0
-        while not (curve.exists() and len(curve.read_bytes().splitlines()) > 5):
-            assert process.poll() is None and time.monotonic() < deadline
-            time.sleep(0.002)
-    finally:
-        process.send_signal(signal.SIGKILL)
-        assert process.wait() == -signal.SIGKILL
-    steps = read_checkpoint(folder / "checkpoint.pt")["learner"]["counters"]["steps"]
-    assert 1024 <= steps < 6144  # it was in the middle, and no more than an interval is lost
+    with running(WAITS, "train", "ppo", *flags, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        curve = folder / "curve.csv"
+        wait_until(lambda: curve.exists() and len(curve.read_bytes().splitlines()) > 5, process)  # and is killed
+    assert process.returncode == -signal.SIGKILL
+    steps = read_checkpoint(folder / "checkpoint.pt")["steps"]
+    assert steps == 2048  # no more than an interval is lost
     assert results(folder) != results(whole)
     assert main(["train", "ppo", "--resume", "--out", str(folder)]) == 0
     assert results(folder) == results(whole) and len(results(whole)) >= 3
@@ -118,28 +137,29 @@ def test_the_very_beginning_can_be_resumed(tmp_path):
 
     with pytest.raises(Stop):
         Training(SMALL, tmp_path / "b", stop).run()
-    assert read_checkpoint(tmp_path / "b" / "checkpoint.pt")["learner"]["counters"]["steps"] == 0
+    assert read_checkpoint(tmp_path / "b" / "checkpoint.pt")["steps"] == 0
     Training.resume(tmp_path / "b").run()
     assert results(tmp_path / "a") == results(tmp_path / "b")
 
 
 def normalised(training, features):
     """The normaliser of stable-baselines3 without its rounding to float32."""
-    moments, normaliser = training.normaliser.obs_rms, training.normaliser
+    normaliser = training.algorithm.normaliser
+    moments = normaliser.obs_rms
     scaled = (features - moments.mean) / np.sqrt(moments.var + normaliser.epsilon)
     return torch.as_tensor(np.clip(scaled, -normaliser.clip_obs, normaliser.clip_obs))
 
 
 def test_the_shipped_policy_is_the_trained_one(whole):
     training = Training.resume(whole)
-    policy = training.model.policy
+    policy, normaliser = training.algorithm.model.policy, training.algorithm.normaliser
     bundle = PolicyBundle.load(whole / "policy")
     rng = np.random.default_rng(0)
     features = rng.normal(size=(4096, bundle.features.size)) * rng.choice([0.1, 1.0, 30.0], (4096, 1))
     action = np.empty((4096, 2))
     bundle.network.act(features, action)
     with torch.no_grad():
-        seen = torch.as_tensor(training.normaliser.normalize_obs(features))
+        seen = torch.as_tensor(normaliser.normalize_obs(features))
         expected = np.clip(policy.get_distribution(seen).mode().numpy(), -1.0, 1.0)
         policy.double()
         hidden = policy.mlp_extractor.policy_net(normalised(training, features))
@@ -152,7 +172,7 @@ def test_the_shipped_policy_is_the_trained_one(whole):
 def test_the_bundle_says_where_it_comes_from(whole):
     bundle = PolicyBundle.load(whole / "policy")
     assert (bundle.seed, bundle.action.base, bundle.action.scale) == (11, "fuzzy-4-tip", PRESETS["residual"].scale)
-    assert bundle.training["steps"] == bundle.training["steps_done"] == 6144
+    assert bundle.training["total_timesteps"] == bundle.training["steps_done"] == 6144
     assert [row["steps"] for row in bundle.curve] == [3072, 6144]
     assert {"numpy", "torch", "stable-baselines3"} <= set(bundle.versions)
     rows = (whole / "curve.csv").read_text().splitlines()
@@ -197,16 +217,16 @@ def test_a_disk_that_fills_up_leaves_the_last_checkpoint_whole(tmp_path, monkeyp
 
     def full(handle):
         written.append(handle)
-        if len(written) > 3:  # the first checkpoint, its folder, and on
+        if len(written) > 4:  # the curve, the first checkpoint and, after each of them, the folder
             raise OSError(28, "No space left on device")
         fsync(handle)
 
-    monkeypatch.setattr(checkpoint.os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", full)
     flags = words(SHORT | {"checkpoint_interval": 256})
     assert main(["train", "ppo", *flags, "--no-tensorboard", "--out", str(tmp_path / "run")]) == 2
     message = capsys.readouterr().err.strip().splitlines()[-1]
     assert re.search(
-        r"checkpoint.pt: No space left on device; the checkpoint written before is whole: make room", message
+        r"checkpoint.pt: No space left on device; the previous checkpoint is intact: free some space", message
     )
     assert not [path for path in (tmp_path / "run").iterdir() if path.name.endswith(".part")]
     monkeypatch.undo()
@@ -219,7 +239,7 @@ def test_a_disk_that_fills_up_beside_the_checkpoint_says_that_it_is_whole(tmp_pa
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(PolicyBundle, "save", full)
-    with pytest.raises(OSError, match=r"No space left on device; checkpoint\.pt is whole: make room and resume"):
+    with pytest.raises(OSError, match=r"No space left on device; checkpoint\.pt is intact: free some space and resume"):
         Training(SMALL, tmp_path / "run").run()
     monkeypatch.undo()
     Training.resume(tmp_path / "run").run()
@@ -237,7 +257,7 @@ def test_a_real_limit_of_the_file_size_stops_with_one_line(tmp_path, capsys):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     message = capsys.readouterr().err.strip()
     assert code == 2 and len(message.splitlines()) == 1
-    assert message.endswith("checkpoint.pt: File too large; nothing was kept")
+    assert message.endswith("checkpoint.pt: File too large; there is no checkpoint yet")
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["curve.csv"]
 
 
@@ -254,77 +274,42 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path, capsys):
     assert "cannot write to" in capsys.readouterr().err
 
 
-# --- checkpoints ---------------------------------------------------------------------------------------------------
-
-
-def test_a_checkpoint_comes_back_with_what_was_in_it(tmp_path):
-    path = tmp_path / "c.pt"
-    content = {"a": np.arange(3, dtype=np.uint32), "b": [{"x": 1.5, 2: None}], "c": np.float64(0.1), "t": (1, "two")}
-    write_checkpoint(path, content)
-    found = read_checkpoint(path)
-    assert found["a"].tolist() == [0, 1, 2] and found["b"] == content["b"] and found["t"] == (1, "two")
-    assert found["c"] == 0.1
-
-
-class _Foreign:
-    """What unpickling would run."""
-
-    def __reduce__(self):
-        return os.system, ("touch run-by-pickle",)
-
-
-def foreign(path):
-    """A sealed file with code in it."""
-    import hashlib
-    import io
-
-    buffer = io.BytesIO()
-    torch.save({"config": _Foreign()}, buffer)
-    data = buffer.getvalue()
-    path.write_bytes(checkpoint.SCHEMA + b" " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
-
-
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda path: path.unlink(), "No such file or directory; there is nothing to resume here"),
-        (lambda path: os.truncate(path, 1000), "is damaged"),
-        (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"?"), "is damaged"),
-        (lambda path: path.write_bytes(b"PK"), "is no checkpoint of this version"),
-        (lambda path: write_checkpoint(path, {"config": {}}), "is of another version"),
-        (lambda path: write_checkpoint(path, {"config": [1]}), "is of another version"),
-        (foreign, "holds what no checkpoint holds"),
-    ],
-    ids=["gone", "truncated", "a byte", "foreign", "empty", "a list", "code"],
-)
-def test_a_checkpoint_that_cannot_be_used_is_one_line(whole, tmp_path, damage, message, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "checkpoint.pt"
-    path.write_bytes((whole / "checkpoint.pt").read_bytes())
-    damage(path)
-    with pytest.raises(CheckpointError, match=message) as caught:
-        Training.resume(tmp_path)
-    assert "\n" not in str(caught.value) and not (tmp_path / "run-by-pickle").exists()
-
-
 def test_a_checkpoint_of_other_arms_is_refused(whole, tmp_path):
     found = read_checkpoint(whole / "checkpoint.pt")
     found["config"]["circles"] = 3
     write_checkpoint(tmp_path / "checkpoint.pt", found)
-    with pytest.raises(CheckpointError, match=r"does not fit this training .*other plants, tasks"):
+    with pytest.raises(CheckpointError, match=r"does not fit this training .*other plants, scenarios"):
         Training.resume(tmp_path)
 
 
 # --- beside the result ---------------------------------------------------------------------------------------------
 
 
-def test_the_script_and_what_it_says_on_the_way(tmp_path, capsys):
-    code = train_ppo.main([*words(SHORT | {"steps": 512}), "--out", str(tmp_path)])
+def test_progress_is_a_line_for_every_evaluation(tmp_path, capsys):
+    train_with_progress(replace(SMALL, total_timesteps=512, tensorboard=True), tmp_path)
     shown = capsys.readouterr().err
-    assert code == 0 and re.search(r"512 steps, [\d,]+/s; largest tip error \[mm\]: nominal \d", shown)
-    assert ("no TensorBoard logs: tensorboard is not installed" in shown) == (not ppo_training.tensorboard_installed())
-    assert train_ppo.main(["--lanes", "0", "--out", str(tmp_path)]) == 2
-    assert json.loads((tmp_path / "policy" / "policy.json").read_text())["training"]["lanes"] == 8
+    assert re.search(r"512 steps, [\d,]+/s; largest tip error \[mm\]: nominal \d", shown)
+    assert ("no TensorBoard logs: tensorboard is not installed" in shown) == (not trainer.tensorboard_installed())
+
+
+@pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
+def test_without_the_extra_it_is_named(missing, tmp_path):
+    code = f"""
+import sys
+sys.modules[{missing!r}] = None  # an import of it fails
+from fuzzyarm.rl_baselines.ppo import PRESETS
+from fuzzyarm.rl_baselines.progress import train_with_progress
+from pathlib import Path
+try:
+    train_with_progress(PRESETS["nominal"], Path({str(tmp_path / "run")!r}))
+except ValueError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert re.fullmatch(
+        rf"{missing}(\.\S+)? is not installed; .* pip install -c constraints\.txt -e \"\.\[rl\]\"\n", done.stdout
+    )
+    assert not (tmp_path / "run").exists()
 
 
 def test_tensorboard_gets_every_row_if_it_is_installed(tmp_path, monkeypatch):
@@ -344,7 +329,7 @@ def test_tensorboard_gets_every_row_if_it_is_installed(tmp_path, monkeypatch):
     writer.SummaryWriter = SummaryWriter
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", types.ModuleType("torch.utils.tensorboard"))
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard.writer", writer)
-    monkeypatch.setattr(ppo_training, "tensorboard_installed", lambda: True)
+    monkeypatch.setattr(trainer, "tensorboard_installed", lambda: True)
     training = Training(replace(SMALL, tensorboard=True), tmp_path / "run")
     training.run()
     assert logged[0] == (str(tmp_path / "run" / "tensorboard"), 1) and logged[-1] == "closed"
@@ -352,7 +337,7 @@ def test_tensorboard_gets_every_row_if_it_is_installed(tmp_path, monkeypatch):
 
 
 def test_wrappers_cost_no_loop_over_lanes():
-    """What Python does for a step does not depend on the number of lanes, so that PPO's own work dominates."""
+    """The number of instructions that Python runs for a step does not depend on the number of lanes."""
     from fuzzyarm.rl_baselines.learning_env import learning_envs
 
     def instructions(lanes):

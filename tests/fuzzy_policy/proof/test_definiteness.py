@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flint import fmpq
 
-from fuzzyarm.fuzzy_policy.proof.exact import exact, is_positive_definite, rational, smallest_eigenvalue
+from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue
 
 
 def random_definite(size, smallest, seed=0):

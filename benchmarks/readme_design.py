@@ -1,0 +1,113 @@
+"""The README's tables of designs and proofs, from stored results."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from readme_markdown import made_with, table
+
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
+
+__all__ = ["bounds_table", "complexity_table", "gains_table", "margins_table", "synthesis_table"]
+
+
+def complexity_table(document: dict[str, Any]) -> str:
+    """Return the table of controllers by number of rules: their bounds, cost and accuracy."""
+    headings = ["rules", "γ at equal gain [µrad/(N m)]", "gain at equal γ [kN m/rad]", "solve + proof [s]"]
+    headings += ["step [µs]", "file [kB]", "tip error max, Case 1 / 2 / 3 [mm]", "loop gain to, 1 ms later"]
+    rows = [
+        [
+            str(row["rules"]),
+            f"{1e6 * row['gamma']:.0f}",
+            f"{1e-3 * row['gain']:.1f}",
+            f"{row['synthesis_s'] + row['proof_s']:.2f}",
+            f"{row['predict_us']:.1f}",
+            f"{1e-3 * row['file_bytes']:.1f}",
+            " / ".join(f"{row['tip_error_max_mm'][case]:.1f}" for case in PAPER_CASES),
+            f"{row['gain_margin_upper_delayed']:.2f}",
+        ]
+        for row in document["rows"]
+    ]
+    return f"{table(headings, rows)}\n\n`{document['command']}`; {made_with(document)}"
+
+
+def synthesis_table(document: dict[str, Any]) -> str:
+    """Return the table of the sizes and times of the designs, by form and number of rules."""
+    headings = ["form", "rules", "paper's N_var / N_row", "full problem", "reduced", "cvxpy [s]", "Clarabel on it [s]"]
+    headings += ["ours: build + solve [s]", "ratio", "proof [s]"]
+    rows = [
+        [
+            row["form"],
+            str(row["rules"]),
+            *(f"{row[key]['variables']} / {row[key]['rows']}" for key in ("paper_formula", "full", "reduced")),
+            f"{row['cvxpy_compile_s']:.2f}",
+            f"{row['cvxpy_solve_s']:.2f}",
+            f"{row['build_s'] + row['solve_s']:.2f}",
+            f"{row['ratio']:.1f}",
+            f"{row['proof_s']:.2f}",
+        ]
+        for row in document["rows"]
+    ]
+    return (
+        f"{table(headings, rows)}\n\nVariables / rows of the cones; one thread; the paper's formula is that of its "
+        f"Table 2. `{document['command']}`; {made_with(document)}"
+    )
+
+
+def bounds_table(document: dict[str, Any]) -> str:
+    """Return the table of certified bounds and observed values."""
+    headings = [
+        "policy",
+        "α certified [1/s]",
+        "slowest decay observed",
+        "γ certified [rad/(N m)]",
+        "largest L2 gain observed",
+    ]
+    rows = []
+    for name, bound in document["bounds"].items():
+        decay, gain = bound["decay_per_s"], bound["gain_rad_per_Nm"]
+        observed = f"{gain['observed']:.2e} ({gain['observed'] / gain['certified']:.0%})"
+        rows.append([name, f"{decay['certified']:g}", f"{decay['observed']:.1f}", f"{gain['certified']:.2e}", observed])
+    return (
+        f"{table(headings, rows)}\n\nOn the rigid arm in continuous time, which is what the certificates are about: "
+        "the slowest decay of V and the largest gain over a library of disturbances and the worst found by search. "
+        f"`{document['command']}`; {made_with(document)}"
+    )
+
+
+def gains_table(document: dict[str, Any]) -> str:
+    """Return the table of 4-rule designs, without a bound of the fastest pole and with the chosen bound."""
+    chosen = document["chosen"][0]
+    columns = {
+        "gamma": ("γ [rad/(N m)]", "{:.1e}"),
+        "largest_gain": ("largest gain [kN m/rad]", "{:.1f}"),
+        "fastest_rigid_pole": ("fastest rigid pole [1/s]", "{:.0f}"),
+        "radius": ("radius", "{:.4f}"),
+        "radius_2_samples_later": ("2 samples later", "{:.4f}"),
+        "radius_worst_condition": ("worst condition", "{:.5f}"),
+        "gain_margin_upper": ("loop gain to", "{:.2f}"),
+        "gain_margin_upper_1_sample_later": ("to, 1 sample later", "{:.2f}"),
+        "case_1_joint_error_rms_mrad": ("motors' rms, Case 1 [mrad]", "{:.3f}"),
+        "case_2_joint_error_rms_mrad": ("Case 2", "{:.3f}"),
+    }
+    shown = [row for row in document["rows"] if row["rules"] == 4 and 1e-4 <= row["gamma"] <= 2.5e-4]
+    rows = []
+    for row in (row for row in shown if row["fastest_pole"] in (None, chosen["fastest_pole"])):
+        bound = "none" if row["fastest_pole"] is None else f"{row['fastest_pole']:g}"
+        mark = " (shipped)" if all(row[key] == chosen[key] for key in ("gamma", "fastest_pole")) else ""
+        values = {**row, "largest_gain": 1e-3 * row["largest_gain"]}
+        rows.append([bound + mark, *(form.format(values[key]) for key, (_, form) in columns.items())])
+    headings = ["bound [1/s]", *(heading for heading, _ in columns.values())]
+    return f"{table(headings, rows)}\n\n`{document['command']}` (its JSON has the whole grid); {made_with(document)}"
+
+
+def margins_table(document: dict[str, Any], tuning: dict[str, Any]) -> str:
+    """Return the table of stability margins, and the limits of computed torque found in its tuning."""
+    headings, cells = margin_cells(document["rows"])
+    limit, delayed = tuning["stability_limit"]["no_extra_delay"], tuning["stability_limit"]["one_sample"]
+    return (
+        f"{table(headings, cells)}\n\n{' '.join(margin_notes(document)[:2])} `{document['command']}`; "
+        f"{made_with(document)}\n\nComputed torque becomes unstable at {limit:.0f} rad/s, at {delayed:.0f} rad/s with "
+        f"1 ms of extra delay. `{tuning['command']}`; {made_with(tuning)}"
+    )

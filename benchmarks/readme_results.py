@@ -1,0 +1,170 @@
+"""The README's tables of evaluations, sweeps and speed, from stored results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from learned_tables import training_cells
+from readme_markdown import made_with, table
+
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
+from fuzzyarm.eval.evaluation.ranking import leaderboard, markdown
+
+__all__ = [
+    "accuracy_table",
+    "leaderboard_table",
+    "learned_tables",
+    "paper_line",
+    "peer_line",
+    "soak_line",
+    "speed_table",
+    "sweep_table",
+    "tip_table",
+]
+
+
+def paper_line(document: dict[str, Any]) -> str:
+    """Return a paragraph that compares the circularity of `fuzzy-4` with the numbers of the paper."""
+    rows = {row["case"]: row for row in document["results"] if row["policy"] == "fuzzy-4"}
+    ranges = (
+        f"[{rows[case]['circularity_motor_min_mm']:+.2f}, {rows[case]['circularity_motor_max_mm']:+.2f}] mm in Case {k}"
+        for k, case in enumerate(PAPER_CASES, start=1)
+    )
+    return (
+        "Beside the paper, which reports circularity errors of 1.3 mm (Case 1) and -2.3 to 4.4 mm (Case 2) for its "
+        "4-rule controller without saying on which side: with the motor angles, as if the joints were rigid, `fuzzy-4` "
+        f"has {', '.join(ranges)}. That tells how well the motors are led, not where the tip is."
+    )
+
+
+def tip_table(document: dict[str, Any]) -> str:
+    """Return the table of tip errors of the laws with and without compensation of the bending."""
+    cases = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}
+    wrong = f"Case 1, stiffness {100 * document['wrong']:.0f} % off"
+    headings = ["law", "variant", *(f"{name}: max / rms [mm]" for name in (*cases.values(), wrong))]
+    rows = [
+        [row["law"], row["variant"]]
+        + [f"{row[key]['max_mm']:#.3g} / {row[key]['rms_mm']:#.3g}" for key in (*cases, "stiffness_wrong")]
+        for row in document["rows"]
+    ]
+    return f"{table(headings, rows, left=2)}\n\n`{document['command']}`; {made_with(document)}"
+
+
+def learned_tables(document: dict[str, Any]) -> str:
+    """Return a table of the largest errors, one of the rms errors, and one of the trainings."""
+    titles = {task["name"]: task["title"].removeprefix("Case 1, ").partition(":")[0] for task in document["tasks"]}
+    policies = list(dict.fromkeys(row["policy"] for row in document["rows"]))
+    cells = {(row["policy"], row["task"]): row for row in document["rows"]}
+    parts = []
+    for key, heading in (("tip_error_max_mm", "largest tip error [mm]"), ("tip_error_rms_mm", "rms tip error [mm]")):
+        rows = [[name, *(_learned_cell(cells[name, task], key) for task in titles)] for name in policies]
+        parts.append(table([heading, *titles.values()], rows))
+    method = document["method"]
+    parts.append(
+        "Beside the cases other circles and an eight, without load. Of learned policies the interquartile mean over "
+        f"the seeds with its {100 * method['interval']['level']:.0f} % bootstrap interval, without those that failed: "
+        f"{method['failed']['rule'].partition(';')[0]}. `{document['command']}`; {made_with(document)}"
+    )
+    parts.append(table(*training_cells(document)))
+    return "\n\n".join(parts)
+
+
+def _learned_cell(row: dict[str, Any], key: str) -> str:
+    """Return an error [mm] with its interval if it has one, and how many seeds failed if any did."""
+    failed = f"{row['failed']} of {row['episodes']} failed" if row["failed"] else ""
+    if row[key] is None:
+        return failed
+    mean, low, high = ("" if value is None else _two_digits(value) for value in row[key].values())
+    interval = f" ({low} to {high})" if low else ""
+    return f"{mean}{interval}{', ' if failed else ''}{failed}"
+
+
+def leaderboard_table(results: Path) -> str:
+    """Return the output of `fuzzyarm leaderboard --markdown` for a results file, without the column of sources."""
+    lines = markdown(leaderboard([results])).splitlines()
+    return "\n".join(f"{line.rpartition(' | ')[0]} |" if line.startswith("|") else line for line in lines)
+
+
+def sweep_table(document: dict[str, Any]) -> str:
+    """Return success and quantiles of the largest tip error, a row per policy and case."""
+    headings = ["case", "policy", f"below {document['config']['bound']:g} mm [%]"]
+    headings += [f"largest tip error, {q} % of plants [mm]" for q in (50, 99)]
+    rows = [
+        [
+            CASES[row["case"]].title,
+            row["policy"],
+            _interval(row["success"], lambda value: f"{100 * value:.2f}"),
+            *(_interval(row["max_mm"][key], lambda value: f"{value:#.3g}") for key in ("0.5", "0.99")),
+        ]
+        for case in CASES
+        for row in document["rows"]
+        if row["case"] == case
+    ]
+    return f"{table(headings, rows, left=2)}\n\nIntervals of 95 %. `{document['command']}`; {made_with(document)}"
+
+
+def _interval(found: dict[str, float | None], text: Callable[[float], str]) -> str:
+    """Return a value with its interval; words where there is no number."""
+    value, low, high = (None if number is None else text(number) for number in found.values())
+    if value is None:
+        return "ended early"
+    return value if low is None or high is None else f"{value} ({low} to {high})"
+
+
+def _two_digits(value: float) -> str:
+    return f"{value:#.2g}".removesuffix(".")
+
+
+def speed_table(bench: dict[str, Any]) -> str:
+    """Return the table of steps per second, and how it was measured."""
+    headings = ["", "lanes", "threads", "numbers", "thousand steps/s", "tip error [µm]", "times as fast as"]
+    rows = []
+    for row in bench["rows"]:
+        speed, error = row["steps_per_s"], row["tip_error_um"]
+        peers = [f"{peer} {ratio['median']:.3g}" for peer, ratio in row["ratios"].items()]
+        cells = [row["name"], str(row["lanes"]), str(row["threads"]), row["dtype"]]
+        measured = "not measured" if speed is None else f"{1e-3 * speed['median']:.0f}"
+        rows.append([*cells, measured, "" if error is None else f"{error:.2g}", ", ".join(peers)])
+    method = bench["method"]
+    missing = sorted({f"{row['name']}: {row['reason']}" for row in bench["rows"] if row["reason"]})
+    return (
+        f"{table(headings, rows)}\n\nMedians of {method['rounds']} rounds of {method['seconds']:g} s in which "
+        f"everyone takes turns. {' '.join(f'Not measured: {line}.' for line in missing)} A further lane takes "
+        f"{bench['memory_per_lane']['bytes']:.0f} bytes. `{bench['command']}`; {made_with(bench)}"
+    )
+
+
+def peer_line(mujoco: dict[str, Any]) -> str:
+    """Return a sentence on the agreement of the two simulations where their friction models are the same."""
+    frictionless, coulomb = mujoco["frictionless"], mujoco["Coulomb"]
+    finest = min(row["tip_error_um"] for row in frictionless["mujoco"])
+    return (
+        "Against the event integrator, without friction / with Coulomb friction alone, our tip error is "
+        f"{frictionless['our_tip_error_um']:.2f} / {coulomb['our_tip_error_um']:.2f} µm, and MuJoCo's goes down to "
+        f"{finest:.1g} / {min(row['tip_error_um'] for row in coulomb['mujoco']):.2g} µm as its step shrinks "
+        f"(`{mujoco['command']}`)."
+    )
+
+
+def soak_line(soak: dict[str, Any]) -> str:
+    """Return a sentence on the results of the soak test."""
+    parts = []
+    for row in soak["rows"]:
+        memory = [value for value in row["resident_MB"] if value is not None]
+        growth = memory[-1] - memory[len(memory) // 4] if memory else float("nan")
+        parts.append(
+            f"{row['actions']}: {row['env_steps']:.3g} env-steps, {row['episodes']} episodes, {row['seconds']:.0f} s, "
+            f"memory {growth:+.1f} MB over the last three quarters"
+        )
+    return f"Soak, without a number that is not finite: {'; '.join(parts)} (`python benchmarks/soak.py`)."
+
+
+def accuracy_table(document: dict[str, Any]) -> str:
+    """Return the table of the largest tip error by case and sub-step."""
+    differences = document["max_tip_difference_um"]
+    steps = list(next(iter(differences.values())))
+    headings = ["case", *(f"h = {1e3 * float(h):g} ms [µm]" for h in steps)]
+    rows = [[case, *(f"{row[h]:.3f}" for h in steps)] for case, row in differences.items()]
+    return f"{table(headings, rows)}\n\nThe default is h = 0.2 ms. `{document['command']}`; {made_with(document)}"

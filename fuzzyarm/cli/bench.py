@@ -1,0 +1,55 @@
+"""`fuzzyarm bench`: measure steps per second."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.options import chosen, with_fields_of
+from fuzzyarm.cli.usage import UsageError, writable_folder
+from fuzzyarm.eval.bench.config import BenchConfig
+
+__all__ = ["Options", "run"]
+
+
+@with_fields_of(BenchConfig)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Measure environment steps per second, this project's environments and their peers in turns; print a table.
+
+    It takes about two minutes. The peers are installed by: pip install 'fuzzyarm[bench]', torch by 'fuzzyarm[rl]'.
+    """
+
+    out: Annotated[Path | None, Parameter(metavar="DIR")] = None
+    """Folder for bench.json and the figure (default: none)"""
+    json: bool = False
+    """Print the results as JSON instead of the table"""
+
+
+def run(options: Options) -> int:
+    """Print the table, and write the file and the figure."""
+    import json
+
+    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.eval.bench.run import run_bench, write_document
+    from fuzzyarm.eval.bench.speed_table import print_speeds
+
+    config = chosen(options, BenchConfig())
+    if config.lanes_sweep and options.out is None:
+        raise UsageError("--lanes-sweep draws throughput.png: say where with --out DIR")
+    if options.out is not None:
+        writable_folder(options.out)
+    # The bar is drawn between the turns: nothing else may run while one is timed.
+    with progress("", config.turns(), between_steps=True) as advance:
+        document = run_bench(config, advance)
+    written = write_document(document, options.out) if options.out is not None else []
+    if options.json:
+        print(json.dumps(document, indent=1))
+        return 0
+    print_speeds(document, output())
+    if written:
+        print(f"\n{', '.join(path.name for path in written)} in {options.out}")
+    return 0

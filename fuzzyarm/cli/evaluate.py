@@ -1,0 +1,120 @@
+"""`fuzzyarm evaluate`: run policies in the paper's cases, or repeat an evaluation and compare its numbers."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import UsageError, writable_folder
+
+if TYPE_CHECKING:
+    from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Run policies on the elastic arm in the paper's cases; print a table, write JSON, CSV and figures."""
+
+    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
+    """Policy: fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip
+    to bring the tip to the reference instead of the motors; elastic-observer; ppo-nominal, -robust, -residual or a
+    learned policy's folder; or code of your own as package.module:factory. May be repeated (default: fuzzy-4 and
+    computed-torque, both with and without -tip, elastic-observer and the learned ones)"""
+    case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
+    """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
+    seeds: Annotated[int | None, Parameter(metavar="N")] = None
+    """Episodes of each policy in each case, seeded 0 to N-1 (default: 1)"""
+    encoder_noise: Annotated[tuple[float, float] | None, Parameter(metavar="RAD RAD_PER_S")] = None
+    """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
+    robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """TOML file of another arm (default: Table 1 of the paper)"""
+    out: Annotated[Path | None, Parameter(metavar="DIR")] = None
+    """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
+    json: bool = False
+    """Print the results as JSON instead of the table"""
+    check: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """Repeat the evaluation of a results.json, or of the folder that holds it, and compare every number but times.
+    Nothing is written; the exit code is 1 if a number differs. Code of your own that the file names runs only if
+    --policy names it too"""
+
+
+def run(options: Options) -> int:
+    """Evaluate; return 1 if an episode ended early, or with `check` if a number differs."""
+    if options.check is not None:
+        return _repeat(options, options.check)
+    from fuzzyarm.common.console import output, print_paragraphs, progress
+    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+    from fuzzyarm.eval.evaluation.figures import write_figures
+    from fuzzyarm.eval.evaluation.result_table import print_results
+    from fuzzyarm.eval.evaluation.run import evaluate, write_results
+
+    config = _config(options)
+    out = options.out or Path("fuzzyarm-evaluation")
+    writable_folder(out)
+    with progress("episodes", len(config.policies) * len(config.cases) * config.seeds) as advance:
+        evaluation = evaluate(config, advance)
+    written = write_results(evaluation, out)
+    with progress("figures", None) as advance:
+        written += write_figures(evaluation.rollouts, out, advance)
+    written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
+    if options.json:
+        _print_json(evaluation)
+    else:
+        console = output()
+        print_results(evaluation.rows, console)
+        print_paragraphs(console, [*_certificates(evaluation), f"{len(written)} files in {out}"])
+    for rollout in evaluation.rollouts:
+        if not rollout.completed:
+            end = f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
+            print(f"{rollout.policy} in case {rollout.case} {end}", file=sys.stderr)
+    return 0 if evaluation.complete else 1
+
+
+def _config(options: Options) -> EvaluationConfig:
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.eval.evaluation.run import EvaluationConfig
+
+    given: dict[str, Any] = {
+        "policies": options.policy or None,
+        "cases": options.case or None,
+        "seeds": options.seeds,
+        "encoder_noise": options.encoder_noise,
+        "parameters": options.robot and ArmParameters.from_toml(options.robot),
+    }
+    return EvaluationConfig(**{name: value for name, value in given.items() if value is not None})
+
+
+def _print_json(evaluation: Evaluation) -> None:
+    import json
+
+    print(json.dumps(evaluation.to_dict(), indent=1))
+
+
+def _certificates(evaluation: Evaluation) -> list[str]:
+    return [
+        f"{name}: {'no certificate' if text is None else 'certificate. ' + text}"
+        for name, text in evaluation.certificates.items()
+    ]
+
+
+def _repeat(options: Options, recorded: Path) -> int:
+    """Repeat a recorded evaluation and compare; only `policy` may be given beside it."""
+    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.eval.evaluation.recheck import print_comparison, recheck_results
+    from fuzzyarm.eval.evaluation.results_file import read_results
+
+    for field in fields(options):
+        if field.name not in ("check", "policy") and getattr(options, field.name) != field.default:
+            option = f"--{field.name.replace('_', '-')}"
+            raise UsageError(f"--check repeats what the file says and writes nothing: leave out {option}")
+    results = read_results(recorded)
+    with progress("episodes", len(results.rows)) as advance:
+        found = recheck_results(results, options.policy, advance)
+    print_comparison(found, output())
+    return 1 if found.differences else 0

@@ -1,0 +1,57 @@
+"""`fuzzyarm margins`: measure how far policies are from instability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import output_file
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Linearise the loop of each policy with the sampled elastic arm along the paper's path.
+
+    Print its spectral radius, nominal and with another loop gain, delay, stiffness or payload, and its gain margins.
+    """
+
+    policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
+    """Policy: fuzzy-4, computed-torque, ..., a controller file (.json), a learned policy's folder, or code of your own
+    as package.module:factory, which must act on batches. May be repeated (default: all policies that have a name)"""
+    robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """TOML file of another arm (default: Table 1 of the paper)"""
+    out: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """Results file to write (.json; default: none)"""
+    json: bool = False
+    """Print the results as JSON instead of the table"""
+
+
+def run(options: Options) -> int:
+    """Print the table, and write the file."""
+    import json
+
+    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.common.files import write_atomically
+    from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, print_margins
+    from fuzzyarm.policies import NAMES
+
+    if options.out is not None:
+        output_file(options.out, ".json")
+    config = MarginsConfig(policies=options.policy or NAMES, robot=options.robot)
+    with progress("policies", len(config.policies)) as advance:
+        document = measure_margins(config, advance)
+    text = json.dumps(document, indent=1)
+    if options.out is not None:
+        write_atomically(options.out, text + "\n")
+    if options.json:
+        print(text)
+        return 0
+    print_margins(document, output())
+    if options.out is not None:
+        print(f"\nwritten to {options.out}")
+    return 0

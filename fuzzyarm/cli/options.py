@@ -1,0 +1,143 @@
+"""Options that are the fields of a configuration: written down once, with their types, help and defaults."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import itertools
+import re
+import textwrap
+import types
+import typing
+from collections.abc import Callable, Collection
+from typing import Annotated, Any, TypeVar
+
+from cyclopts import Parameter
+
+__all__ = ["chosen", "given", "option_name", "shown_default", "with_fields_of"]
+
+Options = TypeVar("Options")
+Config = TypeVar("Config")
+
+_NAMES = {"policies": "policy", "cases": "case", "ranges": "range"}
+"""Fields with several values whose option gives one at a time: it may be repeated."""
+
+
+def option_name(field: str) -> str:
+    """Return the name of the option that sets a field, without the dashes in front."""
+    return _NAMES.get(field, field).replace("_", "-")
+
+
+def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[type[Options]], type[Options]]:
+    """Return a decorator of options, a frozen dataclass, that adds an option for each field of a configuration.
+
+    An option that is not given is None: `chosen` takes it from the configuration that the others change.
+
+    Args:
+        config: a dataclass. The help of an option is the text after the field, or what the docstring of the class says
+            about it under ``Attributes:``.
+        without: fields that are no options.
+    """
+
+    def add(options: type[Options]) -> type[Options]:
+        hints, texts = typing.get_type_hints(config), _texts(config)
+        added = [
+            (field.name, _option(field, hints[field.name], texts.get(field.name, "")), dataclasses.field(default=None))
+            for field in dataclasses.fields(config)
+            if field.name not in without
+        ]
+        settings = dataclasses.make_dataclass(f"{config.__name__}Options", added, frozen=True, kw_only=True)
+        # The settings stand in front of the options that are no settings: fields of the last base come first.
+        made = dataclasses.make_dataclass(options.__name__, [], bases=(options, settings), frozen=True, kw_only=True)
+        made.__doc__, made.__module__ = options.__doc__, options.__module__
+        return made
+
+    return add
+
+
+def given(options: object, config: type) -> dict[str, Any]:
+    """Return the fields of a configuration that the command line gave, by name."""
+    values = {field.name: getattr(options, field.name, None) for field in dataclasses.fields(config)}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def chosen(options: object, start: Config) -> Config:
+    """Return a configuration with the fields changed that the command line gave.
+
+    Raises:
+        ValueError: the configuration refuses a value.
+    """
+    changed: Config = dataclasses.replace(start, **given(options, type(start)))  # type: ignore[type-var]
+    return changed
+
+
+def shown_default(value: Any) -> str | None:
+    """Return a default as the help shows it; None for "not given", which the help leaves out."""
+    if value is None or value == () or value is False:
+        return None
+    if value is True:
+        return "on"
+    if isinstance(value, tuple):
+        return " ".join(f"{one:g}" if isinstance(one, float) else str(one) for one in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _option(field: dataclasses.Field[Any], hint: Any, text: str) -> Any:
+    """Return the type of the option that sets a field, with what the help says about it."""
+    default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+    shown = "off" if default is False else shown_default(default)
+    parameter = Parameter(
+        help=text,
+        show_default=shown or False,
+        metavar=None if hint is bool else _placeholder(hint),
+        negative=f"--no-{option_name(field.name)}" if hint is bool else (),
+        # A list that is not empty by default may be made empty, if the configuration takes that.
+        consume_multiple=(0 if default else 1, None),
+    )
+    return Annotated[hint | None, parameter]
+
+
+def _placeholder(hint: Any) -> str:
+    """Return what stands for the values of a type in the help, such as ``LOW HIGH`` for a pair with these names."""
+    given_types = [one for one in typing.get_args(hint) if one is not types.NoneType]
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return "|".join(map(_placeholder, given_types))
+    if fields := getattr(hint, "_fields", None):
+        return " ".join(fields).upper()
+    if typing.get_origin(hint) is typing.Literal:
+        return "CHOICE"
+    if typing.get_origin(hint) is tuple:
+        parts = typing.get_args(hint)
+        if Ellipsis in parts:
+            one = _placeholder(parts[0])
+            return one if " " in one else f"{one}..."
+        return " ".join(map(_placeholder, parts))
+    return {int: "N", float: "X", str: "NAME"}.get(hint, getattr(hint, "__name__", "VALUE").upper())
+
+
+def _texts(config: type) -> dict[str, str]:
+    """Return what is written about each field of a dataclass: the text after it, or its entry under ``Attributes:``."""
+    texts: dict[str, str] = {}
+    for base in reversed(config.__mro__):
+        if dataclasses.is_dataclass(base):
+            texts |= _entries(inspect.getdoc(base) or "") | _texts_after_fields(base)
+    plain = {name: " ".join(text.split()).rstrip(".") for name, text in texts.items()}
+    return {name: text[:1].upper() + text[1:] for name, text in plain.items()}
+
+
+def _entries(docstring: str) -> dict[str, str]:
+    _, _, section = docstring.partition("Attributes:\n")
+    lines = re.split(r"\n(?=\S)", section, maxsplit=1)[0]
+    entries = re.split(r"^    (?=\w)", lines, flags=re.MULTILINE)[1:]
+    return {name: text for name, _, text in (entry.partition(":") for entry in entries)}
+
+
+def _texts_after_fields(config: type) -> dict[str, str]:
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(config))).body
+    texts = {}
+    for field, text in itertools.pairwise(definition.body):  # type: ignore[attr-defined]
+        match field, text:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                texts[name] = words
+    return texts

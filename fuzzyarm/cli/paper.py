@@ -1,0 +1,67 @@
+"""`fuzzyarm paper`: reproduce the paper's figures and numbers."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import UsageError, writable_folder
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Reproduce Figs. 2-10 and Table 2 of the paper from the controllers with 32 and 4 rules.
+
+    A table compares what the paper says with what is measured here. The exit code is 1 if a number differs by more
+    than its tolerance from the stored one. It takes a quarter of a minute.
+    """
+
+    out: Annotated[Path, Parameter(metavar="DIR")]
+    """Folder for paper.md, paper.json and the figures"""
+    expected: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """File of stored numbers to compare with (default: the one in the package)"""
+    renew: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """Write the measured numbers to a file for --expected instead of comparing them; the exit code is then 0"""
+    json: bool = False
+    """Print the results as JSON instead of the tables"""
+
+
+def run(options: Options) -> int:
+    """Write tables and figures; return 1 if a number has drifted."""
+    import json
+
+    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.eval.paper.drift import EXPECTED, load_expected, store_expected
+    from fuzzyarm.eval.paper.evidence import STEPS, gather
+    from fuzzyarm.eval.paper.figures import write_figures
+    from fuzzyarm.eval.paper.report import compare, print_report, renewed, write_report
+
+    if options.renew and options.expected:
+        raise UsageError("--renew writes new stored numbers and --expected compares with old ones; give one of them")
+    stored = {} if options.renew else load_expected(options.expected or EXPECTED)
+    writable_folder(options.out)
+    if options.renew:
+        writable_folder(options.renew.parent)
+    with progress("runs and proofs", STEPS) as advance:
+        evidence = gather(advance)
+        comparison = compare(evidence, stored)
+    if options.renew:
+        comparison = renewed(comparison)
+        store_expected(comparison.measured, comparison.made_with, options.renew)
+    with progress("figures", None) as advance:
+        figures = write_figures(evidence, options.out, advance)
+    written = [*figures, *write_report(comparison, figures, options.out)]
+    if options.json:
+        print(json.dumps(comparison.to_dict(), indent=1))
+    else:
+        print_report(comparison, output())
+        print(f"\n{len(written)} files in {options.out}")
+    for moved in comparison.drifted:
+        print(f"fuzzyarm paper: {moved}", file=sys.stderr)
+    return 1 if comparison.drifted else 0

@@ -1,0 +1,44 @@
+"""`fuzzyarm report`: make one HTML page of an evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import output_file
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Make one self-contained HTML page of an evaluation: tables, curves, and a replay of the arms.
+
+    The page shows the certified bounds beside the largest errors that were observed. It loads nothing from the
+    network.
+    """
+
+    arguments: ClassVar[str] = "DIR"
+
+    folder: Annotated[Path, Parameter(name="", metavar=arguments)]
+    """Folder that fuzzyarm evaluate --out wrote"""
+    _: KW_ONLY
+    out: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """Page to write (.html; default: DIR/report.html)"""
+
+
+def run(options: Options) -> int:
+    """Write the page."""
+    from fuzzyarm.common.console import status
+    from fuzzyarm.eval.report.page import write_report
+
+    if options.out is not None:
+        output_file(options.out, ".html")
+    out = options.out or options.folder / "report.html"
+    with status("observing the certified loops"):
+        write_report(options.folder, out)
+    print(f"written to {out}")
+    return 0

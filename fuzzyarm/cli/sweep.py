@@ -1,0 +1,129 @@
+"""`fuzzyarm sweep`: run policies on thousands of different plants."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.options import given, with_fields_of
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
+
+if TYPE_CHECKING:
+    from fuzzyarm.eval.sweep.run import Sweep
+
+__all__ = ["Options", "configured", "run"]
+
+
+@with_fields_of(SweepConfig, without=("robot",))
+@with_fields_of(Engine)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Run policies on many plants, drawn from a distribution or on a grid over two quantities.
+
+    Writes success rates, quantiles of the tip error with confidence intervals, heat maps and the worst plants to a
+    folder, chunk by chunk: after a kill --resume goes on. Quantities: mass, motor_inertia, stiffness, damping,
+    dry_friction, viscous_friction (factors), payload [kg], force (factor), noise (factor of 1e-5 rad and 1e-3 rad/s),
+    delay [control periods of 1 ms]. With --grid, nothing else varies by default, and a cell has one plant.
+    """
+
+    robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """TOML file of the arm that plants are drawn around and policies are loaded for (default: Table 1 of the paper)"""
+    out: Annotated[Path, Parameter(metavar="DIR")] = Path("fuzzyarm-sweep")
+    """Folder of the sweep"""
+    resume: bool = False
+    """Continue the sweep in the folder; its options need not be repeated, except --policy for code of your own,
+    which does not run because a file names it; --bound, --worst and --map may change"""
+    replay: Annotated[tuple[str, str, int] | None, Parameter(metavar="POLICY CASE PLANT")] = None
+    """Run one plant of the folder's sweep again and write its signals and figures"""
+    json: bool = False
+    """Print the summary as JSON instead of the table"""
+
+
+def run(options: Options) -> int:
+    """Run a sweep, go on with one, or replay a plant; return 1 if workers died again and again."""
+    from fuzzyarm.eval.sweep.run import Sweep
+
+    engine = Engine(**given(options, Engine))
+    resumed = options.resume or options.replay is not None
+    sweep = Sweep.resume(options.out, _given(options)) if resumed else Sweep.begin(options.out, configured(options))
+    if options.replay is not None:
+        _replay(sweep, *options.replay)
+        return 0
+    try:
+        _run(sweep, engine)
+        _summarise(sweep, options.json)
+    except KeyboardInterrupt:
+        return _stopped(options.out, "interrupted", 130)
+    except WorkersLost as error:
+        return _stopped(options.out, str(error), 1)
+    except (OSError, ValueError):
+        if not resumed:
+            sweep.store.take_back()
+        raise
+    return 0
+
+
+def configured(options: Options) -> SweepConfig:
+    """Return the configuration of a new sweep; ValueError if a value is unknown or out of range."""
+    return SweepConfig.of(_given(options))
+
+
+def _given(options: Options) -> dict[str, Any]:
+    """Return the fields of the configuration that the command line gave."""
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+
+    values = given(options, SweepConfig)
+    return values if options.robot is None else values | {"robot": ArmParameters.from_toml(options.robot)}
+
+
+def _run(sweep: Sweep, engine: Engine) -> None:
+    """Run the missing chunks, with a progress bar."""
+    from fuzzyarm.common.console import progress
+
+    def report(text: str) -> None:
+        print(f"fuzzyarm sweep: {text}", file=sys.stderr)
+
+    total = sweep.store.config.total
+    done = total - sweep.remaining
+    with progress("plants", total) as advance:
+        advance(completed=done)
+        for plants in sweep.run(engine, report):
+            done += plants
+            advance(completed=done)
+
+
+def _summarise(sweep: Sweep, as_json: bool) -> None:
+    """Write the results and print them."""
+    import json
+
+    from fuzzyarm.common.console import output, print_paragraphs, progress
+    from fuzzyarm.eval.sweep.table import print_sweep
+
+    with progress("figures", None) as advance:
+        summary = sweep.summarise(advance)
+    if as_json:
+        print(json.dumps(summary.document, indent=1))
+        return
+    console = output()
+    print_sweep(summary.document, console)
+    print_paragraphs(console, [f"{len(summary.paths)} files in {sweep.store.folder}"])
+
+
+def _replay(sweep: Sweep, policy: str, case: str, plant: int) -> None:
+    """Run one plant again and print how it ended."""
+    replayed = sweep.replay_plant(policy, case, plant)
+    rollout = replayed.rollout
+    end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
+    largest = 1e3 * rollout.tip_error.max()
+    print(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
+    print(f"signals and figures in {replayed.folder}")
+
+
+def _stopped(out: Path, reason: str, code: int) -> int:
+    print(f"fuzzyarm sweep: {reason}; what is done is kept: --resume --out {out} goes on", file=sys.stderr)
+    return code

@@ -1,0 +1,78 @@
+"""`fuzzyarm train ALGORITHM`: a command for each learning algorithm, with the options of its configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from cyclopts import App, Parameter
+
+from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
+from fuzzyarm.cli.usage import UsageError, writable_folder
+from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, find_algorithm
+
+if TYPE_CHECKING:
+    from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
+
+__all__ = ["Options", "add_algorithms", "options_of", "run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the options of all algorithms begin with.
+
+    Attributes:
+        algorithm: its name.
+    """
+
+    algorithm: ClassVar[str]
+
+    out: Annotated[Path, Parameter(metavar="DIR")]
+    """Folder of the run, made if needed"""
+    resume: bool = False
+    """Continue from the last checkpoint in --out, as the run was configured; the result is that of a run that was
+    never stopped"""
+    preset: Annotated[str | None, Parameter(metavar="NAME")] = None
+    """The settings that the other options change"""
+
+
+def add_algorithms(application: App) -> None:
+    """Add a command for each algorithm that is known at this time."""
+    for spec in ALGORITHMS.values():
+        application.command(options_of(spec), name=spec.name)
+
+
+def options_of(spec: AlgorithmSpec) -> type[Options]:
+    """Return the options of an algorithm: those of a run, and one for each field of its configuration."""
+    made = with_fields_of(spec.config)(Options)
+    made.algorithm = spec.name
+    first, *others = spec.presets
+    made.__doc__ = (
+        f"Train a policy with {spec.title}.\n\nThe folder gets curve.csv, checkpoint.pt and the policies policy/ (the "
+        "last) and best/ (the smallest tip error). Training needs pip install 'fuzzyarm[rl]'. The defaults below are "
+        f"those of --preset {first}{'; other presets: ' + ', '.join(others) if others else ''}."
+    )
+    return made
+
+
+def run(options: Options) -> int:
+    """Train a policy, or continue a training."""
+    from fuzzyarm.rl_baselines.progress import train_with_progress
+
+    spec = find_algorithm(options.algorithm)
+    if options.resume:
+        names = [*(["preset"] if options.preset else []), *given(options, spec.config)]
+        if names:
+            flags = ", ".join(f"--{option_name(name)}" for name in names)
+            raise UsageError(f"--resume continues the run as it was configured; leave out {flags}")
+        train_with_progress(None, options.out)
+    else:
+        preset = options.preset or next(iter(spec.presets))
+        if preset not in spec.presets:
+            raise UsageError(f"--preset {preset} is unknown; choose from: {', '.join(spec.presets)}")
+        config = chosen(options, spec.presets[preset])
+        writable_folder(options.out)
+        train_with_progress(config, options.out)
+    print(f"written to {options.out / 'policy'}")
+    return 0

@@ -1,0 +1,119 @@
+"""Bad usage: the error, the one line that it becomes, and the checks of files that commands share."""
+
+from __future__ import annotations
+
+import difflib
+import tempfile
+import types
+import typing
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import cyclopts
+
+__all__ = ["UsageError", "explain", "output_file", "whole_numbers", "writable_folder"]
+
+
+class UsageError(Exception):
+    """Bad usage; the message is the line that the user sees."""
+
+
+def writable_folder(folder: Path) -> None:
+    """Make a folder, and write a nameless file to it, so that a command fails before it has computed anything.
+
+    Raises:
+        UsageError: the folder cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise UsageError(f"cannot write to {folder}: {error.strerror or error}") from None
+
+
+def output_file(path: Path, suffix: str) -> None:
+    """Check that a file may be written before anything is computed.
+
+    Raises:
+        UsageError: the name has another ending than `suffix`, is that of a folder, or its folder does not exist or
+            cannot be written to.
+    """
+    if path.suffix != suffix or path.is_dir():
+        raise UsageError(f"--out {path} must be a file ending in {suffix}")
+    if not path.parent.is_dir():
+        raise UsageError(f"--out {path}: the folder {path.parent} does not exist")
+    writable_folder(path.parent)
+
+
+def whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:
+    """Convert the words of an option to its type; 4e6 and 4_000_000 are whole numbers, 4.5 is none.
+
+    The library itself rounds 4.5 to 4, and refuses 4e6.
+    """
+    return cyclopts.convert(kind, tokens, converter=_converted)
+
+
+def _converted(kind: Any, text: str) -> Any:
+    if kind is not int:
+        return cyclopts.convert(kind, [text])
+    try:
+        return int(text)
+    except ValueError:
+        number = float(text)
+        if not number.is_integer():
+            raise
+        return int(number)
+
+
+def explain(error: cyclopts.CycloptsError) -> str:
+    """Return one line for an error of the command line: the value, what is allowed, and where to look."""
+    command = " ".join(["fuzzyarm", *(error.command_chain or ())])
+    text = _explained(error)
+    return f"{text} See {command} --help" if text.endswith("?") else f"{text}; see {command} --help"
+
+
+def _explained(error: cyclopts.CycloptsError) -> str:
+    match error:
+        case cyclopts.CoercionError() if error.token is not None and not _choices(error.target_type):
+            name = error.token.keyword or _name(error)
+            return f"{name} {error.token.value} must be {_in_words(error.target_type)}"
+        case cyclopts.UnknownCommandError() if error.unused_tokens and error.app is not None:
+            names = [name for name in error.app if not name.startswith("-")]
+            nearest = difflib.get_close_matches(error.unused_tokens[0], names, n=1)
+            hint = f"did you mean {nearest[0]}?" if nearest else f"choose from: {', '.join(names)}"
+            return f"unknown command {error.unused_tokens[0]}; {hint}"
+        case cyclopts.UnusedCliTokensError():
+            return f"{' '.join(error.unused_tokens or ())} belongs to no option"
+        case cyclopts.MissingArgumentError() if error.argument is not None:
+            if error.keyword is None and not error.tokens_so_far:
+                return f"{_name(error)} is missing"
+            count, _ = error.argument.token_count()
+            given = " ".join([error.keyword or _name(error), *error.tokens_so_far])
+            return f"{given} needs {f'{count} values' if count > 1 else 'a value'}"
+        case cyclopts.RepeatArgumentError():
+            return f"{error.token.keyword} {error.token.value} is given twice; leave out one"
+    text = str(error).rstrip(".")
+    return text[:1].lower() + text[1:]
+
+
+def _name(error: cyclopts.CycloptsError) -> str:
+    if error.argument is None:
+        return "a value"
+    return error.argument.name or error.argument.parameter.metavar or "an argument"
+
+
+def _choices(kind: Any) -> tuple[Any, ...]:
+    return typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
+
+
+def _in_words(kind: Any) -> str:
+    """Return what a value of a type has to be."""
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        kinds = [one for one in typing.get_args(kind) if one is not types.NoneType]
+        return " or ".join(map(_in_words, kinds))
+    if _choices(kind):
+        return " or ".join(f'"{choice}"' for choice in _choices(kind))
+    words = {int: "a whole number", float: "a number", bool: "yes or no"}
+    return words.get(kind, f"a {getattr(kind, '__name__', kind)}")

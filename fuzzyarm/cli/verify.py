@@ -1,0 +1,46 @@
+"""`fuzzyarm verify`: prove controller files again in exact arithmetic."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from cyclopts import Parameter
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Form every matrix inequality of controller files from the stored gains; prove it in exact rational arithmetic.
+
+    The exit code is 0 only if all of them are proven.
+    """
+
+    arguments: ClassVar[str] = "FILE..."
+
+    files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
+    """Controller file (.json)"""
+    _: KW_ONLY
+    json: bool = False
+    """Print the claims as JSON"""
+
+
+def run(options: Options) -> int:
+    """Print the claims; return 1 if one is not proven."""
+    import json
+
+    from fuzzyarm.common.console import progress
+    from fuzzyarm.eval.certified.verification import verify_file
+
+    reports = []
+    with progress("verifying", len(options.files)) as advance:
+        for path in options.files:
+            reports.append(verify_file(path))
+            advance()
+    if options.json:
+        print(json.dumps([report.to_dict() for report in reports], indent=1))
+    else:
+        print("\n\n".join(report.to_text() for report in reports))
+    return 0 if all(report.certificate.proven for report in reports) else 1

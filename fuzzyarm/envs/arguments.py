@@ -1,0 +1,137 @@
+"""Arguments of the environments, checked and completed: the same for one arm, a batch and tensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from fuzzyarm.common import checks
+from fuzzyarm.envs.batch.block import ANGLE_ROOM, VELOCITY_ROOM
+from fuzzyarm.envs.batch.tables import MAX_ACCELERATION
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import State
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import size
+from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.scenario import Scenario
+
+__all__ = [
+    "MAX_DEFAULT_SUBSTEP",
+    "RESET_OPTIONS",
+    "STATE_SIZE",
+    "action_space",
+    "check_options",
+    "checked_arm",
+    "chosen_disturbance",
+    "chosen_reference",
+    "chosen_scenario",
+    "initial_state",
+    "observation_space",
+    "whole_substeps",
+]
+
+MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
+STATE_SIZE = size(State)  # numbers in `initial_state`
+RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
+"""What the `options` of `reset` may hold."""
+
+
+def whole_substeps(control_period: float, substep: float | None) -> int:
+    """Return how many sub-steps make a control period; ValueError with both if it is not a whole number.
+
+    Without a sub-step: as many as keep it at `MAX_DEFAULT_SUBSTEP` or below.
+    """
+    if substep is None and 0.0 < control_period <= 0.1:
+        return math.ceil(control_period / MAX_DEFAULT_SUBSTEP - 1e-9)
+    substep = control_period if substep is None else substep
+    if not (math.isfinite(control_period) and math.isfinite(substep) and 0.0 < substep <= control_period <= 0.1):
+        raise ValueError(
+            f"control_period = {control_period!r} s, substep = {substep!r} s; "
+            "allowed: 0 < substep <= control_period <= 0.1 s"
+        )
+    count = round(control_period / substep)
+    if not math.isclose(count * substep, control_period, rel_tol=1e-9):
+        raise ValueError(
+            f"control_period = {control_period:g} s is no multiple of substep = {substep:g} s; "
+            f"use substep = {control_period / max(count, 1):g} s"
+        )
+    return count
+
+
+def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbance:
+    """Return the disturbance itself, or that of the named case."""
+    if disturbance is None:
+        return find_case(case).disturbance
+    checks.instance("disturbance", disturbance, Disturbance)
+    if case != "nominal":
+        raise ValueError(f"give either case = {case!r} or a disturbance, not both")
+    return disturbance
+
+
+def chosen_reference(
+    reference: JointReference | None, randomisation: DomainRandomisation, parameters: ArmParameters
+) -> JointReference | None:
+    """Return the reference itself, the paper's circle for this arm, or None where each episode draws its own."""
+    if reference is None:
+        return None if randomisation.references else JointReference(parameters=parameters)
+    checks.instance("reference", reference, JointReference)
+    if randomisation.references:
+        raise ValueError("give either a reference or a randomisation that draws references, not both")
+    return reference
+
+
+def checked_arm(parameters: Any) -> ArmParameters:
+    """Return the arm; TypeError if it is none."""
+    return checks.instance("parameters", parameters, ArmParameters)
+
+
+def check_options(options: dict[str, Any]) -> None:
+    """Raise ValueError for a reset option that does not exist."""
+    unknown = sorted(set(options) - set(RESET_OPTIONS))
+    if unknown:
+        raise ValueError(f"unknown reset option {', '.join(unknown)}; known: {', '.join(RESET_OPTIONS)}")
+
+
+def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:
+    """Return the scenario that reset options ask for."""
+    check_options(options)
+    disturbance, reference = own
+    if "case" in options or "disturbance" in options:
+        disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"))
+    if "reference" in options:
+        reference = checks.instance("reference", options["reference"], JointReference)
+    return Scenario(disturbance, reference)
+
+
+def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
+    """Return a given start (8,), angles [rad] and velocities [rad/s], checked against the box (25)."""
+    p, state = parameters, np.array(given, dtype=np.float64)
+    high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(STATE_SIZE)
+    if state.shape != (STATE_SIZE,) or not np.all(np.abs(state) <= high):
+        raise ValueError(
+            f"initial_state = {np.asarray(given).tolist()} must be 8 finite numbers: motor angles, link angles "
+            f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= {p.velocity_limit} rad/s)"
+        )
+    return state
+
+
+def action_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
+    """Return the motor torques that the strongest of these arms can give."""
+    limit = np.max([arm.torque_limit for arm in parameters], axis=0).astype(np.float32)
+    return spaces.Box(-limit, limit)
+
+
+def observation_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
+    """Return what may be observed of these arms."""
+    q = np.max([arm.joint_limit for arm in parameters], axis=0)
+    dq = np.max([arm.velocity_limit for arm in parameters], axis=0)
+    # Motor readings get room beyond the box (25): the observation that ends an episode lies outside it.
+    high = np.concatenate([ANGLE_ROOM * q, VELOCITY_ROOM * dq, q, dq, np.full(JOINTS, MAX_ACCELERATION)])
+    return spaces.Box(-high, high, dtype=np.float64)

@@ -1,0 +1,156 @@
+"""The one loop in which policies act: an episode of a single arm, or one of each lane of a batch, step by step.
+
+Whoever iterates decides what to keep of an episode: `rollout.Signals` keeps all signals of one arm, `TipErrors` the tip
+errors of every lane, `Timed` the wall time of `predict`.
+
+    errors = TipErrors()
+    for step in episodes(envs, policy, envs.reset(seed=0)):
+        errors.add(step)
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from fuzzyarm.envs.batch.layout import INFO
+from fuzzyarm.fuzzy_policy.policy import Predictor
+
+__all__ = ["Step", "Steppable", "Timed", "TipErrors", "episodes"]
+
+
+class Steppable(Protocol):
+    """Anything with the `step` of Gymnasium: `FuzzyArmEnv`, or `FuzzyArmVectorEnv` for a batch."""
+
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Return observation, reward, terminated, truncated and info."""
+        ...
+
+
+class Step(NamedTuple):
+    """One control step. Of a batch every array has a row per lane; of a single arm there is no such axis.
+
+    Where an episode `ended`, all values are those after its last step, also in a batch whose lanes begin anew at once.
+
+    Attributes:
+        observation: (10,) or (lanes, 10), after the step.
+        info: as the environment gives it, see `FuzzyArmEnv`; of a terminated episode also ``"reason"``.
+        reward: () or (lanes,).
+        running: booleans () or (lanes,): the episode had not ended before this step. Other rows mean nothing.
+        ended: booleans: the episode ends with this step.
+        completed: booleans: it ends because the reference was followed to its end.
+    """
+
+    observation: np.ndarray
+    info: dict[str, Any]
+    reward: np.ndarray
+    running: np.ndarray
+    ended: np.ndarray
+    completed: np.ndarray
+
+
+def episodes(
+    env: Steppable,
+    policy: Predictor,
+    start: tuple[np.ndarray, dict[str, Any]],
+    *,
+    sense: Callable[[np.ndarray, dict[str, Any]], np.ndarray] | None = None,
+    actuate: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Iterator[Step]:
+    """Run one episode, or one of each lane, until the last of them has ended.
+
+    Args:
+        env: the environment; a lane of a batch that has ended begins anew by itself and goes on unread, with a policy
+            whose memory of it is reset.
+        policy: what acts.
+        start: what ``env.reset`` returned, with the observation (10,) or (lanes, 10).
+        sense: turns observation and info into the observation that the policy gets; default: the observation.
+        actuate: turns the policy's torque [N m] into the torque of the step, called once in each; default: the torque.
+    """
+    observation, info = start
+    running = np.ones(observation.shape[:-1], dtype=bool)
+    state, begins = None, np.atleast_1d(running)
+    while running.any():
+        seen = observation if sense is None else sense(observation, info)
+        torque, state = policy.predict(seen, state=state, episode_start=begins, deterministic=True)
+        if actuate is not None:
+            torque = actuate(torque)
+        observation, reward, terminated, truncated, info = env.step(torque)
+        ended = np.asarray(terminated | truncated)
+        last, last_info = _last(observation, info, ended) if "final_obs" in info else (observation, info)
+        yield Step(last, last_info, reward, running, running & ended, running & truncated)
+        running, begins = running & ~ended, np.atleast_1d(ended)
+
+
+def _last(observation: np.ndarray, info: dict[str, Any], ended: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
+    """Return observation and info of a batch, where an episode ended those of its end, not of its successor's start."""
+    final = info["final_info"]
+    last = observation.copy()
+    last[ended] = np.stack(info["final_obs"][ended])
+
+    def merged(name: str) -> np.ndarray:
+        rows = ended if info[name].ndim == 1 else ended[:, np.newaxis]
+        return np.asarray(np.where(rows, final[name], info[name]))
+
+    reasons = final.get("reason", np.full(len(ended), None, dtype=object))
+    return last, {name: merged(name) for name in INFO} | {"reason": reasons}
+
+
+class Timed:
+    """A policy whose calls of `predict` are timed."""
+
+    def __init__(self, policy: Predictor) -> None:
+        """Wrap a policy."""
+        self._policy, self._times = policy, list[float]()
+
+    @property
+    def median(self) -> float:
+        """Median wall time of the calls so far [s]."""
+        return float(np.median(self._times))
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Return what the policy returns: an action (2,) or (lanes, 2) [N m], and the next state."""
+        begin = time.perf_counter()
+        result = self._policy.predict(
+            observation, state=state, episode_start=episode_start, deterministic=deterministic
+        )
+        self._times.append(time.perf_counter() - begin)
+        return result
+
+
+class TipErrors:
+    """The tip errors of every lane's episode, kept without its signals.
+
+    Attributes:
+        largest: largest tip error [m], (lanes,).
+        steps: number of control steps, (lanes,).
+        completed: whether the reference was followed to its end, booleans (lanes,).
+    """
+
+    def __init__(self, lanes: int) -> None:
+        """Begin with no steps."""
+        self.largest, self.steps = np.zeros(lanes), np.zeros(lanes)
+        self.completed = np.zeros(lanes, dtype=bool)
+        self._squares = np.zeros(lanes)
+
+    def add(self, step: Step) -> None:
+        """Take a step into account."""
+        error = np.where(step.running, step.info["tip_error"], 0.0)
+        np.maximum(self.largest, error, out=self.largest)
+        self._squares += error * error
+        self.steps += step.running
+        self.completed |= step.completed
+
+    @property
+    def rms(self) -> np.ndarray:
+        """Root mean square tip error [m], (lanes,)."""
+        return np.asarray(np.sqrt(self._squares / self.steps))

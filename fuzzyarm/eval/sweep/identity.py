@@ -1,0 +1,92 @@
+"""What the numbers of a sweep depend on: its configuration, the code, the versions, and the files of its policies.
+
+Results of different identities are never mixed in one folder.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import fuzzyarm
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.user_modules import module_files
+from fuzzyarm.policies import PolicySpec
+
+__all__ = ["SOURCES", "difference", "digest_of_identity", "identity", "made_with"]
+
+_OWN = ("quantities", "distributions", "config", "plants", "episodes", "results")
+SOURCES = (
+    "common",
+    "envs",
+    "fuzzy_policy",
+    "learned_policy",
+    "policies",
+    "eval/episodes",
+    *(f"eval/sweep/{name}.py" for name in _OWN),
+)
+"""Files and folders of the package that decide the numbers: code, controllers and weights."""
+
+
+@functools.cache
+def made_with() -> dict[str, str]:
+    """Return the versions, and a digest of the sources, that this process computes with."""
+    root = Path(fuzzyarm.__file__).parent
+    versions = {name: version(name) for name in ("fuzzyarm", "numpy", "numba")}
+    return {"python": platform.python_version(), **versions, "code": _digest_of(root / name for name in SOURCES)}
+
+
+def identity(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, Any]:
+    """Return everything that the numbers of a sweep depend on, ready for JSON.
+
+    Args:
+        config: of the sweep.
+        specs: its policies by label; code must be allowed to run, see `policies.resolve`.
+
+    Raises:
+        ValueError: a policy is damaged.
+        OSError: a policy's file cannot be read.
+    """
+    files = {label: spec.files() | module_files(spec) for label, spec in specs.items()}
+    return {"numbers": config.numbers(), "policies": files, "made_with": made_with()}
+
+
+def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Return in words in which entries two mappings differ; empty if they do not."""
+    found = []
+    for key in dict.fromkeys([*one, *other]):
+        then, now = one.get(key), other.get(key)
+        if isinstance(then, Mapping) and isinstance(now, Mapping):
+            inner = difference(then, now)
+            found += [f"{key}: {inner}"] if inner else []
+        elif then != now:
+            found.append(f"{key} {_short(then)} and {_short(now)}")
+    return ", ".join(found)
+
+
+def digest_of_identity(document: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of an identity; every file of a sweep carries it."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+
+def _digest_of(paths: Iterable[Path]) -> str:
+    """Return the SHA-256 of files and of all files in folders, except the caches of Python and Numba."""
+    digest = hashlib.sha256()
+    for path in paths:
+        files = [path] if path.is_file() else sorted(path.rglob("*"))
+        assert files, f"{path} is missing: SOURCES must follow the package's folders"
+        for file in files:
+            if file.is_file() and "__pycache__" not in file.parts:
+                digest.update(file.relative_to(path.parent).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def _short(value: Any) -> str:
+    """Return the first characters of a value: enough to tell digests and versions apart."""
+    return f"{value!s:.20}"

@@ -1,0 +1,80 @@
+"""What a proven controller file promises, in words and in numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from fuzzyarm.fuzzy_policy.controller import Controller
+
+__all__ = ["NOT_COVERED", "PolicyCertificate", "controller_certificate", "statement"]
+
+# What every certificate says of its limits.
+NOT_COVERED = (
+    "Not covered: the elastic joints, sampling and hold, measurement noise, torque limits, and any motion that leaves "
+    "the box; those are measured, not proven."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyCertificate:
+    """What is proven of a policy on a reference; see `Policy.certificate`.
+
+    Attributes:
+        text: what is proven and what is not, in words.
+        bounds: the numbers of the claim, ready for JSON: ``form``, ``alpha`` [1/s], ``gamma`` ([rad/(N m)] in the
+            consistent form) and ``controller_digest``, the digest of the controller file. None where the policy leaves
+            the box along the reference, so that the claim is void.
+        controller: the controller whose inequalities are proven.
+        any_reference: whether the claim holds for the error from every twice differentiable reference, not only from
+            the one in the observation.
+    """
+
+    text: str
+    bounds: dict[str, Any] | None
+    controller: Controller
+    any_reference: bool
+
+
+def controller_certificate(controller: Controller) -> PolicyCertificate:
+    """Return what is proven of the policy that evaluates a controller's law as it stands."""
+    bounds = {
+        "form": controller.form,
+        "alpha": controller.alpha,
+        "gamma": controller.gamma,
+        "controller_digest": controller.digest,
+    }
+    # The proof of the paper's form includes the reference model, whose state must be the reference itself.
+    return PolicyCertificate(statement(controller), bounds, controller, any_reference=controller.form != "paper")
+
+
+def statement(controller: Controller) -> str:
+    """Return what the certificate proves and what it does not, with the numbers of this controller."""
+    p, model = controller.model.parameters, controller.model
+    box = (
+        f"For the rigid arm in continuous time, as long as |q| <= ({p.joint_limit[0]:.6g}, {p.joint_limit[1]:.6g}) rad "
+        f"and |dq/dt| <= ({p.velocity_limit[0]:g}, {p.velocity_limit[1]:g}) rad/s, and for every twice differentiable "
+        f"reference: "
+    )
+    if controller.form == "paper":
+        claim = (
+            "with V over error and reference model, dV/dt + e'Qe - gamma^2 w'w + 2 alpha V < 0, w = (d, r): both decay "
+            f"at least as exp(-{controller.alpha:g} t) where w vanishes, and from zero initial conditions the L2 gain "
+            f"from w to Q^(1/2) e is at most {controller.gamma:.3g}. d is friction, tip forces and payload "
+            "as joint torques. "
+        )
+        return box + claim + NOT_COVERED
+    dropped = [u.premise for u in model.uncertainties]
+    residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
+    alpha, beta, strip = controller.alpha, controller.fastest_pole, ""
+    if beta is not None:
+        strip = (
+            f" and no faster than exp(-{beta:g} t), so that the poles of the loop frozen at any such state have real "
+            f"parts between -{beta:g} and -{alpha:g} 1/s"
+        )
+    claim = (
+        f"without disturbance the tracking error decays at least as exp(-{alpha:g} t){strip}, and from zero error the "
+        f"L2 gain from the disturbance torque d to the position error is at most {controller.gamma:.3g} rad/(N m). "
+        f"d holds friction, tip forces and payload as joint torques{residual}. "
+    )
+    return box + claim + NOT_COVERED

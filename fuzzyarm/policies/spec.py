@@ -1,0 +1,262 @@
+"""The one reader of a policy's name: what it refers to, its label, its files, and how it is loaded.
+
+    fuzzy-4, computed-torque, ppo-robust, ...      a policy known by name, see `registry`
+    fuzzy-4-tip, mine.json-tip                     the same law, leading the tip along the reference
+    mine.json                                      a controller file
+    runs/mine                                      the folder of a learned policy
+    package.module:factory                         the user's own code, see `user_code`
+
+A name may come from a file, and a file is not trusted: nothing that a name can say makes `resolve` or `load_policy`
+import or run code. Code is run where the user has named it in this process, with ``resolve(name, run_code=True)``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fuzzyarm.policies.registry import POLICIES, TIP, Factory, Kind, known_names
+
+if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.fuzzy_policy.controller import Controller
+    from fuzzyarm.fuzzy_policy.policy import Policy
+    from fuzzyarm.learned_policy.policy import LearnedPolicy
+    from fuzzyarm.policies.user_code import UserPolicy
+
+__all__ = ["PolicySpec", "load_policy", "resolve", "resolve_all"]
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicySpec:
+    """What a policy's name refers to; made by `resolve`. Whether there is such a policy shows when it is used.
+
+    Attributes:
+        name: as it was given.
+        kind: what the policy is made from.
+        tip: whether its law is wrapped to lead the tip along the reference, see `registry.TIP`.
+        path: the controller file or the folder of the learned policy; None for other kinds.
+        named: whether the package, or `registry.add_policy`, knows the policy by name; its path is then the package's.
+        run_code: whether the user's own code may be imported and run.
+    """
+
+    name: str
+    kind: Kind
+    tip: bool = False
+    path: Path | None = None
+    named: bool = False
+    run_code: bool = False
+    _factory: Factory | None = dataclasses.field(default=None, repr=False, compare=False)
+
+    @property
+    def label(self) -> str:
+        """What the policy is called in tables and figures: its name, or its file's without folder and ``.json``."""
+        return Path(self.name).name.replace(".json", "")
+
+    def files(self) -> dict[str, str]:
+        """Return the SHA-256, by file name, of the files the policy is made from.
+
+        These are the controller file; ``policy.json`` of a learned policy, which holds the digest of the weights, and
+        the files of its base; the module of the user's code, which is imported for it. A law that is part of the
+        package has none, nor has a policy that does not exist.
+
+        Raises:
+            ValueError: a learned policy is damaged, a module fails, or it may not be run.
+            OSError: a file cannot be read.
+        """
+        if self.kind is Kind.CODE:
+            from fuzzyarm.policies.user_code import source_file
+
+            self._check_code()
+            source = source_file(self.name)
+            return {} if source is None else {source.name: _sha256(source)}
+        if self.kind is Kind.CONTROLLER:
+            return {self._location.name: _sha256(self._location)}
+        if self.kind is Kind.LEARNED and self._location.is_dir():
+            from fuzzyarm.learned_policy.bundle import DESCRIPTION, PolicyBundle
+
+            base = PolicyBundle.load(self._location).action.base
+            own = {DESCRIPTION: _sha256(self._location / DESCRIPTION)}
+            # A base that is no known name is refused when the policy is loaded.
+            return own | resolve(base).files() if base is not None and resolve(base).named else own
+        return {}
+
+    def load(
+        self, control_period: float = 1e-3, robot: ArmParameters | None = None, allow_unproven: bool = False
+    ) -> Policy | UserPolicy:
+        """Return the policy.
+
+        Args:
+            control_period: time between two calls of `predict` [s].
+            robot: the arm the policy is for, default Table 1. A controller file must have been designed for it, and
+                learned policies know none but Table 1.
+            allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
+
+        Raises:
+            ValueError: unknown name; the file or folder is damaged, not proven, or was designed for another robot; code
+                may not be run here, or fails.
+            OSError: the file cannot be read.
+        """
+        from fuzzyarm.envs.physics.parameters import ArmParameters
+
+        robot = robot or ArmParameters()
+        if self.kind is Kind.CODE:
+            from fuzzyarm.policies.user_code import load_code
+
+            self._check_code()
+            return load_code(self.name, control_period, robot)
+        law = self._law(control_period, robot, allow_unproven)
+        if self.tip:
+            from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+
+            return TipPolicy(law)
+        return law
+
+    @property
+    def _location(self) -> Path:
+        if self.path is None:
+            raise ValueError(f"{self.name} is made from no file")
+        return self.path
+
+    def _check_code(self) -> None:
+        if not self.run_code:
+            raise ValueError(
+                f"{self.name} names code, which load_policy does not run: import it, or give it to fuzzyarm evaluate "
+                "--policy"
+            )
+
+    def _law(self, control_period: float, robot: ArmParameters, allow_unproven: bool) -> Policy:
+        """Return the policy without the wrapping of `tip`."""
+        if self._factory is not None:
+            return self._factory(robot, control_period)
+        if self.kind is Kind.CONTROLLER:
+            from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+
+            return FuzzyPolicy(_trusted_controller(self._location, robot, allow_unproven), control_period)
+        if self._location.is_dir():
+            return _learned_policy(self._location, control_period, robot)
+        raise ValueError(
+            f"unknown policy {self.name!r}; choose from: {', '.join(known_names())}, or the path of a controller file "
+            f"(.json, .json{TIP}), or of a learned policy's folder, on the command line also package.module:factory"
+        )
+
+
+def resolve(name: str | Path, *, run_code: bool = False) -> PolicySpec:
+    """Return what a policy's name refers to, without loading it; every text refers to something.
+
+    Args:
+        name: a known name, a controller file (ending in ``.json``), each also with the ending ``-tip``; the folder of a
+            learned policy; or ``package.module:factory``.
+        run_code: whether the spec may import and run the user's code. Pass True only for a name that the user has
+            typed, never for one that was read from a file.
+    """
+    text = str(name)
+    subject = text.removesuffix(TIP)
+    tip = subject != text
+    known = POLICIES.get(subject)
+    if known is not None and (known.has_tip or not tip):
+        return PolicySpec(text, known.kind, tip, known.path, named=True, _factory=known.factory)
+    if subject.endswith(".json"):
+        return PolicySpec(text, Kind.CONTROLLER, tip, Path(subject))
+    if _is_code(text):
+        return PolicySpec(text, Kind.CODE, run_code=run_code)
+    return PolicySpec(text, Kind.LEARNED, path=Path(text))
+
+
+def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, PolicySpec]:
+    """Return the specs of several names by label; ValueError if two policies have the same label."""
+    specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
+    if len(specs) < len(names):
+        raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file")
+    return specs
+
+
+def load_policy(
+    name: str | Path,
+    *,
+    control_period: float = 1e-3,
+    robot: ArmParameters | None = None,
+    allow_unproven: bool = False,
+) -> Policy:
+    """Return a policy by name, or from the path of a controller file or of a learned policy's folder.
+
+    Nothing that a name can say makes this function run code: a name may come from a file, and a file is not trusted.
+
+    Args:
+        name: see `fuzzyarm.policies.spec`; with the ending ``-tip`` the policy compensates the bending of the joints.
+        control_period: time between two calls of `predict` [s].
+        robot: the arm the policy is for, default Table 1. A controller file must have been designed for it, and
+            learned policies know none but Table 1.
+        allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
+
+    Raises:
+        ValueError: unknown name; the file or folder is damaged, not proven, or was designed for another robot.
+        OSError: the file cannot be read.
+
+    Examples:
+        >>> import numpy as np
+        >>> policy = load_policy("computed-torque")
+        >>> torque, state = policy.predict(np.zeros(10))
+        >>> torque.shape, state.shape
+        ((2,), (2,))
+    """
+    # A spec of code that may not be run raises, so what is returned is no `UserPolicy`.
+    return resolve(name).load(control_period, robot, allow_unproven)  # type: ignore[return-value]
+
+
+def _is_code(name: str) -> bool:
+    """Return whether a name is of the form ``package.module:factory``, and no file or folder is called so."""
+    module, _, factory = name.partition(":")
+    parts = (*module.split("."), *factory.split("."))
+    return all(part.isidentifier() for part in parts) and not Path(name).exists()
+
+
+def _sha256(file: Path) -> str:
+    """Return the SHA-256 of a text file, which is the same with the line ends of another system."""
+    return hashlib.sha256(file.read_bytes().replace(b"\r\n", b"\n")).hexdigest()
+
+
+def _trusted_controller(path: Path, robot: ArmParameters, allow_unproven: bool) -> Controller:
+    """Load a controller file, check that it was designed for this robot, and prove every inequality anew."""
+    from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError
+    from fuzzyarm.fuzzy_policy.proof.certificate import certify
+
+    controller = Controller.load(path)
+    if controller.model.parameters != robot:
+        designed_for = controller.model.parameters.to_dict()
+        differing = [key for key, value in robot.to_dict().items() if designed_for[key] != value]
+        raise ControllerFileError(
+            f"{path} was designed for another robot ({', '.join(differing)} differ): pass robot=, or design it anew "
+            "with fuzzyarm design --robot FILE"
+        )
+    if allow_unproven:
+        return controller
+    failed = [claim.name for claim in certify(controller).claims if not claim.proven]
+    if failed:
+        raise ControllerFileError(
+            f"{path} is not proven ({len(failed)} inequalities fail, first: {failed[0]}): it was changed after "
+            "its design, or never held; load_policy(..., allow_unproven=True) takes it all the same"
+        )
+    return controller
+
+
+def _learned_policy(folder: Path, control_period: float, robot: ArmParameters) -> LearnedPolicy:
+    """Load a learned policy, with the policy that it is based on if there is one."""
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.learned_policy.bundle import PolicyBundle
+    from fuzzyarm.learned_policy.policy import LearnedPolicy
+
+    if robot != ArmParameters():
+        raise ValueError(
+            f"{folder.name} was trained on the arm of Table 1 and knows no other; take computed-torque, or design a "
+            "controller with fuzzyarm design --robot FILE"
+        )
+    bundle = PolicyBundle.load(folder)
+    base = bundle.action.base
+    if base is not None and not resolve(base).named:
+        raise ValueError(f"{folder} was trained on the base {base!r}, which is none of: {', '.join(known_names())}")
+    added = None if base is None else load_policy(base, control_period=control_period, robot=robot)
+    return LearnedPolicy(bundle, control_period, robot, added)

@@ -1,0 +1,73 @@
+"""What the trainer needs from a learning algorithm, and what it offers to it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+from fuzzyarm.rl_baselines.config import TrainingConfig
+
+if TYPE_CHECKING:
+    from fuzzyarm.learned_policy.network import Network
+    from fuzzyarm.rl_baselines.learning_env import LearningEnvs
+
+__all__ = ["Algorithm", "AlgorithmSpec"]
+
+
+class Algorithm(Protocol):
+    """A learning algorithm in the middle of a training.
+
+    Between two calls of `update` nothing is under way: that is when the trainer evaluates the policy and writes
+    checkpoints. The trainer keeps the state of the environment and of the random generators of Python, NumPy and torch;
+    `state` is everything else that the next update depends on.
+    """
+
+    @property
+    def steps(self) -> int:
+        """Environment steps done so far, of all lanes together."""
+
+    def update(self) -> dict[str, float]:
+        """Collect experience and learn from it once.
+
+        Returns:
+            Numbers for the curve, by the columns of `AlgorithmSpec.columns` and ``episode_reward``, ``episode_length``
+            [steps]; a column may be missing.
+        """
+
+    def network(self) -> Network:
+        """Return the policy as it would be shipped now: the normaliser of the features and the layers."""
+
+    def state(self) -> dict[str, Any]:
+        """Return the state: nested mappings and lists of tensors, NumPy arrays, numbers and text."""
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from a state, whose arrays have become tensors; the configuration must be the same.
+
+        Raises:
+            KeyError, TypeError, ValueError, RuntimeError: the state does not fit.
+        """
+
+
+@dataclasses.dataclass(frozen=True)
+class AlgorithmSpec:
+    """An algorithm as it is registered.
+
+    Attributes:
+        name: on the command line, ``fuzzyarm train NAME``.
+        title: in the help and in ``policy.json``.
+        config: class of its settings; no other algorithm has the same.
+        presets: settings by name; the first is the default.
+        create: returns the algorithm at the beginning of a training, from the settings and the arms. It also seeds the
+            arms and the random generators with ``config.seed``.
+        columns: that it adds to the curve.
+        libraries: distributions whose versions are recorded in ``policy.json``.
+    """
+
+    name: str
+    title: str
+    config: type[TrainingConfig]
+    presets: Mapping[str, TrainingConfig]
+    create: Callable[[Any, LearningEnvs], Algorithm]
+    columns: tuple[str, ...] = ()
+    libraries: tuple[str, ...] = ()

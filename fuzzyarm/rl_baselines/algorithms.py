@@ -1,0 +1,41 @@
+"""The learning algorithms by name; `add_algorithm` adds one."""
+
+from __future__ import annotations
+
+from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
+from fuzzyarm.rl_baselines.config import TrainingConfig
+from fuzzyarm.rl_baselines.ppo import PPO
+
+__all__ = ["ALGORITHMS", "add_algorithm", "algorithm_of", "find_algorithm"]
+
+ALGORITHMS: dict[str, AlgorithmSpec] = {PPO.name: PPO}
+"""All known algorithms by name."""
+
+
+def add_algorithm(spec: AlgorithmSpec) -> None:
+    """Make an algorithm known by its name and by the class of its settings.
+
+    Raises:
+        ValueError: there is one of that name, or with that class of settings.
+    """
+    if spec.name in ALGORITHMS:
+        raise ValueError(f"there is an algorithm {spec.name!r} already; choose another name")
+    for other in ALGORITHMS.values():
+        if other.config is spec.config:
+            raise ValueError(f"{spec.config.__name__} holds the settings of {other.name!r}; derive a class of your own")
+    ALGORITHMS[spec.name] = spec
+
+
+def find_algorithm(name: str) -> AlgorithmSpec:
+    """Return the algorithm called `name`; ValueError names the choices."""
+    if name not in ALGORITHMS:
+        raise ValueError(f"unknown algorithm {name!r}; choose from: {', '.join(ALGORITHMS)}")
+    return ALGORITHMS[name]
+
+
+def algorithm_of(config: TrainingConfig) -> AlgorithmSpec:
+    """Return the algorithm whose settings these are; ValueError if there is none."""
+    for spec in ALGORITHMS.values():
+        if type(config) is spec.config:
+            return spec
+    raise ValueError(f"{type(config).__name__} holds the settings of no known algorithm; call add_algorithm first")

@@ -1,0 +1,132 @@
+"""The settings of a training that do not depend on the algorithm: the task, the policy, and the run.
+
+The settings of an algorithm are a class that derives from `TrainingConfig` and adds its own fields. The command line is
+made from these classes: a field gives the flag its name, type and default, and the text after the field is its help.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Literal, Self, get_args
+
+from fuzzyarm.common.checks import choice, instance, real, truth, whole
+from fuzzyarm.common.documents import record
+from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+
+__all__ = ["Distribution", "TrainingConfig"]
+
+Distribution = Literal["nominal", "robust"]
+"""What the episodes of a training are drawn from."""
+
+_LONGEST_ACTION = 0.1  # s
+_MOST_LANES = 65_536
+_MOST_REFERENCES = 100_000
+_WIDEST_LAYER = 1024
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrainingConfig:
+    """What is trained on what, and how the run is kept; the text after each field says what it is.
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is out of range.
+    """
+
+    distribution: Distribution = "nominal"
+    """What episodes are drawn from: nominal is Case 1 on the paper's circle; robust draws plant, payload 0-5 kg, tip
+    force 0-218 N, start and reference."""
+    references: int = 256
+    """In robust, the number of circles, lemniscates and lines that episodes are drawn from (1 to 100000)."""
+    circles: int = 64
+    """In robust, how often the paper's circle is listed beside these references (0 to 100000)."""
+    base: str = "none"
+    """Policy whose target the action shifts, such as fuzzy-4-tip; none: actions are torques."""
+    scale: tuple[float, float] = (400.0, 180.0)
+    """Largest action of motors 1 and 2: torques [N m], or with a base angles [rad], of 0.5 at most."""
+    action_period: float = 0.002
+    """Time for which an action is held [s], at most 0.1; it is the control period of the training."""
+    smoothing_time: float = 0.0
+    """Time constant of the low-pass filter on actions [s]; 0: no filter."""
+    tip_error_scale: float = 0.3
+    """Scale s of the training's reward [mm], which falls with ln(1 + tip error / s); 0: the environment's reward."""
+    past_errors: int = 2
+    """Number of past errors among the features (0 to 100)."""
+    past_actions: int = 2
+    """Number of past actions among the features (0 to 100)."""
+    integral_time: float = 0.1
+    """Time constant of the leaky integral of the error [s]; 0: no integral."""
+    elastic_target: bool = False
+    """Count errors from the angles at which the motors of the unloaded arm belong, and add past excess torques to the
+    features."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers of the network (1 to 1024 each)."""
+    total_timesteps: int = 8_000_000
+    """Environment steps of the training, of all lanes together."""
+    lanes: int = 64
+    """Number of arms that are simulated at once (1 to 65536)."""
+    seed: int = 0
+    """Seed of everything that is random."""
+    threads: int = 1
+    """Threads of torch and of the environment (1 to 1024)."""
+    evaluation_interval: int = 250_000
+    """Environment steps between two evaluations on the paper's three cases."""
+    checkpoint_interval: int = 500_000
+    """Environment steps between two checkpoints."""
+    tensorboard: bool = True
+    """Write TensorBoard logs too, if tensorboard is installed (it is no dependency)."""
+
+    def __post_init__(self) -> None:
+        """Check types and ranges."""
+        choice("distribution", self.distribution, get_args(Distribution))
+        whole("references", self.references, low=1, high=_MOST_REFERENCES)
+        whole("circles", self.circles, high=_MOST_REFERENCES)
+        real("action_period", self.action_period, "s", above=0.0, high=_LONGEST_ACTION)
+        real("tip_error_scale", self.tip_error_scale, "mm", low=0.0)
+        for width in instance("hidden", self.hidden, tuple):
+            whole("hidden", width, low=1, high=_WIDEST_LAYER)
+        for name in ("total_timesteps", "evaluation_interval", "checkpoint_interval"):
+            whole(name, getattr(self, name), low=1)
+        whole("lanes", self.lanes, low=1, high=_MOST_LANES)
+        whole("seed", self.seed, high=2**31 - 1)
+        whole("threads", self.threads, low=1, high=1024)
+        truth("tensorboard", self.tensorboard)
+        # The definitions of features and action check the rest.
+        _ = self.features, self.action
+
+    @property
+    def features(self) -> FeatureDefinition:
+        """What the policy sees."""
+        return FeatureDefinition(
+            past_errors=self.past_errors,
+            past_actions=self.past_actions,
+            integral_time=self.integral_time,
+            elastic_target=self.elastic_target,
+        )
+
+    @property
+    def action(self) -> ActionDefinition:
+        """What the policy's action means."""
+        base = None if self.base == "none" else self.base
+        return ActionDefinition(
+            scale=self.scale, period=self.action_period, base=base, smoothing_time=self.smoothing_time
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields by name, ready for JSON."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Return the configuration whose `to_dict` gave `values`.
+
+        Raises:
+            ValueError: a field is missing or unknown, or its value is refused.
+        """
+        missing = {field.name for field in dataclasses.fields(cls)} - set(values)
+        if missing:
+            raise ValueError(f"the configuration lacks: {', '.join(sorted(missing))}")
+        return record(dict(values), cls)

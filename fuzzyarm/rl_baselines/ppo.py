@@ -1,0 +1,255 @@
+"""PPO of stable-baselines3: its settings, its presets and its part of a training.
+
+The settings have the names that `stable_baselines3.PPO` gives them. torch and stable-baselines3 are imported when a
+training begins, so that settings and presets can be read without them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzyarm.common.checks import real, whole
+from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
+from fuzzyarm.rl_baselines.config import TrainingConfig
+
+if TYPE_CHECKING:
+    from fuzzyarm.learned_policy.network import Network
+    from fuzzyarm.rl_baselines.learning_env import LearningEnvs
+
+__all__ = ["PPO", "PRESETS", "PPOAlgorithm", "PPOConfig"]
+
+_LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
+    "learning_rate": "train/learning_rate",
+    "approx_kl": "train/approx_kl",
+    "clip_fraction": "train/clip_fraction",
+    "value_loss": "train/value_loss",
+    "explained_variance": "train/explained_variance",
+    "action_std": "train/std",
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PPOConfig(TrainingConfig):
+    """The settings of a training with PPO: those of every training, and those of `stable_baselines3.PPO`.
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is out of range, or two values do not fit together.
+    """
+
+    n_steps: int = 64
+    """Steps of each lane between two updates, at least 2."""
+    batch_size: int = 1024
+    """Samples in a gradient step, at least 2; must divide lanes times n_steps."""
+    n_epochs: int = 8
+    """Passes over the samples of an update."""
+    learning_rate: float = 1e-3
+    """Learning rate of Adam at the beginning."""
+    final_learning_rate: float = 1e-5
+    """Learning rate of Adam at the end; in between it falls linearly."""
+    gamma: float = 0.98
+    """Discount factor of a step (0 to 1)."""
+    gae_lambda: float = 0.95
+    """Factor λ of generalised advantage estimation (0 to 1)."""
+    clip_range: float = 0.2
+    """Clipping range of the ratio of probabilities."""
+    ent_coef: float = 0.0
+    """Coefficient of the entropy in the loss."""
+    vf_coef: float = 0.5
+    """Coefficient of the value function's error in the loss."""
+    max_grad_norm: float = 0.5
+    """Norm to which gradients are clipped."""
+    target_kl: float = 0.0
+    """An update ends early once the KL divergence exceeds 1.5 times this value; 0: never."""
+    log_std_init: float = -1.5
+    """Logarithm of the action's standard deviation at the beginning (-20 to 2)."""
+
+    def __post_init__(self) -> None:
+        """Check types, ranges and what must fit together."""
+        super().__post_init__()
+        whole("n_steps", self.n_steps, low=2)
+        whole("batch_size", self.batch_size, low=2)
+        whole("n_epochs", self.n_epochs, low=1)
+        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+            real(name, getattr(self, name), above=0.0)
+        for name in ("final_learning_rate", "ent_coef", "vf_coef", "target_kl"):
+            real(name, getattr(self, name), low=0.0)
+        for name in ("gamma", "gae_lambda"):
+            real(name, getattr(self, name), low=0.0, high=1.0)
+        real("log_std_init", self.log_std_init, low=-20.0, high=2.0)
+        samples = self.lanes * self.n_steps
+        if samples % self.batch_size:
+            raise ValueError(f"batch_size = {self.batch_size} must divide lanes times n_steps = {samples}")
+        if self.final_learning_rate > self.learning_rate:
+            raise ValueError(
+                f"final_learning_rate = {self.final_learning_rate:g} is out of range; allowed: [0, learning_rate = "
+                f"{self.learning_rate:g}]"
+            )
+
+
+_ROBUST = PPOConfig(
+    distribution="robust",
+    hidden=(128, 128),
+    total_timesteps=12_000_000,
+    lanes=256,
+    n_steps=32,
+    batch_size=2048,
+    n_epochs=5,
+    evaluation_interval=500_000,
+)
+
+PRESETS: dict[str, PPOConfig] = {
+    "nominal": PPOConfig(),
+    "robust": _ROBUST,
+    "residual": dataclasses.replace(
+        _ROBUST,
+        base="fuzzy-4-tip",
+        scale=(0.01, 0.02),
+        smoothing_time=0.06,
+        elastic_target=True,
+        hidden=(64, 64),
+        total_timesteps=6_000_000,
+        batch_size=1024,
+        n_epochs=10,
+    ),
+}
+"""The settings of the shipped policies, by what follows ``ppo-`` in their names."""
+
+
+class PPOAlgorithm:
+    """PPO in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`.
+
+    Attributes:
+        model: `stable_baselines3.PPO`.
+        normaliser: `VecNormalize` around the arms; its moments of the features go into the network that is shipped.
+    """
+
+    def __init__(self, config: PPOConfig, envs: LearningEnvs) -> None:
+        """Make the networks, seed everything that is random, and begin an episode in every lane."""
+        import stable_baselines3
+        import torch
+        from stable_baselines3.common.logger import Logger
+        from stable_baselines3.common.vec_env import VecNormalize
+
+        torch.set_num_threads(config.threads)
+        self._config = config
+        self.normaliser = VecNormalize(envs, gamma=config.gamma)
+        self.model = stable_baselines3.PPO("MlpPolicy", self.normaliser, **_arguments(config))
+        self.model.set_logger(Logger(None, []))
+        # `learn` of stable-baselines3 cannot be left between two updates; `update` holds the body of its loop instead.
+        _, self._callback = self.model._setup_learn(config.total_timesteps)
+
+    @property
+    def steps(self) -> int:
+        """Environment steps done so far, of all lanes together."""
+        return int(self.model.num_timesteps)
+
+    def update(self) -> dict[str, float]:
+        """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve.
+
+        See `Algorithm.update`.
+        """
+        model = self.model
+        model.collect_rollouts(model.env, self._callback, model.rollout_buffer, n_rollout_steps=self._config.n_steps)
+        model._update_current_progress_remaining(model.num_timesteps, self._config.total_timesteps)
+        model.train()
+        row = {}
+        episodes = list(model.ep_info_buffer or ())
+        if episodes:
+            row["episode_reward"] = float(np.mean([one["r"] for one in episodes]))
+            row["episode_length"] = float(np.mean([one["l"] for one in episodes]))
+        return row | {name: float(model.logger.name_to_value[key]) for name, key in _LOGGED.items()}
+
+    def network(self) -> Network:
+        """Return the mean of the Gaussian policy with the normaliser of its features."""
+        import torch
+
+        from fuzzyarm.learned_policy.network import Network
+
+        policy, moments = self.model.policy, self.normaliser.obs_rms
+        hidden = (part for part in policy.mlp_extractor.policy_net if isinstance(part, torch.nn.Linear))
+        layers = [*hidden, policy.action_net]
+        return Network(
+            mean=moments.mean.copy(),
+            std=np.sqrt(moments.var + self.normaliser.epsilon),
+            clip=self.normaliser.clip_obs,
+            weights=tuple(layer.weight.detach().numpy().copy() for layer in layers),
+            biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Return networks, optimiser, normaliser, last features, counters and the latest episodes."""
+        model = self.model
+        return {
+            "policy": model.policy.state_dict(),
+            "optimizer": model.policy.optimizer.state_dict(),
+            "counters": {"steps": model.num_timesteps, "updates": model._n_updates},
+            "episodes": [{"r": float(one["r"]), "l": int(one["l"])} for one in model.ep_info_buffer or ()],
+            "last_features": np.asarray(model._last_obs),
+            "last_starts": np.asarray(model._last_episode_starts),
+            "normaliser": {
+                "features": _moments(self.normaliser.obs_rms),
+                "returns": _moments(self.normaliser.ret_rms),
+                "discounted": self.normaliser.returns,
+            },
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned, see `Algorithm.set_state`."""
+        model, moments = self.model, state["normaliser"]
+        model.policy.load_state_dict(state["policy"])
+        model.policy.optimizer.load_state_dict(state["optimizer"])
+        model.num_timesteps, model._n_updates = state["counters"]["steps"], state["counters"]["updates"]
+        model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
+        model._last_obs = state["last_features"].numpy().copy()
+        model._last_episode_starts = state["last_starts"].numpy().copy()
+        _set_moments(self.normaliser.obs_rms, moments["features"])
+        _set_moments(self.normaliser.ret_rms, moments["returns"])
+        self.normaliser.returns = moments["discounted"].numpy().copy()
+
+
+def _arguments(config: PPOConfig) -> dict[str, Any]:
+    """Return the arguments of `stable_baselines3.PPO`."""
+    import torch
+
+    first, last = config.learning_rate, config.final_learning_rate
+    widths = list(config.hidden)
+    same = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef", "vf_coef", "seed")
+    return {
+        **{name: getattr(config, name) for name in (*same, "max_grad_norm")},
+        "learning_rate": lambda remaining: last + (first - last) * remaining,  # of the training, from 1 to 0
+        "target_kl": config.target_kl or None,
+        "policy_kwargs": {
+            "net_arch": {"pi": widths, "vf": widths},
+            "activation_fn": torch.nn.Tanh,
+            "log_std_init": config.log_std_init,
+        },
+        "device": "cpu",
+    }
+
+
+def _moments(running: Any) -> dict[str, Any]:
+    """Return the state of a `RunningMeanStd` of stable-baselines3."""
+    return {"mean": np.asarray(running.mean), "var": np.asarray(running.var), "count": float(running.count)}
+
+
+def _set_moments(running: Any, moments: dict[str, Any]) -> None:
+    """Put a `RunningMeanStd` back to a state."""
+    running.mean, running.var = moments["mean"].numpy().copy(), moments["var"].numpy().copy()
+    running.count = moments["count"]
+
+
+PPO = AlgorithmSpec(
+    name="ppo",
+    title="PPO of stable-baselines3",
+    config=PPOConfig,
+    presets=PRESETS,
+    create=PPOAlgorithm,
+    columns=tuple(_LOGGED),
+    libraries=("torch", "stable-baselines3"),
+)
+"""PPO as it is registered."""

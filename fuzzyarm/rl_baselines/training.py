@@ -1,0 +1,267 @@
+"""The trainer: a training in its folder, whatever the algorithm, which can be killed and resumed.
+
+After every update of the algorithm the trainer writes a row of the curve, and when they are due an evaluation, the
+policy bundles and a checkpoint. What is evaluated on the paper's three cases is the bundle, in NumPy at 1 kHz, in the
+form in which it is shipped. A training that was killed and resumed gives the same bits as one that was not.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import io
+import json
+import math
+import shutil
+import textwrap
+import time
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.policies import load_policy
+from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
+from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
+from fuzzyarm.rl_baselines.checkpoint import (
+    CheckpointError,
+    as_array,
+    random_state,
+    read_checkpoint,
+    set_random_state,
+    write_checkpoint,
+)
+from fuzzyarm.rl_baselines.config import TrainingConfig
+from fuzzyarm.rl_baselines.learning_env import learning_envs
+
+__all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
+
+CHECKPOINT = "checkpoint.pt"
+"""File of the last checkpoint in the folder of a training."""
+
+_CURVE, _LAST, _BEST, _TENSORBOARD = "curve.csv", "policy", "best", "tensorboard"
+_TIMES = "run.json"  # apart from the bundles, which are the same for every run with the same seed
+_EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which policies are compared
+
+
+class Training:
+    """A training in its folder, new or resumed.
+
+    Args:
+        config: the settings; their class decides on the algorithm.
+        folder: where everything goes; made if needed.
+        report: called after every update with the row of the curve.
+
+    Attributes:
+        config: the settings.
+        folder: of the training.
+        algorithm: what learns.
+        envs: the arms it learns on.
+        rows: the curve so far, one mapping per update.
+        best: smallest score so far [mm], see `_ship`.
+
+    Raises:
+        ValueError: the configuration names an unknown base, its periods do not fit, or its class is not registered.
+        OSError: the folder cannot be written.
+    """
+
+    def __init__(
+        self, config: TrainingConfig, folder: Path, report: Callable[[dict[str, Any]], None] | None = None
+    ) -> None:
+        """Make networks and arms; nothing is written before `run`."""
+        self.config, self.folder, self._report = config, folder, report
+        self.rows: list[dict[str, Any]] = []
+        self.best = math.inf
+        self._earlier, self._begun = (0.0, 0.0), _clocks()  # times of the runs before this one, up to their checkpoint
+        self._spec = algorithm_of(config)
+        self.envs = learning_envs(config, _base(config, config.action_period))
+        self._evaluation_base = _base(config, _EVALUATION_PERIOD)
+        self.algorithm = self._spec.create(config, self.envs)
+        self._writer: Any = None
+        self._shipped_policy()  # refuses before the training what could not be shipped after it
+
+    @classmethod
+    def resume(cls, folder: Path, report: Callable[[dict[str, Any]], None] | None = None) -> Training:
+        """Return the training of a folder as it was at its last checkpoint.
+
+        Raises:
+            CheckpointError: there is no checkpoint, it is damaged, or it does not fit.
+        """
+        found = read_checkpoint(folder / CHECKPOINT)
+        try:
+            config = find_algorithm(found["algorithm"]).config.from_dict(found["config"])
+            training = cls(config, folder, report)
+            training.rows, training.best, training._earlier = found["rows"], found["best"], found["seconds"]
+            learner, envs, generators = found["learner"], found["envs"], found["generators"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
+        try:
+            training.algorithm.set_state(learner)
+            training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
+            set_random_state(generators)
+        except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+            reason = textwrap.shorten(str(error), width=200)
+            raise CheckpointError(
+                f"the checkpoint does not fit this training ({reason}); start the training anew"
+            ) from None
+        return training
+
+    def run(self) -> PolicyBundle:
+        """Train to the end and return the bundle, which is also written.
+
+        Raises:
+            OSError: something cannot be written; the last checkpoint is intact.
+        """
+        self._begun = _clocks()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(self.folder)
+        # The rows that a killed run wrote after its last checkpoint are dropped here; they are computed again.
+        write_atomically(self.folder / _CURVE, self._csv(self.rows, header=True))
+        if self.config.tensorboard and tensorboard_installed():
+            from torch.utils.tensorboard.writer import SummaryWriter
+
+            self._writer = SummaryWriter(str(self.folder / _TENSORBOARD), purge_step=self.algorithm.steps + 1)
+        if self.algorithm.steps < self.config.total_timesteps:
+            self._train()
+            wall, cpu = self._elapsed()
+            times = {"wall_time_s": round(wall, 1), "cpu_time_s": round(cpu, 1)}
+            write_atomically(self.folder / _TIMES, json.dumps(times, indent=1) + "\n")
+        if self._writer is not None:
+            self._writer.close()
+        self.envs.close()
+        return self.bundle()
+
+    def bundle(self) -> PolicyBundle:
+        """Return the policy of this moment as it is shipped."""
+        config, spec = self.config, self._spec
+        return PolicyBundle(
+            features=config.features,
+            action=config.action,
+            network=self.algorithm.network(),
+            training={"algorithm": spec.title, "steps_done": self.algorithm.steps, **config.to_dict()},
+            seed=config.seed,
+            curve=[row for row in self.rows if COLUMNS[0] in row],
+            versions={name: version(name) for name in ("fuzzyarm", "numpy", *spec.libraries, "gymnasium", "numba")},
+        )
+
+    def _train(self) -> None:
+        """Update the algorithm until all steps are done."""
+        try:
+            if self.algorithm.steps == 0:
+                self._write_checkpoint()  # so that there is always one to resume from; a full disk is noticed here
+            while self.algorithm.steps < self.config.total_timesteps:
+                before = self.algorithm.steps
+                self._after_update(before, self.algorithm.update())
+        except OSError as error:
+            if error.filename == str(self.folder / CHECKPOINT):
+                raise  # its message already says what is left
+            text = f"{error.strerror or error}; {CHECKPOINT} is intact: free some space and resume"
+            raise OSError(error.errno, text, error.filename or str(self.folder)) from None
+
+    def _after_update(self, before: int, learned: dict[str, float]) -> None:
+        """Write the row of an update, with an evaluation and a checkpoint if they are due.
+
+        Args:
+            before: environment steps before the update.
+            learned: the algorithm's part of the row.
+        """
+        steps, config = self.algorithm.steps, self.config
+        row: dict[str, Any] = {"steps": steps, "tip_error_mm": 1e3 * self.envs.take_mean_tip_error(), **learned}
+
+        def due(interval: int) -> bool:
+            return steps >= config.total_timesteps or steps // interval > before // interval
+
+        evaluated = due(config.evaluation_interval)
+        if evaluated:
+            row |= evaluate_cases(self._shipped_policy())
+        self.rows.append(row)
+        with open(self.folder / _CURVE, "a", encoding="utf-8", newline="") as file:
+            file.write(self._csv([row]))
+        self._log(row)
+        if evaluated:
+            self._ship(row)
+        if due(config.checkpoint_interval):
+            self._write_checkpoint()
+        if self._report is not None:
+            self._report(row)
+
+    def _shipped_policy(self) -> LearnedPolicy:
+        """Return the policy as it is evaluated: from its bundle, at the period of the comparison."""
+        return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, base=self._evaluation_base)
+
+    def _ship(self, row: dict[str, Any]) -> None:
+        """Write the bundle as the last one, and as the best one if it is.
+
+        The score is the mean rms tip error over the cases that the distribution holds; a policy that does not reach
+        the end of each of them is never the best.
+        """
+        bundle = self.bundle()
+        bundle.save(self.folder / _LAST)
+        judged = ("nominal",) if self.config.distribution == "nominal" else PAPER_CASES
+        score = sum(row[f"{case}_rms_mm"] for case in judged) / len(judged)
+        if all(row[f"{case}_share"] == 1.0 for case in judged) and score < self.best:
+            self.best = score
+            bundle.save(self.folder / _BEST)
+
+    def _write_checkpoint(self) -> None:
+        content = {
+            "algorithm": self._spec.name,
+            "config": self.config.to_dict(),
+            "steps": self.algorithm.steps,
+            "rows": self.rows,
+            "best": self.best,
+            "seconds": self._elapsed(),
+            "learner": self.algorithm.state(),
+            "envs": self.envs.get_state(),
+            "generators": random_state(),
+        }
+        write_checkpoint(self.folder / CHECKPOINT, content)
+
+    def _elapsed(self) -> tuple[float, float]:
+        """Return wall and processor time of the training [s], without what was lost when a run was killed."""
+        (wall, cpu), (earlier_wall, earlier_cpu), (begun_wall, begun_cpu) = _clocks(), self._earlier, self._begun
+        return earlier_wall + wall - begun_wall, earlier_cpu + cpu - begun_cpu
+
+    def _log(self, row: dict[str, Any]) -> None:
+        if self._writer is not None:
+            for name, value in row.items():
+                self._writer.add_scalar(name, value, row["steps"])
+
+    def _csv(self, rows: Sequence[dict[str, Any]], header: bool = False) -> str:
+        """Return rows of the curve as text; a column that a row lacks stays empty."""
+        columns = ("steps", "episode_reward", "episode_length", "tip_error_mm", *self._spec.columns, *COLUMNS)
+        text = io.StringIO()
+        writer = csv.DictWriter(text, fieldnames=columns, lineterminator="\n")
+        if header:
+            writer.writeheader()
+        writer.writerows(rows)
+        return text.getvalue()
+
+
+def tensorboard_installed() -> bool:
+    """Return whether TensorBoard logs can be written."""
+    return importlib.util.find_spec("tensorboard") is not None
+
+
+def _clocks() -> tuple[float, float]:
+    """Return wall and processor time [s] since an arbitrary instant."""
+    return time.perf_counter(), time.process_time()
+
+
+def _base(config: TrainingConfig, control_period: float) -> Policy | None:
+    return None if config.base == "none" else load_policy(config.base, control_period=control_period)
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files and folders of a run that was killed while it wrote."""
+    for name in (CHECKPOINT, _CURVE, _LAST, _BEST):
+        for path in folder.glob(f".{name}.*"):
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)

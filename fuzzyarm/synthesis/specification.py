@@ -1,0 +1,83 @@
+"""What is asked of a design."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from fuzzyarm.common.checks import choice, real
+from fuzzyarm.fuzzy_policy.controller import FORMS
+from fuzzyarm.fuzzy_policy.ts_model import DEFAULT_KEPT
+
+__all__ = ["FIRST_ALPHA", "PAPER_WEIGHT", "Specification"]
+
+PAPER_WEIGHT = (1e-5, 1e-5, 1.0, 1.0)
+"""Diagonal of the paper's Q, section 6.2."""
+
+FIRST_ALPHA = 1.0
+"""Where the search for the largest decay rate begins [1/s]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Specification:
+    """What is asked of a design. Of `gamma` and `gain_bound` the one that is None is minimised.
+
+    Attributes:
+        kept: premises kept as fuzzy rules.
+        form: "consistent" or "paper" (theorems 1 and 2).
+        alpha: decay rate [1/s]; None for the largest one, which needs gamma and gain_bound.
+        gamma: bound of the L2 gain, [rad/(N m)] in the consistent form.
+        gain_bound: bound of the feedback [N m/rad]: |K̃| <= bound T_1/U_1 in scaled units, so that the position gain
+            of joint 1 stays below it and the others in proportion to their units.
+        integral: whether to feed back the integral of the position error (Remark 2).
+        common_multiplier: one multiplier for all dropped premises of A, as Theorem 2 prints it; otherwise one each.
+        fastest_pole: bound β [1/s] of the decay rate from above, so that the real part of every pole of the frozen
+            rigid loop lies between -β and -alpha; None for no bound. Consistent form only.
+
+    Raises:
+        TypeError: a number is none.
+        ValueError: a value is out of range, or more than one of alpha, gamma and gain_bound is left open.
+    """
+
+    kept: tuple[str, ...] = DEFAULT_KEPT
+    form: str = "consistent"
+    alpha: float | None = 20.0
+    gamma: float | None = 2e-4
+    gain_bound: float | None = None
+    integral: bool = True
+    common_multiplier: bool = False
+    fastest_pole: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers, each and together."""
+        choice("form", self.form, FORMS)
+        units = {"alpha": "1/s", "gamma": "rad/(N m)", "gain_bound": "N m/rad", "fastest_pole": "1/s"}
+        for name, unit in units.items():
+            if getattr(self, name) is not None:
+                real(name, getattr(self, name), unit, above=0.0)
+        if self.fastest_pole is not None:
+            if self.form != "consistent":
+                raise ValueError("fastest_pole goes with the consistent form: leave it out, or choose that form")
+            if self.fastest_pole <= self.first_alpha:
+                raise ValueError(
+                    f"fastest_pole = {self.fastest_pole:g} 1/s is out of range; allowed: above alpha, "
+                    f"{self.first_alpha:g} 1/s"
+                )
+        missing = [name for name in ("alpha", "gamma", "gain_bound") if getattr(self, name) is None]
+        if len(missing) > 1:
+            raise ValueError(
+                f"{' and '.join(missing)} are left open: only one of alpha, gamma, gain_bound can be optimised"
+            )
+
+    @property
+    def first_alpha(self) -> float:
+        """The decay rate [1/s] to begin with: the specified one, or where the search for the largest one begins."""
+        return FIRST_ALPHA if self.alpha is None else self.alpha
+
+    @property
+    def objective(self) -> str:
+        """What is optimised, in words."""
+        if self.alpha is None:
+            return "largest decay rate"
+        if self.gamma is None:
+            return "smallest L2 gain"
+        return "smallest bound on the scaled gains" if self.gain_bound is None else "any point within the bounds"

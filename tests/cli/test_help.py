@@ -1,0 +1,149 @@
+"""What the command line says of itself: help at 80 columns, groups, completion, and one line for each mistake."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from fuzzyarm import __version__
+from fuzzyarm.cli import main
+from fuzzyarm.cli.application import GROUPS, application
+
+COMMANDS = [[name] for commands in GROUPS.values() for name in commands] + [["train", "ppo"]]
+COMPUTING = [words for words in COMMANDS if words != ["train"]]
+
+
+def printed(capsys, *words):
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    return out
+
+
+def loaded_after(words):
+    """The heavy libraries that a command line has imported."""
+    heavy = "('numba', 'scipy', 'matplotlib', 'torch', 'ray', 'joblib', 'clarabel', 'flint')"
+    code = f"import sys; from fuzzyarm.cli import main; main({words!r}); "
+    code += f"print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[-1]
+
+
+def test_the_commands_are_shown_in_groups(capsys):
+    lines = printed(capsys, "--help").splitlines()
+    headings = {heading: next(k for k, line in enumerate(lines) if heading in line) for heading in GROUPS}
+    assert sorted(headings.values()) == list(headings.values())
+    for heading, commands in GROUPS.items():
+        for name, text in commands.items():
+            (place,) = [k for k, line in enumerate(lines) if line.startswith(f"│ {name} ")]
+            assert place > headings[heading] and text in lines[place]
+            assert all(place < other for other in headings.values() if other > headings[heading])
+
+
+@pytest.mark.parametrize("words", [[], *COMMANDS], ids=" ".join)
+@pytest.mark.parametrize("flag", ["--help", "-h"])
+def test_help_fits_80_columns(words, flag, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = printed(capsys, *words, flag).splitlines()
+    assert lines[0].startswith(" ".join(["Usage: fuzzyarm", *words]))
+    assert max(map(len, lines)) <= 80
+    assert not any("…" in line for line in lines)
+
+
+@pytest.mark.parametrize("words", COMPUTING, ids=" ".join)
+def test_every_option_has_help_and_a_name_of_its_own(words):
+    command = application()
+    for word in words:
+        command = command[word]
+    arguments = command.assemble_argument_collection(parse_docstring=True)
+    assert len(arguments) > 1
+    for argument in arguments:
+        text = argument.parameter.help
+        assert text and len(text) > 10 and (text[0].isupper() or text[0].isdigit()), (argument.name, text)
+
+
+def test_the_version(capsys):
+    assert printed(capsys, "--version") == f"fuzzyarm {__version__}\n"
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["evaluate", "--help"], ["design", "--help"]])
+def test_help_loads_nothing_that_computes(words):
+    assert loaded_after(words) == "[]"
+
+
+@pytest.mark.parametrize(
+    ("words", "value", "way_out"),
+    [
+        ([], "a command is missing", "choose from: evaluate, report,"),
+        (["evalute"], "unknown command evalute", "did you mean evaluate? See fuzzyarm --help"),
+        (["fly"], "unknown command fly", "choose from: evaluate, report,"),
+        (["evaluate", "--sedes", "4"], "--sedes", "Did you mean --seeds? See fuzzyarm evaluate --help"),
+        (["evaluate", "--seeds", "1.5"], "--seeds 1.5", "must be a whole number"),
+        (["evaluate", "--encoder-noise", "1e-5"], "--encoder-noise 1e-5", "needs 2 values"),
+        (["evaluate", "--json=maybe"], "--json maybe", "must be yes or no"),
+        (["evaluate", "--policy"], "--policy", "needs a value; see fuzzyarm evaluate --help"),
+        (["evaluate", "now"], "now", "belongs to no option; see fuzzyarm evaluate --help"),
+        (["report"], "DIR is missing", "see fuzzyarm report --help"),
+        (["leaderboard", "--markdown"], "FILE... is missing", "see fuzzyarm leaderboard --help"),
+        (["design"], "--out is missing", "see fuzzyarm design --help"),
+        (["design", "--out", "a.json", "--out", "b.json"], "--out b.json is given twice", "leave out one"),
+        (["design", "--out", "c.json", "--theorem", "papr"], '"papr" for --theorem', '"consistent", "paper"'),
+        (["design", "--out", "c.json", "--rules", "4", "--keep", "z1"], "--keep z1", "leave out one"),
+        (["verify"], "FILE... is missing", "see fuzzyarm verify --help"),
+        (["margins", "--nope"], "--nope", "see fuzzyarm margins --help"),
+        (["train"], "a command is missing", "see fuzzyarm train --help"),
+        (["train", "pp"], "unknown command pp", "did you mean ppo? See fuzzyarm train --help"),
+        (["train", "ppo"], "--out is missing", "see fuzzyarm train ppo --help"),
+        (["train", "ppo", "--out", "x", "--hidden", "64", "6.4"], "--hidden 6.4", "must be a whole number"),
+        (["sweep", "--jobs", "two"], "--jobs two", "must be a whole number"),
+        (["sweep", "--range", "mass", "0.9"], "--range mass 0.9", "needs 3 values"),
+        (["paper"], "--out is missing", "see fuzzyarm paper --help"),
+        (["bench", "--lanes", "64", "many"], "--lanes many", "must be a whole number"),
+    ],
+)
+def test_a_mistake_is_one_line_with_the_value_and_a_way_out(tmp_path, capsys, monkeypatch, words, value, way_out):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1
+    name = " ".join(["fuzzyarm", *(words[:1] if words[:1] in COMMANDS else [])])
+    assert err.startswith(f"{name}: ") and value in err and way_out in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("word", "number"), [("4e6", 4_000_000), ("4_000", 4000), ("12", 12)])
+def test_whole_numbers_may_be_written_in_powers_of_ten(word, number):
+    _, bound, _ = application(["evaluate"]).parse_args(["evaluate", "--seeds", word])
+    assert bound.arguments == {"seeds": number}
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_commands_and_options(shell):
+    script = application().generate_completion(shell=shell)
+    for word in ("evaluate", "leaderboard", "encoder-noise", "no-integral", "ent-coef", "lanes-sweep"):
+        assert word in script
+    assert "--no-json" not in script and "--policies" not in script
+    if shutil.which(shell):
+        subprocess.run([shell, "-n"], input=script, text=True, check=True)
+
+
+def test_completion_is_installed_and_completes(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    script = tmp_path / "completion"
+    assert main(["--install-completion", "--shell", "bash", "--output", str(script)]) == 0
+    assert str(script) in capsys.readouterr().out
+    if shutil.which("bash") is None:
+        pytest.skip("bash is not installed")
+
+    def completed(*words):
+        line = f'. "{script}"; COMP_WORDS=({" ".join(words)}); COMP_CWORD={len(words) - 1}; _fuzzyarm; '
+        command = [shutil.which("bash"), "-c", line + 'echo "${COMPREPLY[@]}"']
+        done = subprocess.run(command, capture_output=True, text=True, check=True, env=dict(os.environ))
+        return done.stdout.split()
+
+    assert completed("fuzzyarm", "eva") == ["evaluate"]
+    assert completed("fuzzyarm", "evaluate", "--enc") == ["--encoder-noise"]
+    assert completed("fuzzyarm", "train", "p") == ["ppo"]
+    assert "paper" in completed("fuzzyarm", "design", "--theorem", "p")

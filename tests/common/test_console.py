@@ -1,0 +1,116 @@
+"""What is piped is plain and whole; what is on a terminal has lines and fits."""
+
+import io
+
+import pytest
+import rich.console
+
+from fuzzyarm.common import console
+
+HEADINGS = ["case", "tip error max [mm]"]
+
+
+def printed(terminal, width=40):
+    """A table as it is shown on a terminal or in a pipe of this width."""
+    screen = rich.console.Console(file=io.StringIO(), force_terminal=terminal, width=width, color_system=None)
+    table = console.table(HEADINGS, console=screen)
+    table.add_row("Case 1", "3.90")
+    table.add_row("Case 2: a force", "10.8")
+    screen.print(table)
+    return screen.file.getvalue().splitlines()
+
+
+def test_piped_tables_are_columns_of_text():
+    head, *rows = (line.rstrip() for line in printed(False))
+    assert head.split("  ")[0] == "case" and head.endswith("tip error max [mm]")  # no markup: the unit stays
+    assert [row.split()[-1] for row in rows] == ["3.90", "10.8"]
+    assert len({len(line) for line in (head, *rows)}) == 1  # numbers are aligned right
+
+
+def test_on_a_terminal_each_word_of_a_heading_has_a_line_and_the_digits_stay():
+    lines = printed(True, width=24)
+    assert [line.split()[-1] for line in lines if line.strip()][:4] == ["tip", "error", "max", "[mm]"]
+    assert any("─" in line for line in lines)
+    assert any("10.8" in line for line in lines)
+
+
+def wide_table(screen, **settings):
+    """A table of nine columns of numbers that no terminal of 40 columns holds."""
+    made = console.table(["policy", *(f"error {k} [mm]" for k in range(9))], console=screen, **settings)
+    made.add_row("Case 1")
+    made.add_row("observer", *(f"{k}234567.891" for k in range(9)))
+    made.add_section()
+    made.add_row("rigid", *("1" for _ in range(9)))
+    return made
+
+
+def shown(table, screen, **settings):
+    console.print_table(table, screen, **settings)
+    return screen.file.getvalue()
+
+
+def a_screen(terminal, width):
+    return rich.console.Console(file=io.StringIO(), force_terminal=terminal, width=width, color_system=None)
+
+
+@pytest.mark.parametrize("width", [30, 40, 80, 200])
+def test_a_table_that_is_too_wide_is_split_and_keeps_its_first_column_and_its_digits(width):
+    screen = a_screen(True, width)
+    text = shown(wide_table(screen, title="Errors"), screen)
+    assert max(map(len, text.splitlines())) <= width
+    assert all(text.count(f"{k}234567.891") == 1 for k in range(9)) and "…" not in text
+    tables = text.count("policy")
+    assert tables == text.count("observer") == text.count("Case 1") == text.count("rigid")
+    assert (tables == 1) == (width == 200)
+    assert text.count("Errors") == 1  # the title stands above the first
+
+
+def test_the_second_column_may_be_repeated_too():
+    screen = a_screen(True, 40)
+    text = shown(wide_table(screen), screen, keys=2)
+    assert text.count("0234567.891") == text.count("observer") > 1
+
+
+def test_a_terminal_that_is_too_narrow_for_a_column_breaks_lines_and_loses_nothing():
+    screen = a_screen(True, 12)
+    text = shown(wide_table(screen), screen)
+    assert all(f"{k}234567.891" in text for k in range(9))
+
+
+def test_text_may_be_folded_where_a_table_says_so():
+    screen = a_screen(True, 44)
+    made = console.table(["where", "what", "value"], left=(0, 1), console=screen, fold=True)
+    made.add_row("6.1", "the largest circumferential speed of the reference", "1.5, 2.5")
+    made.add_row("6.2, Fig. 7", "the largest torque", "228")
+    text = shown(made, screen)
+    assert max(map(len, text.splitlines())) <= 44
+    assert all(word in text for word in ("circumferential", "reference", "1.5, 2.5"))
+    assert text.count("value") == 1
+
+
+def test_a_pipe_gets_one_table():
+    screen = a_screen(False, 1000)
+    text = shown(wide_table(screen), screen)
+    assert text.count("policy") == 1 and len(text.splitlines()) == 4
+
+
+def test_output_is_wide_where_it_is_no_terminal(capsys):
+    screen = console.output()
+    screen.print("x" * 900)
+    assert capsys.readouterr().out == "x" * 900 + "\n"
+
+
+def test_paragraphs_are_printed_as_they_are(capsys):
+    console.print_paragraphs(console.output(), ["a [bold]b[/bold] :smile: 12", "c"])
+    assert capsys.readouterr().out == "\na [bold]b[/bold] :smile: 12\n\nc\n"
+
+
+@pytest.mark.parametrize("terminal", ["", "1"])
+def test_progress_is_on_standard_error_of_a_terminal_only(capsys, monkeypatch, terminal):
+    monkeypatch.setenv("FORCE_COLOR", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with console.progress("episodes", 2) as advance, console.status("waiting"):
+        advance("the next")
+        advance()
+    shown = capsys.readouterr()
+    assert shown.out == "" and bool(shown.err) == bool(terminal)

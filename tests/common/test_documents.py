@@ -1,0 +1,156 @@
+"""Documents are read strictly: what is no plain, finite, shallow document of the schema is refused in one line."""
+
+import dataclasses
+import json
+import os
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fuzzyarm.common.documents import (
+    DEEPEST,
+    DocumentError,
+    check_schema,
+    parse_json,
+    read_json,
+    read_toml,
+    record,
+)
+
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
+CONTENTS = st.recursive(LEAVES, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=20)
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    mass: float
+    names: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Robot:
+    link: Link
+    joints: int = 2
+    payload: float | None = None
+
+    def __post_init__(self):
+        if self.joints < 1:
+            raise ValueError("joints = 0 is out of range")
+
+
+@given(CONTENTS)
+def test_what_json_writes_is_read_back(content):
+    assert parse_json(json.dumps(content)) == content
+    assert parse_json(json.dumps(content).encode()) == content
+
+
+@given(st.binary(max_size=60) | st.text(max_size=60))
+def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
+    problem = ""
+    try:
+        parse_json(text)
+    except ValueError as error:
+        problem = str(error)
+    assert problem == "" or (problem.startswith("not a JSON document: ") and "\n" not in problem)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "Expecting value"),
+        ('{"a": 1, "b": {"c": 1, "c": 2}}', "the key 'c' stands twice"),
+        ('{"gain": NaN}', "NaN is no number of JSON"),
+        ("[-Infinity]", "-Infinity is no number of JSON"),
+        ('{"gain": 1e999}', "'gain' is not finite"),
+        ("[" * (DEEPEST + 1) + "]" * (DEEPEST + 1), f"nested more than {DEEPEST} deep"),
+        ("[" * 100_000 + "]" * 100_000, "nested"),
+        ("1" * 5000, "digits"),
+    ],
+)
+def test_bad_documents_say_what_is_wrong(tmp_path, text, problem):
+    path = tmp_path / "file.json"
+    path.write_text(text)
+    with pytest.raises(DocumentError, match=problem) as caught:
+        read_json(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+    assert isinstance(caught.value, ValueError)
+
+
+def test_the_deepest_document_is_read():
+    content = parse_json("[" * DEEPEST + "]" * DEEPEST)
+    for _ in range(DEEPEST - 1):
+        (content,) = content
+    assert content == []
+
+
+@pytest.mark.parametrize("read", [read_json, read_toml])
+class TestFiles:
+    def test_only_regular_files_are_read(self, read, tmp_path):
+        os.mkfifo(tmp_path / "pipe")
+        with pytest.raises(DocumentError, match="not a regular file"):  # and it does not wait for a writer
+            read(tmp_path / "pipe")
+        with pytest.raises(OSError):
+            read(tmp_path)
+        with pytest.raises(FileNotFoundError):
+            read(tmp_path / "nothing")
+
+    def test_the_limit_is_the_last_size_that_is_read(self, read, tmp_path):
+        path = tmp_path / "file"
+        path.write_text("{}" if read is read_json else "# ")
+        assert read(path, largest=2) == {}
+        with pytest.raises(DocumentError, match="larger than 1 bytes"):
+            read(path, largest=1)
+
+
+def test_toml_is_a_mapping(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text("mass = [10, 5]\n[friction]\nlevel = 2.5\n")
+    assert read_toml(path) == {"mass": [10, 5], "friction": {"level": 2.5}}
+
+
+@pytest.mark.parametrize("text", ["mass = ", "a = 1\na = 2", "x = " + "[" * 60 + "]" * 60, "x = " + "[" * 9**5])
+def test_bad_toml_says_so(tmp_path, text):
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    with pytest.raises(DocumentError, match=r"arm\.toml is not a TOML file: ") as caught:
+        read_toml(path)
+    assert not isinstance(caught.value, tomllib.TOMLDecodeError) and "\n" not in str(caught.value)
+
+
+def test_text_that_is_not_utf8_is_no_toml(tmp_path):
+    (tmp_path / "arm.toml").write_bytes(b'name = "\xff"')
+    with pytest.raises(DocumentError, match="is not a TOML file"):
+        read_toml(tmp_path / "arm.toml")
+
+
+def test_a_record_takes_its_fields():
+    content = {"link": {"mass": 3, "names": ["upper"]}, "payload": 1.5}
+    assert record(content, Robot) == Robot(Link(3.0, ("upper",)), 2, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ({}, "link"),
+        ({"link": {"mass": "3"}}, r"`link\.mass`"),
+        ({"link": {"mass": True}}, r"`link\.mass`"),
+        ({"link": {"mass": 1.0}, "joints": 2.5}, "`joints`"),
+        ({"link": {"mass": 1.0, "names": ["a", 1]}}, r"`link\.names\[1\]`"),
+        ({"link": {"mass": 1.0}, "joints": 0}, "joints = 0 is out of range"),
+        ({"link": {"mass": 1.0}, "color": "red"}, "unknown field color; known: joints, link, payload"),
+        ([], "object"),
+        (None, "object"),
+    ],
+)
+def test_what_does_not_fit_a_record_is_named_by_its_place(content, problem):
+    with pytest.raises(ValueError, match=problem):
+        record(content, Robot)
+
+
+@pytest.mark.parametrize("content", [None, [], "fuzzyarm/1", {}, {"schema": None}, {"schema": "fuzzyarm/2"}])
+def test_another_schema_is_refused_with_both(content):
+    assert check_schema({"schema": "fuzzyarm/1", "a": 1}, "fuzzyarm/1") == {"schema": "fuzzyarm/1", "a": 1}
+    with pytest.raises(ValueError, match=r"the schema is .*, this version reads 'fuzzyarm/1'"):
+        check_schema(content, "fuzzyarm/1")

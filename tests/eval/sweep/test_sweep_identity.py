@@ -1,0 +1,55 @@
+"""What the numbers of a sweep depend on: nothing that a worker computes with is left out."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import fuzzyarm
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.identity import SOURCES, difference, digest_of_identity, identity, made_with
+from fuzzyarm.policies import resolve_all
+
+ROOT = Path(fuzzyarm.__file__).parent
+
+IMPORTED = """
+import json, sys
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.episodes import run_plants
+from fuzzyarm.policies import load_policy
+
+names = ("fuzzy-4-tip", "elastic-observer", "ppo-residual")
+run_plants(SweepConfig(), {name: load_policy(name) for name in names}, range(1))
+print(json.dumps([module.__file__ for name, module in sys.modules.items() if name.startswith("fuzzyarm.")]))
+"""
+
+
+def test_the_digest_covers_every_module_that_runs_an_episode():
+    done = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True)
+    used = {Path(file).relative_to(ROOT) for file in json.loads(done.stdout)}
+    covered = {Path(source) for source in SOURCES}
+    missing = {path for path in used if path.name != "__init__.py" and not covered.intersection([path, *path.parents])}
+    assert missing == set()
+
+
+def test_every_source_exists():
+    assert all((ROOT / source).exists() for source in SOURCES)
+    assert set(made_with()) == {"python", "fuzzyarm", "numpy", "numba", "code"}
+
+
+def test_the_identity_holds_the_digest_of_every_file_of_a_policy():
+    config = SweepConfig(policies=("fuzzy-4-tip", "ppo-residual", "computed-torque"))
+    found = identity(config, resolve_all(config.policies))
+    assert list(found["policies"]["fuzzy-4-tip"]) == ["fuzzy-4.json"]
+    assert "policy.json" in found["policies"]["ppo-residual"]  # which holds the digest of the weights
+    assert found["policies"]["computed-torque"] == {}
+    assert found["numbers"]["robot"] == config.robot.to_dict()
+    assert "bound" not in found["numbers"]  # decides only how results are shown
+    assert digest_of_identity(found) == digest_of_identity(json.loads(json.dumps(found)))
+
+
+def test_a_difference_names_the_entries_down_to_the_file():
+    then = {"mine": {"a.py": "0" * 64, "b.py": "1"}, "fuzzy-4": {}}
+    now = {"mine": {"a.py": "2" * 64, "b.py": "1"}, "fuzzy-4": {}}
+    assert difference(then, now) == f"mine: a.py {20 * '0'} and {20 * '2'}"
+    assert difference(then, then) == ""

@@ -1,0 +1,234 @@
+"""Sweeps of policies that are not part of the package: the user's own code, and controllers for another arm."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.sweep.store import Store
+
+QUICK = ["--case", "nominal", "--plants", "4", "--chunk", "2"]
+
+LAW = """
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from {package}.gains import SHARE
+
+class Soft:
+    def __init__(self, robot, control_period):
+        self.law = ComputedTorquePolicy(robot, control_period)
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        torque, state = self.law.predict(observation, state, episode_start, deterministic)
+        return SHARE * torque, state
+
+def make(robot, control_period):
+    return Soft(robot, control_period)
+"""
+LOGGED = """
+import os
+with open(os.environ["IMPORTED_FROM"], "a") as file:
+    file.write(__file__ + "\\n")
+SHARE = {share}
+"""
+
+
+ON_RAY = """
+import sys
+from pathlib import Path
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.run import Sweep
+
+policy, modules, out = sys.argv[1:]
+sys.path.insert(0, modules)
+config = SweepConfig(policies=(policy,), cases=("nominal",), plants=4, chunk=2)
+print(list(Sweep.begin(Path(out), config).run(Engine("ray", jobs=2))))
+"""
+
+
+def package(folder, name, share=0.999):
+    """Write a package of two modules with a policy, and return the policy's name."""
+    (folder / name).mkdir(exist_ok=True)
+    (folder / name / "__init__.py").write_text("")
+    (folder / name / "law.py").write_text(LAW.format(package=name))
+    (folder / name / "gains.py").write_text(LOGGED.format(share=share))
+    return f"{name}.law:make"
+
+
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    """Draw no figures, which other tests look at: they take most of a small sweep's time."""
+    monkeypatch.setattr("fuzzyarm.eval.sweep.figures.write_sweep_figures", lambda *_: [])
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
+
+
+@pytest.fixture
+def imported(tmp_path, monkeypatch):
+    """Import from a folder of the test's; return the file that tells where the policy was imported from."""
+    log = tmp_path / "imported.txt"
+    log.touch()
+    monkeypatch.setenv("IMPORTED_FROM", str(log))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return log
+
+
+def episodes(folder):
+    with np.load(folder / "episodes.npz") as file:
+        return {name: file[name] for name in file.files}
+
+
+def assert_equal(one, other):
+    for name, array in one.items():
+        assert np.array_equal(array, other[name]), name
+
+
+def forget(name):
+    """Let the next import of a package read its files again."""
+    for module in [module for module in sys.modules if module.partition(".")[0] == name]:
+        del sys.modules[module]
+
+
+def test_local_processes_run_a_policy_of_ones_own_with_the_numbers_of_one(imported, tmp_path):
+    policy = package(tmp_path, "swept_locally")
+    for jobs in ("1", "2"):
+        arguments = ["--policy", policy, "--policy", "computed-torque", *QUICK, "--jobs", jobs, "--out", jobs]
+        assert main(["sweep", *arguments]) == 0
+    found = episodes(tmp_path / "1")
+    assert_equal(found, episodes(tmp_path / "2"))
+    own, plain = found["max_mm"][:, 0]
+    assert np.all(own != plain)
+    assert len(imported.read_text().splitlines()) >= 2  # by this process and by a worker
+    worst = ["--replay", policy, "nominal", "3", "--policy", policy, "--out", "1"]
+    assert main(["sweep", *worst]) == 0
+    signals = np.load(tmp_path / "1" / "replay-swept_locally.law-make-nominal-3" / "episode.npz")
+    assert 1e3 * signals["tip_error"].max() == own[3]
+
+
+def test_ray_sends_the_package_of_a_policy_of_ones_own(imported, tmp_path):
+    """In a process of its own: Ray does not wait for its processes, which warns.
+
+    It runs in another folder, as Ray's workers on this machine also import from the folder that it runs in.
+    """
+    policy = package(tmp_path, "swept_by_ray")
+    assert main(["sweep", "--policy", policy, *QUICK, "--jobs", "1", "--out", "expected"]) == 0
+    imported.write_text("")
+    (tmp_path / "elsewhere").mkdir()
+    command = [sys.executable, "-c", ON_RAY, policy, str(tmp_path), str(tmp_path / "found")]
+    path = os.pathsep.join(entry for entry in sys.path if entry and entry != str(tmp_path))
+    environment = os.environ | {"PYTHONPATH": path}
+    done = subprocess.run(command, cwd="elsewhere", env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "[2, 2]\n"
+    assert_equal(
+        episodes(tmp_path / "expected"), Store.open(tmp_path / "found", {"policies": [policy]}).load_all().arrays()
+    )
+    places = imported.read_text().splitlines()
+    assert any("py_modules" in place for place in places), places  # the copy that Ray sent
+
+
+def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys):
+    policy = package(tmp_path, "swept_with_consent")
+    begun = ["--policy", policy, "--policy", "fuzzy-1", *QUICK, "--jobs", "1", "--out", "sweep"]
+    assert main(["sweep", *begun]) == 0
+    capsys.readouterr()
+    forget("swept_with_consent")
+    imported.write_text("")
+    for arguments in (["--resume"], ["--replay", policy, "nominal", "0"], ["--resume", "--policy", "fuzzy-1"]):
+        assert main(["sweep", *arguments, "--out", "sweep"]) == 2
+        error = capsys.readouterr().err
+        assert f"add --policy {policy}" in error and error.count("\n") == 1
+    assert imported.read_text() == ""  # nothing was imported
+    assert main(["sweep", "--resume", "--policy", policy, "--policy", "fuzzy-2", "--out", "sweep"]) == 2
+    assert "holds a sweep with policies" in capsys.readouterr().err
+    for named in ([policy], [policy, "fuzzy-1"]):
+        words = [word for name in named for word in ("--policy", name)]
+        assert main(["sweep", "--resume", *words, "--out", "sweep"]) == 0
+
+
+def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys):
+    policy = package(tmp_path, "swept_twice")
+    assert main(["sweep", "--policy", policy, *QUICK, "--jobs", "1", "--out", "sweep"]) == 0
+    capsys.readouterr()
+    package(tmp_path, "swept_twice", share=0.998)
+    assert main(["sweep", "--resume", "--policy", policy, "--out", "sweep"]) == 2
+    error = capsys.readouterr().err
+    assert "other policy files than there are now (swept_twice.law:make: swept_twice/gains.py" in error
+
+
+def test_what_code_of_ones_own_does_wrong_is_one_line(imported, tmp_path, capsys):
+    (tmp_path / "swept_badly.py").write_text(
+        "class Bad:\n    def predict(self, observation, **_):\n        return [1.0], None\n"
+    )
+    assert main(["sweep", "--policy", "swept_badly:Bad", *QUICK, "--jobs", "2", "--out", "sweep"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "swept_badly:Bad: predict returned an action of shape (1,)" in error
+    assert not (tmp_path / "sweep" / "run.json").exists()
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """Return a folder with an arm and a controller that was designed for it."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.toml").write_text("mass = [14.0, 8.0]\nstiffness = [6e4, 1e4]\n")
+    arguments = ["--rules", "1", "--robot", str(folder / "arm.toml"), "--out", str(folder / "mine.json")]
+    assert main(["design", *arguments]) == 0
+    return folder
+
+
+def test_another_arm_with_a_controller_that_was_designed_for_it(arm, tmp_path, capsys):
+    out, robot = tmp_path / "sweep", str(arm / "arm.toml")
+    policies = [
+        "--policy",
+        str(arm / "mine.json"),
+        "--policy",
+        str(arm / "mine.json-tip"),
+        "--policy",
+        "elastic-observer",
+    ]
+    assert main(["sweep", *policies, "--robot", robot, *QUICK, "--jobs", "2", "--out", str(out)]) == 0
+    document = json.loads((out / "run.json").read_text())
+    expected = ArmParameters.from_toml(robot)
+    assert ArmParameters.from_dict(document["config"]["robot"]) == expected
+    assert list(document["policies"]) == ["mine", "mine-tip", "elastic-observer"]
+    assert list(document["policies"]["mine"]) == ["mine.json"]
+    assert document["command"] is None
+    summary = json.loads((out / "sweep.json").read_text())
+    assert [row["policy"] for row in summary["rows"]] == ["mine", "mine-tip", "elastic-observer"]
+    assert all(row["ended_early"] == 0 for row in summary["rows"])
+    assert main(["sweep", "--resume", "--robot", robot, "--out", str(out)]) == 0
+
+
+def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys):
+    out, other = tmp_path / "sweep", tmp_path / "other.toml"
+    other.write_text("mass = [13.0, 8.0]\n")
+    policy = ["--policy", "computed-torque"]
+    assert main(["sweep", *policy, "--robot", str(arm / "arm.toml"), *QUICK, "--jobs", "1", "--out", str(out)]) == 0
+    capsys.readouterr()
+    assert main(["sweep", "--resume", "--robot", str(other), "--out", str(out)]) == 2
+    assert "holds a sweep of another robot (mass [14.0, 8.0] and [13.0, 8.0], stiffness" in capsys.readouterr().err
+
+
+def test_a_learned_policys_folder_is_the_policy_of_its_name(tmp_path):
+    shipped = resources.files("fuzzyarm.learned_policy.policies") / "ppo-nominal"
+    with resources.as_file(shipped) as folder:
+        shutil.copytree(folder, tmp_path / "mine")
+    for policy, out in ((str(tmp_path / "mine"), "by-folder"), ("ppo-nominal", "by-name")):
+        assert main(["sweep", "--policy", policy, *QUICK, "--jobs", "1", "--out", str(tmp_path / out)]) == 0
+    assert_equal(episodes(tmp_path / "by-folder"), episodes(tmp_path / "by-name"))
+
+
+@pytest.mark.parametrize("policy", ["fuzzy-4", "ppo-nominal"])
+def test_a_policy_for_another_arm_is_refused(arm, tmp_path, capsys, policy):
+    out = tmp_path / "sweep"
+    assert main(["sweep", "--policy", policy, "--robot", str(arm / "arm.toml"), *QUICK, "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and ("another robot" in error or "knows no other" in error)
+    assert not (out / "run.json").exists()

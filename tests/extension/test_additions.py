@@ -1,0 +1,197 @@
+"""What CONTRIBUTING.md adds from outside the package, as it is printed there, works with the public commands."""
+
+import contextlib
+import importlib
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval.episodes.metrics import METRICS
+from fuzzyarm.policies.registry import POLICIES
+from fuzzyarm.rl_baselines.algorithms import ALGORITHMS
+
+PAGE = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+REGISTRIES = (CASES, METRICS, POLICIES, ALGORITHMS)
+
+
+@contextlib.contextmanager
+def restored(registries):
+    """Put registries back to what they were."""
+    before = [dict(registry) for registry in registries]
+    try:
+        yield
+    finally:
+        for registry, content in zip(registries, before, strict=True):
+            registry.clear()
+            registry.update(content)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """The page's snippets as a module; what they register is forgotten at the end."""
+    folder = tmp_path_factory.mktemp("outside")
+    (folder / "contributed.py").write_text("\n".join(BLOCKS), encoding="utf-8")
+    with restored(REGISTRIES), pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        yield importlib.import_module("contributed")
+        sys.modules.pop("contributed").env.close()
+
+
+@pytest.fixture(scope="module")
+def evaluated(page, tmp_path_factory):
+    """The results of an evaluation of the new controller in the new case."""
+    folder = tmp_path_factory.mktemp("evaluation")
+    assert main(["evaluate", "--policy", "spring", "--case", "pushed-tool", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_a_tip_force_acts_in_its_case(page):
+    env = gym.make("FuzzyArm-v0", case="pushed-tool")
+    env.reset(seed=0)
+    forces = [env.step(np.zeros(2))[4]["external_force"] for _ in range(300)]
+    peak = np.argmax(np.abs(forces).max(axis=1))
+    np.testing.assert_allclose(forces[peak], (0.0, page.SidePush.force), rtol=1e-3, atol=1e-9)
+    assert 145 <= peak <= 155  # ms
+
+
+def test_a_payload_makes_the_arm_heavier(page):
+    ends = []
+    for case in ("nominal", "pushed-tool"):
+        disturbance = CASES[case].disturbance
+        env = gym.make("FuzzyArm-v0", disturbance=type(disturbance)(payload=disturbance.payload))
+        env.reset(seed=0)
+        for _ in range(20):
+            *_, info = env.step(np.zeros(2))
+        ends.append(info["tip"])
+    assert not np.allclose(*ends, atol=1e-6)
+
+
+def test_a_reference_is_followed(page):
+    env, law, state = page.env, load_policy("fuzzy-4"), None
+    observation, _ = env.reset(seed=0)
+    errors, done = [], False
+    while not done:
+        action, state = law.predict(observation, state)
+        observation, _, terminated, truncated, info = env.step(action)
+        errors.append(info["tip_error"])
+        done = terminated or truncated
+    assert truncated and len(errors) == 2000 and max(errors) < 0.01
+
+
+def test_a_batch_takes_them_too(page):
+    reference = page.JointReference(page.Ellipse(), duration=2.0)
+    arguments = {"case": "pushed-tool", "reference": reference}
+    batch = gym.make_vec("FuzzyArm-v0", num_envs=3, vectorization_mode="vector_entry_point", **arguments)
+    single = gym.make("FuzzyArm-v0", **arguments)
+    torque, observations = np.array([20.0, -5.0]), batch.reset(seed=0)[0]
+    np.testing.assert_array_equal(observations[1], single.reset(seed=1)[0])
+    for _ in range(50):
+        observations, rewards, *_ = batch.step(np.tile(torque, (3, 1)))
+        observation, reward, *_ = single.step(torque)
+        np.testing.assert_array_equal(observations[1], observation)
+        assert rewards[1] == reward
+
+
+def test_a_metric_is_in_the_results(evaluated):
+    (row,) = json.loads((evaluated / "results.json").read_text())["results"]
+    assert 0.0 < row["tip_error_end_mm"] <= row["tip_error_max_mm"]
+    heading, values = (line.split(",") for line in (evaluated / "results.csv").read_text().splitlines())
+    assert dict(zip(heading, values, strict=True))["tip_error_end_mm"]
+
+
+def test_the_evaluation_can_be_checked_and_shown(evaluated, capsys):
+    assert main(["evaluate", "--check", str(evaluated)]) == 0
+    assert main(["report", str(evaluated)]) == 0
+    assert main(["leaderboard", str(evaluated)]) == 0
+    assert "spring" in capsys.readouterr().out
+
+
+def test_a_controller_has_margins_and_a_sweep(page, tmp_path, capsys):
+    assert main(["margins", "--policy", "spring"]) == 0
+    words = [
+        "--policy",
+        "spring",
+        "--case",
+        "pushed-tool",
+        "--plants",
+        "6",
+        "--jobs",
+        "1",
+        "--out",
+        str(tmp_path / "sweep"),
+    ]
+    assert main(["sweep", *words]) == 0
+    assert "spring" in capsys.readouterr().out
+    action, state = load_policy("spring").predict(np.zeros((5, 10)))
+    assert action.shape == (5, 2) and state.shape == (5, 0)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_algorithm_trains_and_its_policy_is_evaluated(page, tmp_path, capsys):
+    pytest.importorskip("stable_baselines3")
+    out, settings = tmp_path / "run", {"lanes": 4, "total-timesteps": 1000, "n-steps": 25, "seed": 3}
+    words = [word for name, value in settings.items() for word in (f"--{name}", str(value))]
+    assert main(["train", "search", *words, "--no-tensorboard", "--out", str(out)]) == 0
+    rows = (out / "curve.csv").read_text().splitlines()
+    assert len(rows) == 11 and "best_reward" in rows[0].split(",")
+    best = [float(row.split(",")[rows[0].split(",").index("best_reward")]) for row in rows[1:]]
+    assert best == sorted(best) and best[0] < best[-1]
+    assert json.loads((out / "policy" / "policy.json").read_text())["training"]["algorithm"] == "random search"
+    assert main(["train", "search", "--resume", "--out", str(out)]) == 0
+    assert main(["evaluate", "--policy", str(out / "policy"), "--case", "pushed-tool", "--out", str(tmp_path)]) in (
+        0,
+        1,
+    )
+    capsys.readouterr()
+
+
+DEFAULTS = """
+import dataclasses, json
+from fuzzyarm.envs.scenario.cases import Case, add_case
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+if {added}:
+    add_case(Case("added", "Case 4: added", Disturbance()))
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.eval.paper import evidence
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.rl_baselines import case_evaluation
+from fuzzyarm.rl_baselines.ppo import PRESETS
+print(json.dumps([
+    EvaluationConfig().cases, SweepConfig().cases, case_evaluation.COLUMNS, evidence.STEPS,
+    {{name: preset.to_dict() for name, preset in PRESETS.items()}},
+]))
+"""
+
+
+def test_a_new_case_changes_no_default_no_training_column_and_no_evidence():
+    """Whether it is added before or after the modules that hold them are imported."""
+    found = []
+    for added in (False, True):
+        command = [sys.executable, "-c", DEFAULTS.format(added=added)]
+        found.append(json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout))
+    assert found[0] == found[1]
+    assert found[0][0] == ["nominal", "machining", "payload"]
+
+
+def test_names_are_taken_once(page):
+    for block in BLOCKS:
+        if "\nadd_" in block:
+            with pytest.raises(ValueError, match="already"):
+                exec(compile(block, "CONTRIBUTING.md", "exec"), vars(page).copy())
+
+
+def test_nothing_that_is_added_stays():
+    with restored(REGISTRIES):
+        for registry in REGISTRIES:
+            registry["left"] = None
+    assert not any("left" in registry for registry in REGISTRIES)

@@ -1,0 +1,151 @@
+"""What a policy's name refers to: kind, label, files and digests, and policies added from outside the package."""
+
+import hashlib
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fuzzyarm
+from fuzzyarm.cli import main
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.policies import NAMES, Kind, add_policy, load_policy, registry, resolve, resolve_all
+
+PACKAGE = Path(fuzzyarm.__file__).parent
+SHIPPED, TRAINED = PACKAGE / "fuzzy_policy" / "controllers", PACKAGE / "learned_policy" / "policies"
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "tip", "named", "label"),
+    [
+        ("computed-torque", Kind.LAW, False, True, "computed-torque"),
+        ("computed-torque-tip", Kind.LAW, True, True, "computed-torque-tip"),
+        ("elastic-observer", Kind.LAW, False, True, "elastic-observer"),
+        ("fuzzy-4", Kind.CONTROLLER, False, True, "fuzzy-4"),
+        ("fuzzy-4-tip", Kind.CONTROLLER, True, True, "fuzzy-4-tip"),
+        ("runs/mine.json", Kind.CONTROLLER, False, False, "mine"),
+        ("runs/mine.json-tip", Kind.CONTROLLER, True, False, "mine-tip"),
+        ("ppo-robust", Kind.LEARNED, False, True, "ppo-robust"),
+        ("runs/ppo-1", Kind.LEARNED, False, False, "ppo-1"),
+        ("package.module:factory", Kind.CODE, False, False, "package.module:factory"),
+        # Nothing to wrap: read as folders, which do not exist.
+        ("elastic-observer-tip", Kind.LEARNED, False, False, "elastic-observer-tip"),
+        ("ppo-robust-tip", Kind.LEARNED, False, False, "ppo-robust-tip"),
+    ],
+)
+def test_every_kind_of_name(name, kind, tip, named, label):
+    spec = resolve(name)
+    assert (spec.name, spec.kind, spec.tip, spec.named, spec.label) == (name, kind, tip, named, label)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_shipped_name_is_named(name):
+    spec = resolve(name)
+    assert spec.named
+    assert spec.path is None or spec.path.exists()
+
+
+@pytest.mark.parametrize("name", ["nobody", "ppo-robust-tip", "elastic-observer-tip", "runs/nothing", "a b:c"])
+def test_an_unknown_name_fails_when_it_is_loaded_and_names_the_choices(name):
+    with pytest.raises(ValueError, match=r"unknown policy .*choose from: fuzzy-32, .*controller file.*folder"):
+        resolve(name).load()
+
+
+def test_a_folder_that_holds_no_policy_is_refused(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match="a policy bundle is a folder with"):
+        resolve(tmp_path / "empty").load()
+
+
+def test_files_are_known_by_their_content(tmp_path, monkeypatch):
+    def files(name):
+        return resolve(name).files()
+
+    def sha256(path):
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+
+    monkeypatch.chdir(tmp_path)
+    assert files("fuzzy-4") == files("fuzzy-4-tip") == {"fuzzy-4.json": sha256(SHIPPED / "fuzzy-4.json")}
+    assert files("computed-torque") == files("computed-torque-tip") == files("nobody") == {}
+    assert files("ppo-robust") == {"policy.json": sha256(TRAINED / "ppo-robust" / "policy.json")}
+    residual = {"policy.json": sha256(TRAINED / "ppo-residual" / "policy.json")} | files("fuzzy-4")
+    assert files("ppo-residual") == files(TRAINED / "ppo-residual") == residual
+    other_system = (SHIPPED / "fuzzy-4.json").read_bytes().replace(b"\n", b"\r\n")
+    Path("mine.json").write_bytes(other_system)
+    assert files("mine.json-tip") == {"mine.json": sha256(SHIPPED / "fuzzy-4.json")}
+    with pytest.raises(OSError, match=r"gone\.json"):
+        files("gone.json")
+
+
+def test_code_that_a_file_names_is_not_imported_for_its_digest(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    Path("my_trap.py").write_text("open('ran', 'w').close()\n", encoding="utf-8")
+    shutil.copytree(TRAINED / "ppo-residual", "mine")
+    description = json.loads(Path("mine/policy.json").read_text())
+    description["action"]["base"] = "my_trap:factory"
+    Path("mine/policy.json").write_text(json.dumps(description))
+    assert list(resolve("mine").files()) == ["policy.json"]
+    with pytest.raises(ValueError, match="base 'my_trap:factory', which is none of"):
+        resolve("mine", run_code=True).load()
+    with pytest.raises(ValueError, match="names code"):
+        resolve("my_trap:factory").files()
+    assert not Path("ran").exists()
+    assert list(resolve("my_trap:factory", run_code=True).files()) == ["my_trap.py"]
+    assert Path("ran").exists()
+    del sys.modules["my_trap"]
+
+
+def test_two_policies_of_one_label_are_refused():
+    assert list(resolve_all(["fuzzy-4", "a/b.json", "ppo-robust"])) == ["fuzzy-4", "b", "ppo-robust"]
+    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them have the same name; rename a file"):
+        resolve_all(["a/b.json", "c/b"])
+
+
+class TestAddedPolicy:
+    @pytest.fixture(autouse=True)
+    def forgotten(self, monkeypatch):
+        monkeypatch.setattr(registry, "POLICIES", registry.POLICIES.copy())
+        monkeypatch.setattr("fuzzyarm.policies.spec.POLICIES", registry.POLICIES)
+
+    def test_it_is_known_everywhere_by_its_name(self, tmp_path, capsys, monkeypatch):
+        monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
+        add_policy("soft", lambda robot, control_period: ComputedTorquePolicy(robot, control_period, 5.0), has_tip=True)
+        spec = resolve("soft-tip")
+        assert (spec.kind, spec.label, spec.files(), spec.named) == (Kind.LAW, "soft-tip", {}, True)
+        policy = load_policy("soft-tip", control_period=2e-3)
+        assert isinstance(policy, TipPolicy)
+        assert policy.control_period == 2e-3
+        with pytest.raises(ValueError, match=r"choose from: .*ppo-residual, soft, soft-tip, or the path"):
+            load_policy("nobody")
+        assert main(["evaluate", "--policy", "soft", "--case", "nominal", "--out", str(tmp_path)]) == 0
+        assert "\nsoft: no certificate\n" in capsys.readouterr().out
+        assert main(["margins", "--policy", "soft"]) == 0
+        assert "soft " in capsys.readouterr().out
+
+    def test_its_torque_is_that_of_the_law(self):
+        add_policy("soft", lambda robot, control_period: ComputedTorquePolicy(robot, control_period, 5.0))
+        observation = np.random.default_rng(0).normal(size=10)
+        same = ComputedTorquePolicy(load_policy("soft").parameters, 1e-3, 5.0).predict(observation)[0]
+        np.testing.assert_array_equal(load_policy("soft").predict(observation)[0], same)
+        assert resolve("soft-tip").kind is Kind.LEARNED
+
+    def test_defaults_stay_as_they_are(self):
+        before = EvaluationConfig().policies
+        add_policy("soft", ComputedTorquePolicy)
+        assert EvaluationConfig().policies == before
+        assert "soft" not in NAMES
+
+    @pytest.mark.parametrize("name", ["", "a-tip", "a.json", "a/b", "a:b", "a\\b"])
+    def test_names_that_mean_something_else_are_refused(self, name):
+        with pytest.raises(ValueError, match="cannot name a policy"):
+            add_policy(name, ComputedTorquePolicy)
+
+    def test_a_name_that_is_taken_is_refused(self):
+        with pytest.raises(ValueError, match="there is a policy 'fuzzy-4' already"):
+            add_policy("fuzzy-4", ComputedTorquePolicy)

@@ -1,0 +1,174 @@
+"""The settings of a training with PPO: presets, what is refused, and the names of stable-baselines3."""
+
+import ast
+import dataclasses
+import inspect
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.rl_baselines import config as common_settings
+from fuzzyarm.rl_baselines import ppo, progress
+from fuzzyarm.rl_baselines.config import TrainingConfig
+from fuzzyarm.rl_baselines.ppo import PRESETS, PPOConfig
+
+OWN = {field.name for field in dataclasses.fields(PPOConfig)} - {f.name for f in dataclasses.fields(TrainingConfig)}
+
+
+def test_the_first_preset_is_the_default():
+    assert next(iter(PRESETS.values())) == PPOConfig()
+    assert list(PRESETS) == ["nominal", "robust", "residual"]
+
+
+def test_settings_have_the_names_of_stable_baselines3():
+    sb3 = pytest.importorskip("stable_baselines3")
+    theirs = {*inspect.signature(sb3.PPO.__init__).parameters, "log_std_init"}  # the last is of its policies
+    assert OWN - theirs == {"final_learning_rate"}
+    assert {"n_steps", "n_epochs", "ent_coef", "vf_coef", "max_grad_norm"} <= OWN
+
+
+@pytest.mark.parametrize(("module", "kind"), [(common_settings, TrainingConfig), (ppo, PPOConfig)])
+def test_every_setting_is_typed_and_followed_by_its_help(module, kind):
+    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+    (body,) = (node.body for node in ast.walk(tree) if isinstance(node, ast.ClassDef) and node.name == kind.__name__)
+    fields = [k for k, node in enumerate(body) if isinstance(node, ast.AnnAssign)]
+    assert {body[k].target.id for k in fields} == set(kind.__annotations__)
+    for k in fields:
+        help_text = ast.literal_eval(body[k + 1].value)
+        assert len(help_text) > 20 and help_text.endswith(".")
+
+
+def test_settings_and_presets_can_be_read_without_torch():
+    code = (
+        "import sys; sys.modules['torch'] = sys.modules['stable_baselines3'] = None\n"
+        "from fuzzyarm.rl_baselines.algorithms import ALGORITHMS\n"
+        "print(list(ALGORITHMS['ppo'].presets), 'numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "['nominal', 'robust', 'residual'] False"
+
+
+@pytest.mark.parametrize("config", PRESETS.values(), ids=PRESETS)
+def test_a_configuration_survives_json(config):
+    assert PPOConfig.from_dict(config.to_dict()) == config
+    with pytest.raises(ValueError, match="the configuration lacks: lanes"):
+        PPOConfig.from_dict({name: value for name, value in config.to_dict().items() if name != "lanes"})
+    with pytest.raises(ValueError, match="unknown field rollout"):
+        PPOConfig.from_dict(config.to_dict() | {"rollout": 64})
+
+
+REFUSED = [
+    ({"total_timesteps": 4.5}, "total_timesteps = 4.5 must be a whole number"),
+    ({"lanes": -1}, "lanes = -1 is out of range; allowed: 1 to 65536"),
+    ({"lanes": True}, "lanes = True must be a whole number"),
+    ({"gamma": math.nan}, r"gamma = nan is out of range; allowed: \[0, 1\]"),
+    ({"gamma": "1"}, "gamma = '1' must be a real number"),
+    ({"learning_rate": 0.0}, r"learning_rate = 0.0 is out of range; allowed: \(0, inf\)"),
+    (
+        {"final_learning_rate": 1.0},
+        r"final_learning_rate = 1 is out of range; allowed: \[0, learning_rate = 0.001\]",
+    ),
+    ({"batch_size": 100}, "batch_size = 100 must divide lanes times n_steps = 4096"),
+    ({"scale": (1.0, 0.0)}, r"scale\[1\] = 0.0 N m is out of range; allowed: \(0, inf\)"),
+    ({"scale": (1.0,)}, "must be 2 real numbers"),
+    ({"hidden": (64, 0)}, "hidden = 0 is out of range"),
+    ({"hidden": [8]}, "must be a builtins.tuple"),
+    ({"distribution": "other"}, "distribution = 'other' is unknown; choose from: nominal, robust"),
+    ({"action_period": 1.0}, r"action_period = 1.0 s is out of range; allowed: \(0, 0.1\] s"),
+    ({"base": "fuzzy-4"}, r"scale\[0\] = 400.0 rad is out of range; allowed: \(0, 0.5\] rad"),
+    ({"base": ""}, "base = ''"),
+    ({"tensorboard": 1}, "tensorboard = 1 must be True or False"),
+    ({"integral_time": math.inf}, "integral_time = inf s is out of range"),
+]
+
+
+@pytest.mark.parametrize(("values", "message"), REFUSED, ids=[str(values) for values, _ in REFUSED])
+def test_what_is_wrong_is_named_with_what_is_allowed(values, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        PPOConfig(**values)
+
+
+FIELDS = {field.name: field for field in dataclasses.fields(PPOConfig)}
+
+
+def texts(value):
+    """A value as words of a command line."""
+    return [str(one) for one in (value if isinstance(value, tuple) else (value,))]
+
+
+def other(field):
+    """A value of a field that is not its default, and that fits the others."""
+    value = field.default
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, str):
+        return {"distribution": "robust", "base": "fuzzy-4"}[field.name]
+    if isinstance(value, tuple):
+        return tuple(2 * one for one in value)
+    if isinstance(value, int):
+        return 2 * value or 1
+    return value + 1.0 if value == 0.0 else value / 2.0
+
+
+@pytest.fixture
+def chosen(monkeypatch, tmp_path):
+    """What a command line asks for; nothing is trained."""
+    found = []
+    monkeypatch.setattr(progress, "train_with_progress", lambda config, _: found.append(config))
+
+    def call(*words):
+        assert main(["train", "ppo", *map(str, words), "--out", str(tmp_path)]) == 0
+        return found[-1]
+
+    return call
+
+
+def test_without_options_a_training_has_the_first_preset(chosen):
+    assert chosen() == PRESETS["nominal"]
+    assert {name: chosen("--preset", name) for name in PRESETS} == PRESETS
+    assert chosen("--resume") is None
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_setting_is_an_option(name, chosen):
+    value, more = other(FIELDS[name]), {"scale": (0.01, 0.02)} if name == "base" else {}  # actions are angles then
+    flag = name.replace("_", "-")
+    words = [f"--no-{flag}"] if value is False else [f"--{flag}", *([] if value is True else texts(value))]
+    for other_name, other_value in more.items():
+        words += [f"--{other_name}", *texts(other_value)]
+    assert chosen(*words) == dataclasses.replace(PPOConfig(), **{name: value} | more)
+    assert chosen("--preset", "robust", "--seed", 5) == dataclasses.replace(PRESETS["robust"], seed=5)
+
+
+def test_large_numbers_may_be_written_shortly(chosen):
+    assert chosen("--total-timesteps", "4e6").total_timesteps == 4_000_000
+    assert chosen("--total-timesteps", "4_000_000").total_timesteps == 4_000_000
+
+
+BAD = {
+    "--total-timesteps 4.5": "--total-timesteps 4.5 must be a whole number",
+    "--scale x 0": "--scale x must be a number",
+    "--distribution other": '"nominal", "robust"',
+    "--preset other": "--preset other is unknown; choose from: nominal, robust, residual",
+    "--lanes -1": r"lanes = -1 is out of range; allowed: 1 to 65536",
+    "--batch-size 100": "batch_size = 100 must divide lanes times n_steps = 4096",
+    "--base fuzzy-5 --scale 0.1 0.1": "unknown policy 'fuzzy-5'",
+    "--action-period 0.0015": "which is not a whole multiple of control_period",
+    "--resume --lanes 32 --preset robust": "--resume .*leave out --preset, --lanes",
+    "--resume": "there is nothing to resume here",
+}
+
+
+@pytest.mark.parametrize(("flags", "message"), BAD.items(), ids=BAD)
+def test_on_the_command_line_that_is_one_line_and_exit_code_2(flags, message, tmp_path, capsys):
+    pytest.importorskip("stable_baselines3")
+    assert main(["train", "ppo", *flags.split(), "--out", str(tmp_path / "run")]) == 2
+    shown = capsys.readouterr()
+    lines = [line for line in shown.err.splitlines() if line]
+    assert not shown.out and len(lines) == 1
+    assert re.search(message, lines[0])

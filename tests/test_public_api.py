@@ -1,0 +1,144 @@
+"""The public interface, as the modules declare it: documented, with shapes and units, and with examples that run."""
+
+import ast
+import doctest
+import functools
+import importlib
+import inspect
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+
+import fuzzyarm
+
+MODULES = ["fuzzyarm", *sorted(module.name for module in pkgutil.walk_packages(fuzzyarm.__path__, "fuzzyarm."))]
+MODULES.remove("fuzzyarm.__main__")
+
+# A shape: (2,), (..., 2), (lanes, 10), shape (n, m), n x m, 6x6, or in words that name one number per something.
+SHAPE = re.compile(r"\([^()\s][^()]*,[^()]*\)|\bshapes?\b|\d ?[x×] ?\d|\bscalars?\b|\blike\b")
+# A unit in brackets, 0.1 s, or a word for numbers without one.
+UNIT = re.compile(
+    r"\[[^\]]*\]|\d ?(rad|m|s|N|J|kg|mm|Hz|W|°|%)\b|[µ%]|"
+    r"\b(relative|share|fraction|ratio|factor|probability|level|weights?|numbers?|shapes?|units?)\b",
+    re.I,
+)
+
+
+def imported(name):
+    return importlib.import_module(name)
+
+
+@functools.cache
+def tree(name):
+    return ast.parse(inspect.getsource(imported(name)))
+
+
+def public(name):
+    """The public functions and classes that a module defines itself."""
+    module = imported(name)
+    for symbol in getattr(module, "__all__", ()):
+        found = getattr(module, symbol)
+        if getattr(found, "__module__", None) == name and (inspect.isclass(found) or inspect.isroutine(found)):
+            yield symbol, found
+
+
+def callables(name):
+    """The public functions of a module, and the methods of its public classes, with all text about them."""
+    about = imported(name).__doc__ or ""
+    for symbol, found in public(name):
+        if not inspect.isclass(found):
+            yield symbol, found, "\n".join([about, found.__doc__ or ""])
+            continue
+        for key, member in vars(found).items():
+            function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+            if inspect.isfunction(function) and function.__module__ == name and not key.startswith("_"):
+                bases = [base for base in found.__mro__ if base.__module__.startswith("fuzzyarm")]
+                texts = [text.__doc__ or "" for base in bases for text in (base, vars(base).get(key))]
+                yield f"{symbol}.{key}", function, "\n".join([about, *texts])
+
+
+def annotations(function):
+    """The types of arguments and result, as they are written."""
+    return {key: str(value) for key, value in inspect.get_annotations(function).items()}
+
+
+def assigned(node):
+    targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+    names = [part for target in targets if target is not None for part in ast.walk(target)]
+    return [part for part in names if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)]
+
+
+def documented_constants(name):
+    """Names that are assigned at the top of a module and explained: by a text below, or a comment above or beside.
+
+    A comment above explains all assignments down to the next empty line.
+    """
+    lines, body = inspect.getsource(imported(name)).splitlines(), tree(name).body
+    explained_line = None  # the last one of the assignment before, if a comment is above it
+    for node, following in zip(body, [*body[1:], None], strict=True):
+        above, beside = lines[node.lineno - 2].strip(), "\n".join(lines[node.lineno - 1 : node.end_lineno])
+        text = isinstance(following, ast.Expr) and isinstance(getattr(following.value, "value", None), str)
+        in_group = above.startswith("#") or explained_line == node.lineno - 1
+        explained_line = node.end_lineno if in_group else None
+        if text or in_group or "  # " in beside:
+            yield from (target.id for target in assigned(node))
+
+
+def undocumented(name):
+    """Public names without a docstring; a name that comes from another module is explained there."""
+    module, explained = imported(name), set(documented_constants(name))
+    own = {target.id for node in tree(name).body for target in assigned(node)}
+    for symbol in module.__all__:
+        found = getattr(module, symbol)
+        if inspect.isclass(found) or inspect.isroutine(found) or inspect.ismodule(found):
+            if not inspect.getdoc(found) and symbol not in explained:
+                yield symbol
+        elif symbol in own - explained and not symbol.startswith("__"):
+            yield symbol
+    yield from (place for place, function, _ in callables(name) if not inspect.getdoc(function))
+
+
+def lacking(name, types, pattern):
+    """Public callables that take or return one of these types, and whose text has no match of a pattern."""
+    for place, function, text in callables(name):
+        kinds = (re.sub(r"\b(dict|Mapping|Callable)\b.*", "", kind) for kind in annotations(function).values())
+        if any(types.search(kind) for kind in kinds) and not pattern.search(text):
+            yield place
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_what_a_module_declares_public_is_documented_with_shapes_and_units(name):
+    module = imported(name)
+    assert module.__doc__, "no docstring"
+    if all(isinstance(node, ast.Expr) for node in tree(name).body):
+        return  # the docstring of a package that holds nothing else
+    assert hasattr(module, "__all__"), "no __all__"
+    assert len(set(module.__all__)) == len(module.__all__)
+    assert list(undocumented(name)) == []
+    assert list(lacking(name, re.compile(r"\b(ndarray|ArrayLike|Tensor)\b"), SHAPE)) == []
+    assert list(lacking(name, re.compile(r"\b(float|ndarray|ArrayLike)\b"), UNIT)) == []
+
+
+ROOT = Path(fuzzyarm.__file__).parents[1]
+WITH_EXAMPLES = [path.relative_to(ROOT) for path in ROOT.glob("fuzzyarm/**/*.py") if ">>>" in path.read_text("utf-8")]
+
+
+@pytest.mark.parametrize("path", sorted(WITH_EXAMPLES), ids=str)
+def test_examples_run(path):
+    name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+    assert doctest.testmod(imported(name), optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE).failed == 0
+
+
+def test_main_objects_have_examples():
+    from fuzzyarm import load_policy
+    from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.envs.scenario.disturbances import Disturbance
+    from fuzzyarm.envs.scenario.paths import Circle
+    from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
+    from fuzzyarm.envs.scenario.reference import JointReference
+
+    for found in (load_policy, FuzzyArmEnv, ArmParameters, Disturbance, Circle, DomainRandomisation, JointReference):
+        assert ">>>" in (found.__doc__ or ""), found
