@@ -10,7 +10,7 @@ from learned_tables import training_cells
 from readme_markdown import made_with, table
 
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
-from fuzzyarm.eval.evaluation.ranking import leaderboard, markdown
+from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 
 __all__ = [
     "accuracy_table",
@@ -37,6 +37,46 @@ def paper_line(document: dict[str, Any]) -> str:
         "4-rule controller without saying on which side: with the motor angles, as if the joints were rigid, `fuzzy-4` "
         f"has {', '.join(ranges)}. That tells how well the motors are led, not where the tip is."
     )
+
+
+def overview_table(document: dict[str, Any]) -> str:
+    """Return the README's table: rms and largest tip error of each policy in each case, and whether it is certified."""
+    headings = ["tip error, rms / largest [mm]", *PAPER_CASES, "certificate"]
+    rows = [
+        [
+            policy,
+            *(
+                f"{_two_figures(row['tip_error_rms_mm'])} / {_two_figures(row['tip_error_max_mm'])}"
+                for case in PAPER_CASES
+                for row in document["results"]
+                if (row["policy"], row["case"]) == (policy, case)
+            ),
+            "no" if certificate is None else "rigid arm",
+        ]
+        for policy, certificate in document["certificates"].items()
+    ]
+    return f"{table(headings, rows)}\n\n`fuzzyarm evaluate`; {made_with(document)}"
+
+
+def speed_lines(bench: dict[str, Any]) -> str:
+    """Return the README's three speeds, each with the peers of the same run."""
+    shown = {
+        "one environment": ("One arm", {"Pendulum": "Gymnasium's Pendulum", "Reacher": "its Reacher"}),
+        "64 lanes": ("64 arms", {"Pendulum": "EnvPool's Pendulum"}),
+        "1024 lanes": ("1024 arms", {"MuJoCo arm": "the same arm in MuJoCo at equal tip accuracy"}),
+    }
+    lines = []
+    for row in bench["rows"]:
+        if row["group"] in shown and row["ratios"]:
+            name, peers = shown[row["group"]]
+            times = " and ".join(f"{row['ratios'][key]['median']:.2g} times {peer}" for key, peer in peers.items())
+            speed = 1e-3 * row["steps_per_s"]["median"]
+            lines.append(f"- {name}: {speed:,.0f} thousand control steps a second: {times}.")
+    return "\n".join([*lines, "", f"`{bench['command']}`; {made_with(bench)}"])
+
+
+def _two_figures(value: float) -> str:
+    return f"{value:#.2g}".rstrip(".")
 
 
 def tip_table(document: dict[str, Any]) -> str:
@@ -83,7 +123,7 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
 
 def leaderboard_table(results: Path) -> str:
     """Return the output of `fuzzyarm leaderboard --markdown` for a results file, without the column of sources."""
-    lines = markdown(leaderboard([results])).splitlines()
+    lines = markdown(rank_policies([results])).splitlines()
     return "\n".join(f"{line.rpartition(' | ')[0]} |" if line.startswith("|") else line for line in lines)
 
 

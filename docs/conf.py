@@ -14,7 +14,7 @@ os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PAT
 
 project, author, copyright = "FuzzyArm", "the FuzzyArm authors", "the FuzzyArm authors"
 release = version = __version__
-extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "api_pages", "equations", "results_tables"]
+extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "api_pages", "command_line", "equations", "results_tables"]
 exclude_patterns = ["_build", "_extensions", "api/index.md.in"]
 nitpicky = True
 
