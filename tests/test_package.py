@@ -35,15 +35,19 @@ def _environment():
     return os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 
 
-def test_an_edit_of_the_physics_changes_the_name_of_its_machine_code():
+def test_an_edit_of_a_source_changes_the_name_of_its_machine_code():
     """Numba caches by file: the digest in the kernel's name is what keeps stale code out."""
     from fuzzyarm.envs.physics.compiled import _digest
     from fuzzyarm.envs.physics.integrator import hold
+    from fuzzyarm.fuzzy_policy.laws.fuzzy import _fuzzy_law
 
-    assert hold.py_func.__qualname__.endswith(_digest())
+    physics, laws = ("common", "envs"), ("common", "envs", "fuzzy_policy")
+    assert hold.py_func.__qualname__.endswith(_digest(physics))
+    assert _fuzzy_law.py_func.__qualname__.endswith(_digest(laws))
     code = (
-        "import pathlib, fuzzyarm.envs.physics.compiled as c; before = c._digest(); c._digest.cache_clear(); "
-        "old = pathlib.Path.read_bytes; pathlib.Path.read_bytes = lambda p: old(p) + b' '; print(before != c._digest())"
+        f"import pathlib, fuzzyarm.envs.physics.compiled as c; rooms = {laws}; before = c._digest(rooms); "
+        "c._digest.cache_clear(); old = pathlib.Path.read_bytes; "
+        "pathlib.Path.read_bytes = lambda p: old(p) + b' '; print(before != c._digest(rooms))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "True"

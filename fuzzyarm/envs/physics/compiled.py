@@ -25,11 +25,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     it, would leave stale machine code in use. A digest of all sources that it may use, in the function's name from
     which the cache file is named, prevents that. Without a writable cache folder the function is compiled anew.
     """
-    source = Path(function.__code__.co_filename)
-    room = source.relative_to(_PACKAGE).parts[0] if source.is_relative_to(_PACKAGE) else "envs"
-    # A law may use the layouts of other laws; the kernels of `envs` use nothing of them.
-    rooms = ("common", "envs") if room == "envs" else tuple(sorted({"common", "envs", "fuzzy_policy", room}))
-    function.__qualname__ = f"{function.__qualname__}_{_digest(rooms)}"
+    function.__qualname__ = f"{function.__qualname__}_{_digest(_rooms(function))}"
     try:
         return njit(cache=True, error_model="numpy", nogil=True)(function)
     except RuntimeError:
@@ -54,6 +50,14 @@ def announced_compilation() -> Iterator[None]:
 
 
 _compiled = False
+
+
+def _rooms(function: Callable[..., Any]) -> tuple[str, ...]:
+    """Return the folders of the package from which a function's machine code may come."""
+    source = Path(function.__code__.co_filename)
+    room = source.relative_to(_PACKAGE).parts[0] if source.is_relative_to(_PACKAGE) else "envs"
+    # A law may use the layouts of other laws; the kernels of `envs` use nothing of them.
+    return ("common", "envs") if room == "envs" else tuple(sorted({"common", "envs", "fuzzy_policy", room}))
 
 
 @functools.cache
