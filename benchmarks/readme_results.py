@@ -69,9 +69,9 @@ def speed_lines(bench: dict[str, Any]) -> str:
     for row in bench["rows"]:
         if row["group"] in shown and row["ratios"]:
             name, peers = shown[row["group"]]
-            times = " and ".join(f"{row['ratios'][key]['median']:.2g} times {peer}" for key, peer in peers.items())
+            times = [f"{row['ratios'][key]['median']:.3g} times as fast as {peer}" for key, peer in peers.items()]
             speed = 1e-3 * row["steps_per_s"]["median"]
-            lines.append(f"- {name}: {speed:,.0f} thousand control steps a second: {times}.")
+            lines.append(f"- {name}: {speed:,.0f} thousand control steps a second, {' and '.join(times)}.")
     return "\n".join([*lines, "", f"`{bench['command']}`; {made_with(bench)}"])
 
 

@@ -10,6 +10,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from fuzzyarm import __version__
 
 # Tutorials call the command `fuzzyarm` of the interpreter that builds the pages.
+os.environ["TTY_COMPATIBLE"] = "0"  # plain tables, as in a pipe
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 
 project, author, copyright = "FuzzyArm", "the FuzzyArm authors", "the FuzzyArm authors"

@@ -74,7 +74,12 @@ def module_page(module: griffe.Module) -> str:
 
 
 def _member(member: Any, level: int) -> str:
-    target = member.final_target if member.is_alias else member
+    if member.is_alias:  # documented where it is defined
+        target = member.final_target
+        text = target.docstring.value.split("\n\n")[0] if target.docstring else ""
+        page = f"[`{target.path}`]({target.module.path}.md#{_label(target)})"
+        return f"({_label(member)})=\n{'#' * level} `{member.name}`\n\n{text} See {page}."
+    target = member
     heading = f"({_label(member)})=\n{'#' * level} `{member.name}`"
     parts = [heading, _signature(target), _docstring(target, level)]
     if target.is_class:
@@ -88,7 +93,8 @@ def _member(member: Any, level: int) -> str:
 
 
 def _label(member: Any) -> str:
-    return f"api-{member.path}".lower()
+    # Labels do not tell capitals from small letters, names do.
+    return f"api-{member.path}{'-class' if member.is_class else ''}".lower()
 
 
 def _signature(target: Any) -> str:
