@@ -1,4 +1,4 @@
-"""What fewer rules cost and save: the consistent form with integral for 1 to 32 rules, at equal gain and at equal γ.
+"""Cost and benefit of fewer rules: the consistent form with integral for 1 to 32 rules, at equal gain and at equal γ.
 
     python benchmarks/complexity.py [--json FILE] [--figure FILE.png]
     python benchmarks/complexity.py --stored FILE [--figure FILE.png]     show and draw again, measure nothing

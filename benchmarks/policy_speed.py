@@ -1,4 +1,4 @@
-"""Time of one `predict` call of each fixed policy, alone and in a batch of 1024.
+"""Time of one `predict` call of each model-based policy, alone and in a batch of 1024.
 
 python benchmarks/policy_speed.py
 """

@@ -1,4 +1,4 @@
-"""Design every shipped controller file anew.
+"""Design every shipped controller file again.
 
 python benchmarks/shipped_controllers.py [FOLDER]
 

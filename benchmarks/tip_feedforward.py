@@ -1,4 +1,4 @@
-"""What each part of the compensation of the bending joints is worth at the tip.
+"""The effect of each part of the compensation of the bending joints on the tip error.
 
     python benchmarks/tip_feedforward.py [--json FILE]
 

@@ -1,4 +1,4 @@
-"""What holds for all tests: how long they take is said first, and each process of theirs keeps to one core."""
+"""Settings of all tests: the expected duration is printed first, and each process uses one core."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pytest
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-FAST, SLOW = 4.5, 7.0  # min of processor time, as measured on a core of an AMD EPYC of 2023
+FAST, SLOW = 6.5, 7.0  # min of processor time, as measured on an AMD EPYC
 COMPILING = 1.0  # min more the first time
 
 
 def pytest_report_header(config) -> str:
-    """Say how long the tests take on this machine."""
+    """Return the line about the expected duration on this machine."""
     workers = config.getoption("numprocesses", None) or 1
     slow = config.getoption("markexpr") == "slow"
     minutes = (SLOW if slow else FAST) / workers
@@ -27,7 +27,7 @@ def pytest_report_header(config) -> str:
 
 
 def pytest_collection_modifyitems(items) -> None:
-    """Begin with the commands of the README, the longest test: last, it would keep one process busy on its own."""
+    """Run the commands of the README, the longest test, first: at the end it would run alone in one process."""
     items.sort(key=lambda item: item.path.name != "test_readme.py")
 
 

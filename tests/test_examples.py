@@ -1,4 +1,4 @@
-"""The examples that learn: they run without a warning, leave nothing behind and learn what their docstrings say."""
+"""The examples of training: they run without warnings, leave no files, and learn what their docstrings state."""
 
 import math
 import re

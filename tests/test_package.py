@@ -1,4 +1,4 @@
-"""What importing costs, and which part may import which."""
+"""The cost of imports, and which part may import which."""
 
 import subprocess
 import sys

@@ -86,6 +86,11 @@ def documented_constants(name):
             yield from (target.id for target in assigned(node))
 
 
+def is_prose(found):
+    """Whether a constant is a sentence, which says itself what it is."""
+    return isinstance(found, str) and " " in found
+
+
 def undocumented(name):
     """Public names without a docstring; a name that comes from another module is explained there."""
     module, explained = imported(name), set(documented_constants(name))
@@ -95,7 +100,7 @@ def undocumented(name):
         if inspect.isclass(found) or inspect.isroutine(found) or inspect.ismodule(found):
             if not inspect.getdoc(found) and symbol not in explained:
                 yield symbol
-        elif symbol in own - explained and not symbol.startswith("__"):
+        elif symbol in own - explained and not symbol.startswith("__") and not is_prose(found):
             yield symbol
     yield from (place for place, function, _ in callables(name) if not inspect.getdoc(function))
 

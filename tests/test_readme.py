@@ -1,4 +1,4 @@
-"""The README is code: its commands run, its tables are what the stored results say, and those are still true."""
+"""The README is tested: its commands run, its tables agree with the stored results, and these are still reproduced."""
 
 import importlib.util
 import json

@@ -1,1 +1,1 @@
-"""What every room uses and what knows no arm: checks, documents, files, bisection, the terminal."""
+"""Helpers for all packages that do not depend on the arm: checks, documents, files, bisection, the terminal."""

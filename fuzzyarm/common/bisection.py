@@ -1,4 +1,4 @@
-"""Where along a line of positive numbers a yes turns into a no."""
+"""Bisection: the last positive number for which a condition holds."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def last_that_works(
     then by bisection between the last that works and the first that fails.
 
     Args:
-        works: the question; asked at `bad` and beyond, never at `good`, which is taken to work.
+        works: the condition; evaluated at `bad` and beyond, never at `good`, which is assumed to work.
         good: a number that works.
-        bad: the first number asked; bad/good is the factor of the search for an end.
+        bad: the first number tried; bad/good is the factor between the numbers tried next.
         resolution: of the result, relative, positive.
-        limit: where the search gives up; None: `bad` is known to fail and is not asked.
+        limit: where the search gives up; None: `bad` is known to fail and is not tried.
 
     Returns:
         The last number found to work; None if everything works up to `limit`.

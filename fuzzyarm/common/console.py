@@ -1,4 +1,4 @@
-"""The terminal: its width, its tables and its progress bars, decided once.
+"""Output to the terminal: width, tables and progress bars are defined here for all commands.
 
 On a terminal a table has lines, and each word of a heading has a line of its own. Digits are never cut: a table that is
 too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain columns
@@ -141,7 +141,7 @@ def print_paragraphs(console: Console, paragraphs: Sequence[str]) -> None:
 
 @contextlib.contextmanager
 def progress(description: str, total: int | None, *, between_steps: bool = False) -> Iterator[Callable[..., None]]:
-    """Show a bar with the time left while the block runs; what it yields advances it by one.
+    """Show a progress bar with the remaining time while the block runs; call the yielded function after each step.
 
     The arguments of that function are all optional: ``next_description`` replaces the description, ``completed`` says
     how much is done in place of one more, and ``line`` is printed above the bar, without a terminal too.
@@ -181,7 +181,7 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
 
 @contextlib.contextmanager
 def status(description: str) -> Iterator[None]:
-    """Show what is being done while the block runs."""
+    """Show a description of the current work while the block runs."""
     from rich.console import Console
 
     stderr = Console(stderr=True)

@@ -1,7 +1,7 @@
-"""Documents read back: JSON and TOML files as typed records, checked while they are read.
+"""Reading of JSON and TOML files into typed, checked records.
 
-A record is a dataclass; its fields and their types are the schema. What a file holds is data: it is parsed, compared
-with the types and handed over, and nothing in it is run or imported.
+A record is a dataclass; its fields and their types are the schema. A file holds data only: it is parsed and checked
+against the types, and nothing in it is run or imported.
 
 Only regular files are read, no larger than a limit, without duplicate keys, and no deeper than `DEEPEST`.
 """
@@ -100,7 +100,7 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
 
 
 def _read(path: Path, largest: int) -> bytes:
-    """Return the bytes of a regular file; asked of the open file, so that it cannot change in between."""
+    """Return the bytes of a regular file; the open file is checked, so that it cannot be exchanged in between."""
     # Without O_NONBLOCK, opening a FIFO waits for a writer.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(handle, "rb") as file:

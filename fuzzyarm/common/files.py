@@ -1,4 +1,4 @@
-"""Writing files and folders whole or not at all."""
+"""Atomic writing of files and folders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["write_atomically", "write_folder_atomically"]
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
-    """Write `content` beside `path`, flush it to the disk, then rename: a reader or a crash never sees half a file.
+    """Write `content` beside `path`, flush it to the disk, then rename it: nobody ever sees a partial file.
 
     Raises:
         OSError: the folder is missing or not writable; nothing is left behind.
@@ -64,7 +64,7 @@ def _flushed(file: BinaryIO, data: bytes) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the disk remember a rename; systems that cannot open a folder need no such thing."""
+    """Flush a rename to the disk; systems that cannot open a folder do not need this."""
     if hasattr(os, "O_DIRECTORY"):
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:

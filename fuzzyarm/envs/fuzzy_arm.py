@@ -236,7 +236,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         return observation, reward, reason > 0, truncated, info
 
     def render(self) -> np.ndarray | None:
-        """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` the window follows by itself."""
+        """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""
         if self.render_mode == "rgb_array":
             return self._render_frame()
         if self.render_mode is None:

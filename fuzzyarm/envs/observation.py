@@ -1,7 +1,7 @@
-"""The observation, as every policy gets it: motor angles and velocities, then the reference at the same instant.
+"""The observation that every policy receives: motor angles and velocities, then the reference at the same instant.
 
-An observation is an array (..., `SIZE`); its parts have names, here and nowhere else. `observed` gives them as views,
-in NumPy, in compiled code and for tensors alike:
+An observation is an array (..., `SIZE`); only this module defines the order of its parts. `observed` gives them as
+views, in NumPy, in compiled code and for tensors alike:
 
     o = observed(observation)
     error = o.q_motor - o.q_reference

@@ -20,7 +20,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 
 __all__ = ["Canvas", "Renderer", "View", "case_title", "magnified", "paint", "thinned"]
 
-MAGNIFICATION = 25  # of the tip error in the trace: a millimetre would be less than a pixel
+MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
 
 # Layout [px]. The arm stays in the field between header and footer, `MARGIN` away from its edges: room for the
 # thickness of the links, the force arrow and its label.
@@ -71,9 +71,10 @@ class Renderer:
             pygame.display.set_mode((WIDTH, HEIGHT))
 
     def draw(self, schedule: Schedule, trace: np.ndarray, time: float, parameters: ArmParameters) -> np.ndarray | None:
-        """Draw the present instant and the trace up to it; return a new array (720, 720, 3) of uint8.
+        """Draw the current state and the trace so far; return a new array (720, 720, 3) of uint8.
 
-        In mode ``human`` the picture goes to the window instead, and nowhere once the user has closed it: then None.
+        In mode ``human`` the picture is shown in the window instead, and None is returned; a closed window stays
+        closed.
 
         Args:
             schedule: of the episode under way.
@@ -98,7 +99,7 @@ class Renderer:
             pygame.display.quit()
 
     def _window(self) -> pygame.Surface | None:
-        """Return what the window shows, or None if it is closed, by the user just now or before."""
+        """Return the surface of the window, or None if the user has closed it."""
         if pygame.display.get_init() and any(event.type == pygame.QUIT for event in pygame.event.get()):
             self.close()
         return pygame.display.get_surface()
@@ -158,7 +159,7 @@ def paint(canvas: Canvas, schedule: Schedule, trace: np.ndarray, time: float, pa
     length = parameters.length
     q = np.concatenate([schedule.references[:, :2], trace[:, LINK]])
     elbow, tip = tip_position(q, (length[0], 0.0)), tip_position(q, length)
-    # The view holds the base, the reference and every pose so far: it widens only if the arm strays.
+    # The view contains the base, the reference and all poses so far, so it widens only if the arm leaves it.
     view = View.fit(np.concatenate([np.zeros((1, 2)), elbow, tip]))
     joints = view.pixels(np.stack([np.zeros(2), elbow[-1], tip[-1]]))
     canvas.surface.fill(PAPER)
@@ -233,7 +234,7 @@ def _paint_force(canvas: Canvas, tip: np.ndarray, force: np.ndarray, largest: fl
 
 
 def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> None:
-    """Paint title, time [s] and tip error [m], over what strays from the field."""
+    """Paint title, time [s] and tip error [m], on top of parts of the arm that leave the field."""
     canvas.line(np.array([[0.0, 0.5 * HEADER], [WIDTH, 0.5 * HEADER]]), HEADER, PAPER)
     canvas.line(np.array([[0.0, HEADER], [WIDTH, HEADER]]), 1.0, FRAME)
     canvas.text(title, "midleft", (28.0, 41.0), LARGE)
@@ -242,7 +243,7 @@ def _paint_header(canvas: Canvas, title: str, time: float, tip_error: float) -> 
 
 
 def _paint_footer(canvas: Canvas, scale: float) -> None:
-    """Paint the legend, the direction of gravity and a scale bar of 10^n m, at most 120 px long, likewise."""
+    """Paint the legend, the direction of gravity and a scale bar of 10^n m, at most 120 px long, on top of the arm."""
     top, middle, right = HEIGHT - FOOTER, HEIGHT - 0.5 * FOOTER, WIDTH - 28.0
     canvas.line(np.array([[0.0, middle], [WIDTH, middle]]), FOOTER, PAPER)
     canvas.line(np.array([[0.0, top], [WIDTH, top]]), 1.0, FRAME)

@@ -1,6 +1,6 @@
-"""The tracking task at one instant: where the tip is, how far off, what that is worth, and whether the episode goes on.
+"""The tracking task at one instant: tip position, tip error, reward, and whether the episode terminates.
 
-Elementwise source, see `elementwise`: one arm, a batch and tensors are measured by the same lines.
+Elementwise source, see `elementwise`: the same code assesses one arm, a batch and tensors.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ __all__ = [
 ]
 
 TRACKING_LENGTH = 0.005  # m; the tip error at which the tracking reward is one half [a choice, no source]
-BEYOND_MEASURE = 1e13  # rad, rad/s; from about here on `sine_cosine` is nonsense and products overflow
+BEYOND_MEASURE = 1e13  # rad, rad/s; beyond about this, `sine_cosine` is meaningless and products overflow
 EFFORT_WEIGHT = 0.1  # share of the reward that full torque takes away [a choice, no source]
 
 
 class Target(NamedTuple):
-    """What the tip is compared with: its reference [m], the curve's unit normal, the circle's center and radius [m].
+    """The target of the tip: its reference [m], the curve's unit normal, the circle's center and radius [m].
 
     The radius is 0 for a curve that is no circle.
     """
@@ -105,7 +105,7 @@ def clipped(torque: Any, limit: Any) -> Any:
 
 @register_jitable(forceinline=True)
 def finite(state: State) -> Any:
-    """Return 1.0 if the numbers of the state are finite, and small enough that whatever is measured is; else 0.0."""
+    """Return 1.0 if the state is finite and small enough that everything computed from it is finite, else 0.0."""
     motors = _sizes(motor_angles(state), motor_velocities(state))
     return 1.0 * (motors + _sizes(link_angles(state), link_velocities(state)) < BEYOND_MEASURE)
 

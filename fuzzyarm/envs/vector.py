@@ -1,4 +1,4 @@
-"""Thousands of arms at once: the batched form of ``FuzzyArm-v0``, a `gymnasium.vector.VectorEnv`."""
+"""The batched form of ``FuzzyArm-v0``: a `gymnasium.vector.VectorEnv` for thousands of arms."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is how many threads share a step
     (default: one per 1024 lanes, at most one per core); results do not depend on it.
 
-    ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets a lane's stream
-    go on.
+    ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets the stream of
+    that lane continue.
 
     Raises:
         TypeError: an argument is of the wrong kind.
@@ -143,7 +143,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Return where every lane is, random stream included, as arrays by name; `set_state` goes on from there.
+        """Return the state of every lane, including its random stream, as arrays by name, for `set_state`.
 
         Raises:
             gymnasium.error.ResetNeeded: no episode has begun.
@@ -154,7 +154,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._lanes.get_state()
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from a state of an environment made with the same arguments; nothing is reset, `step` comes next.
+        """Restore a state of an environment with the same arguments; call `step` next, not `reset`.
 
         Raises:
             ValueError: the state is of an environment made with other arguments.
@@ -167,7 +167,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._lanes.close()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take the state of a copy; arrays lose their write protection on the way."""
+        """Restore a pickled state; pickling removes the write protection of arrays, which is set again."""
         self.__dict__.update(state)
         self._share_mask()
 
@@ -187,7 +187,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _final(
         self, observation: np.ndarray, vectors: np.ndarray, scalars: np.ndarray, ended: np.ndarray
     ) -> dict[str, Any]:
-        """Return what the episodes that ended showed last; as Gymnasium has it, the other lanes' rows hold zeros."""
+        """Return the last observation and info of the episodes that ended; other lanes' rows are zero."""
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in np.flatnonzero(ended):
             final_obs[lane] = observation[lane].copy()

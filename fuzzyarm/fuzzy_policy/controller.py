@@ -1,7 +1,7 @@
 """The controller file: gains, robot, specification and everything a proof needs, as JSON.
 
-Synthesis writes it, the policy reads it, the certificate checks it. Every float is stored exactly, in C99
-hexadecimal. Loading a file executes nothing from it.
+The synthesis writes it, the policy reads it, and the certificate proves its claims. Every float is stored exactly, in
+C99 hexadecimal. Loading a file executes nothing from it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SCHEMA = "fuzzyarm-controller/1"
 FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
 ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
 POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
-OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # not in the file where there is none
+OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file where they are None
 MAX_BYTES = 64 * 1024 * 1024  # far above the file of the largest model
 
 
@@ -70,7 +70,7 @@ class _Document:
 
 @dataclasses.dataclass(frozen=True)
 class Controller:
-    """A parallel distributed compensation u = K_hv e + H_hv x_I + L_hv r with what proves it.
+    """A parallel distributed compensation u = K_hv e + H_hv x_I + L_hv r, and the matrices that prove it.
 
     N vertices of A, N_e of E, n_e = 6 error states with the integral and 4 without, p = N (N + 1) / 2 pairs i <= j,
     m multipliers. In the consistent form n = n_e, in the paper's form n = n_e + 4 (x_r). SI units throughout.
@@ -85,7 +85,8 @@ class Controller:
         weight: diagonal (4,) of the paper's Q; None in the consistent form, where z is the position error.
         common_multiplier: whether the dropped premises of A share one multiplier, as printed in Theorem 2.
         gains: K̄ = [K H], (N, N_e, 2, n_e).
-        feedforward: L, (N, N_e, 2, 6), on r = (q_d, q̇_d, q̈_d); None in the consistent form, where it follows.
+        feedforward: L, (N, N_e, 2, 6), on r = (q_d, q̇_d, q̈_d); None in the consistent form, where L follows from the
+        model.
         P: (n, n) of V = xᵀ P⁻¹ x, block diagonal over error and x_r.
         Q: (p, n, n) slack.
         X: (p, n, n) slack.
@@ -182,7 +183,7 @@ class Controller:
         return np.array([[np.hstack(pair) for pair in row] for row in pairs])
 
     def save(self, path: str | Path) -> None:
-        """Write the controller file, whole or not at all."""
+        """Write the controller file, atomically."""
         write_atomically(Path(path), self.to_json())
 
     def to_json(self) -> str:
@@ -261,7 +262,7 @@ class Controller:
 
 
 def _digest(document: dict[str, Any]) -> str:
-    """Return the SHA-256 of a document's canonical JSON: a guard against accidents, no signature."""
+    """Return the SHA-256 of a document's canonical JSON: it detects accidental changes and is no signature."""
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
 
 

@@ -1,6 +1,6 @@
 """A learned policy as a folder: ``policy.json`` with everything but the weights, and ``weights.safetensors``.
 
-Nothing in it is code: JSON is parsed, safetensors is a table of numbers, and nothing is unpickled.
+A bundle contains no code: JSON is parsed, safetensors holds arrays of numbers, and nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class PolicyBundle:
     """A learned policy and where it comes from.
 
     Attributes:
-        features: what the network sees.
+        features: definition of the network's inputs.
         action: what its output means.
         network: normaliser and layers.
         training: the configuration it was trained with, a record for the reader.
@@ -74,7 +74,7 @@ class PolicyBundle:
             )
 
     def save(self, folder: Path) -> None:
-        """Write the bundle, whole or not at all; a bundle that is there already is replaced.
+        """Write the bundle atomically; an existing bundle is replaced.
 
         Raises:
             OSError: the folder cannot be written; what was there is left as it was.

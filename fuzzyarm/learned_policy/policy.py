@@ -31,7 +31,7 @@ class LearnedPolicy(Policy):
     features and of the base.
 
     Attributes:
-        bundle: what was trained.
+        bundle: the trained policy.
         base: the policy whose target is shifted; None: no base.
         calls_per_action: number of calls for which an action is held.
     """
@@ -48,7 +48,7 @@ class LearnedPolicy(Policy):
         """Make the policy of a bundle.
 
         Args:
-            bundle: what was trained.
+            bundle: the trained policy.
             control_period: time between two calls of `predict` [s]; the action period must be a whole multiple of it.
             parameters: the arm, for its torque limits; default Table 1.
             base: the policy that ``bundle.action.base`` names, for the same control period.

@@ -1,7 +1,7 @@
 """The checkpoint of a training: one file, replaced as a whole, so that a complete one is always there.
 
 The file is a line, ``fuzzyarm-checkpoint/2 SHA256``, followed by what `torch.save` makes of tensors, numbers and text.
-It is read with ``weights_only=True``: nothing in it is run.
+It is read with ``weights_only=True``: no code in it is run.
 """
 
 from __future__ import annotations

@@ -112,11 +112,11 @@ class StableBaselinesVecEnv(VecEnv):
         return [_attribute(self.envs, attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refuse: lanes have no attributes of their own."""
+        """Raise: lanes have no attributes of their own."""
         raise NotImplementedError(f"cannot set {attr_name!r}: lanes differ by the arguments of gym.make_vec only")
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
-        """Refuse: there is no environment object per lane to call."""
+        """Raise: there is no environment object per lane."""
         raise NotImplementedError(f"cannot call {method_name!r}: there is no environment object per lane")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:

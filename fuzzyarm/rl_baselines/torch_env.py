@@ -1,4 +1,4 @@
-"""A batch of arms that lives in torch tensors, for learners that do so too: on CPU or GPU, compiled into one kernel.
+"""A batch of arms in torch tensors on CPU or GPU, compiled into one kernel, for learners in torch.
 
 The step is `torch_step`; this file has what stands around it: arguments, tables, reset and results.
 """
@@ -73,11 +73,11 @@ class TorchFuzzyArm:
     | torque_clipped | (n,) bool, whether the action was beyond the torque limits | |
     | reason | (n,) `fuzzyarm.envs.termination.Termination`, 0 if the lane was not terminated | |
 
-    An action that is not finite does not raise, which would mean to wait for the device: the lane's state stays, its
-    reward is 0 and it is terminated with `Termination.NOT_FINITE`, as if its state had become infinite.
+    An action that is not finite raises no error, which would require waiting for the device: the lane's state stays,
+    its reward is 0 and it is terminated with `Termination.NOT_FINITE`, as if its state had become infinite.
 
     Gradients do not flow through a step. Tensors that a step returned keep their values. `state` and
-    `randomisation_info` are for privileged critics and for looking in.
+    `randomisation_info` are for privileged critics and for inspection.
 
     Args:
         num_envs: number of lanes n.
@@ -199,7 +199,7 @@ class TorchFuzzyArm:
         return outcome.observation.t(), outcome.reward, outcome.terminated, outcome.truncated, info
 
     def _build(self, disturbance: Disturbance, reference: JointReference | None) -> Shared:
-        """Tabulate every episode there may be."""
+        """Tabulate all episodes that the lanes may run."""
         plant, payload, noise = plant_of(self.parameters), disturbance.payload, disturbance.encoder_noise
         own = chosen_reference(reference, self.randomisation, self.parameters)
         members = self.randomisation.references if own is None else (own,)

@@ -1,4 +1,4 @@
-"""What the arm in torch needs beside tensors: angles with more digits, looked-up tables and random streams."""
+"""Helpers of the torch arm: compensated angles, tables for look-up, and random streams."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Angle:
     The physics adds increments to angles, a hundred-thousandth of their size, and takes differences of about that
     size. In plain float32 the tip is off by up to 4 µm in an episode of the paper; with the rest by 0.1 µm.
 
-    It has as much of arithmetic as the physics uses: an increment may be added, angles may be added and subtracted,
+    It supports the arithmetic that the physics uses: an increment may be added, angles may be added and subtracted,
     which gives tensors, and so do sine, cosine and magnitude.
 
     Args:
         value: the angle, rounded.
-        rest: what is missing.
+        rest: the exact angle minus `value`.
     """
 
     def __init__(self, value: Tensor, rest: Tensor) -> None:
@@ -73,7 +73,7 @@ class Table:
     """
 
     def __init__(self, rows: np.ndarray, like: Tensor) -> None:
-        """Part the columns."""
+        """Separate constant columns from the others."""
         same = np.all(rows == rows[0], axis=0)
         self.constants = tuple(rows[0, k].item() if same[k] else None for k in range(rows.shape[1]))
         self.tensor = torch.tensor(rows[:, ~same], dtype=like.dtype, device=like.device)
@@ -100,7 +100,8 @@ class Table:
         return self.tensor.new_full((), value)
 
 
-# The streams of `randomness` on tensors. int64 has the arithmetic of uint64 but for the shift; torch's uint64 has none.
+# The streams of `randomness` on tensors. int64 computes like uint64 except for shifts; torch has no arithmetic for
+# uint64.
 
 
 def word(key: Tensor, counter: int | Tensor) -> Tensor:

@@ -26,13 +26,13 @@ MARGIN = 1e-4  # strictness of the inequalities, in scaled units; far above the 
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """What is asked of a design, in the (scaled) units of the error model.
+    """The requirements of a design, in the (scaled) units of the error model.
 
     Attributes:
         alpha: decay rate α.
         gamma: bound of the L2 gain from w to z; None where it is minimised.
         gain_bound: bound of the feedback gains; None where it is minimised, or for no bound.
-        minimise: the bound to make small; with "nothing" any feasible point will do.
+        minimise: the bound that is minimised; with "nothing", any feasible point is accepted.
         bound: what `gain_bound` bounds. "K": |K_jk| <= gain_bound, from [[gI, M], [Mᵀ, P11]] >= 0 with
             gain_bound² = g/floor. "M": |M_jk| <= gain_bound = g, Remark 3 of the paper, so |K_jk| <= gain_bound/floor.
         floor: P11 >= floor I. Without one (0) a small |M| says nothing about K = M P11⁻¹.
@@ -220,7 +220,8 @@ def _inequalities(model: ReducedModel, problem: Problem, alpha: float, layout: V
 def _row_units(model: ReducedModel, problem: Problem, size: int) -> np.ndarray:
     """Return factors (s,) <= 1 of the rows that bring a large given γ² weight down to order one.
 
-    The solver's tolerance is relative to the largest constant; after this congruence R <= -μI holds all the more.
+    The solver's tolerance is relative to the largest constant; if R <= -μI holds after this congruence, it also holds
+    before.
     """
     unit, start = np.ones(size), len(model.S_b) + 2
     weight = np.diag(model.system.disturbance_weight)
@@ -266,7 +267,7 @@ def _stack(families: list[_Cones], size: int) -> tuple[sparse.csc_matrix, np.nda
         start += count * triangle
     columns = np.concatenate([cones.places.ravel() for cones in families])
     values = np.concatenate([cones.values.ravel() for cones in families])
-    # Entries of the same place add up; those that are zero at this vertex go.
+    # Entries at the same position are summed; those that are zero at this vertex are removed.
     A = sparse.csc_matrix((values, (np.concatenate(rows), columns)), shape=(start, size))
     A.eliminate_zeros()
     return A, -np.concatenate([cones.constant.ravel() for cones in families])

@@ -8,7 +8,7 @@ blended by the memberships; |f| <= 1 for each uncertainty. With the integral x_I
 *Consistent reference* (this project): x = ē, w = d, z = position error; L is fixed and cancels the reference.
 *Paper* (theorems 1 and 2, (10) and Remark 2): x = (ē, x_r), w = (d, r), z = Q^(1/2) e; L is free.
 
-This is the solver's view of a design. The proof has its own in `fuzzy_policy.proof`: `theorem1`, `theorem2` and
+The solver uses this model. The proof has its own in `fuzzy_policy.proof`: `theorem1`, `theorem2` and
 `consistent_reference`. It shares none of this code; tests compare the two.
 """
 
@@ -134,7 +134,7 @@ def paper_form(model: TSModel, integral: bool, weight: np.ndarray, *, common_mul
 
 
 def reversed_time(system: ErrorModel) -> ErrorModel:
-    """Return the model of the same motion run backwards and without w: E dx/d(-t) = -A x - B u, the Δ keep their bound.
+    """Return the model of the same motion in reversed time, without w: E dx/d(-t) = -A x - B u, the Δ keep their bound.
 
     V falls no faster than exp(-2βt) if and only if it grows no faster backwards: the inequality of a decay rate of -β
     for this model, with no rows w and z.

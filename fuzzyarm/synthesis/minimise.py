@@ -25,7 +25,7 @@ class Infeasible(ValueError):
     """No strictly feasible point was found.
 
     Attributes:
-        problem: what was asked.
+        problem: the requirements.
         program: its cone program.
         status: as the solver reports it.
         margin: of the point the solver ended at, not positive; -inf if the solver claims that no point exists.
@@ -46,7 +46,7 @@ class Solution:
     """A strictly feasible point of the full inequality, in the units of the error model.
 
     Attributes:
-        problem: what was asked.
+        problem: the requirements.
         P: (n, n).
         M: (N, N_e, 2, n_e).
         L: (N, N_e, 2, n_r).

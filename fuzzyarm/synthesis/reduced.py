@@ -27,7 +27,7 @@ from fuzzyarm.synthesis.error_model import ErrorModel
 __all__ = ["INPUT_ROWS", "ReducedModel", "Variables", "blended", "expand", "inequality"]
 
 INPUT_ROWS = np.arange(VELOCITY.start, VELOCITY.stop)  # b, of every form in `error_model`
-ROUNDING = 1e-12  # what scaling leaves of an exact zero or one
+ROUNDING = 1e-12  # rounding error of an exact zero or one after scaling
 
 
 @dataclasses.dataclass(frozen=True)
@@ -182,7 +182,7 @@ def expand(model: ReducedModel, v: Variables, R: np.ndarray) -> tuple[np.ndarray
     """Return the full Q and X (pairs, n, n): X = S_b X_b S_bᵀ + ε S_a S_aᵀ, Q = S_b Q_b + S_a (N P - ε S_aᵀ).
 
     After the congruence the a-rows of ẋ have -2εI and meet only w, through D_a. They cost D_aᵀ D_a / 2ε in the rows w,
-    half of what R < 0 has to spare there if ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would only cost condition.
+    half of the margin of R < 0 in these rows if ε = |D_a (-R⁻¹)_ww D_aᵀ|; a larger ε would worsen the condition.
 
     Args:
         model: the split error model.

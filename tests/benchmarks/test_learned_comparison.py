@@ -1,4 +1,4 @@
-"""The comparison of learned and model-based policies: who is averaged, who is shipped, and what is refused."""
+"""The comparison of learned and model-based policies: averages, the shipped seed, and what is refused."""
 
 import contextlib
 import dataclasses
@@ -40,10 +40,10 @@ scores = loaded(ROOT / "benchmarks" / "learned_scores.py")
 loaded(ROOT / "benchmarks" / "learned_tables.py")
 comparison = loaded(ROOT / "benchmarks" / "learned_comparison.py")
 
-# A few newton metres at random on top of a good law stay on the path; hundreds alone do not.
+# A good law with a few random newton metres stays on the path; hundreds of random newton metres alone do not.
 GENTLE = ActionDefinition(scale=(1e-4, 1e-4), base="fuzzy-4-tip")
 WILD = ActionDefinition()
-# Without torque worth the name the arm hangs and swings, a metre from the path and far within the joints' box.
+# Almost without torque the arm hangs and swings, a metre from the path and well within the joint limits.
 IDLE = ActionDefinition(scale=(1e-6, 1e-6))
 
 
@@ -57,7 +57,7 @@ def decaying(factor, count=100, **others):
 
 
 def finished_run(folder, seed, action=GENTLE, curve=None, **training):
-    """Write what a training leaves that a comparison reads."""
+    """Write those files of a training that the comparison reads."""
     folder.mkdir(parents=True)
     bundle = bundles.bundle(action, seed)
     recorded = {
@@ -228,7 +228,7 @@ def test_rows_are_by_task_then_policy():
 
 def test_seeds_are_judged_as_the_training_judges():
     records = [*over_cases(0, 1.0, 2.0, 6.0), *over_cases(1, 2.0, 1.0, 1.5)]
-    records += [record(0, 99.0, "fast", "ended early"), record(1, 0.0, "fast")]  # judged by nobody
+    records += [record(0, 99.0, "fast", "ended early"), record(1, 0.0, "fast")]  # not evaluated
     assert scores.scores(records, "nominal") == {0: 1.0, 1: 2.0}
     assert scores.scores(records, "robust") == {0: pytest.approx(3.0), 1: pytest.approx(1.5)}
 
@@ -310,7 +310,7 @@ def test_document_holds_every_episode_and_where_it_is_from(result):
     assert "100 mm" in document["method"]["failed"]["rule"]
     assert len({one["weights_sha256"] for one in gentle["runs"]}) == 3
     assert wild["training"] == {"distribution": "nominal", "steps": 100}
-    assert str(result.folder) not in result.text  # where it lay on this machine is of no use to others
+    assert str(result.folder) not in result.text  # its folder on this machine is not recorded
     circle = document["tasks"][0]
     assert (circle["path"]["curve"], circle["path"]["radius"], circle["duration"]) == ("Circle", 0.2, 1.5)
 

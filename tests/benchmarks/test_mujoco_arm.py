@@ -1,4 +1,4 @@
-"""The arm in MuJoCo is our arm: its matrices, its motion, its stick, and the accuracy its speed is compared at."""
+"""The arm in MuJoCo agrees with ours: matrices, motion, stick, and the accuracy at which speeds are compared."""
 
 import importlib.util
 import json

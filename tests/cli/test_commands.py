@@ -1,4 +1,4 @@
-"""The command line as a user meets it: outputs, exit codes, one-line errors, whole files."""
+"""The command line from a user's view: outputs, exit codes, one-line errors, whole files."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""`fuzzyarm margins` as a user meets it: outputs, exit codes, one-line errors, whole files."""
+"""`fuzzyarm margins` from a user's view: outputs, exit codes, one-line errors, whole files."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The bisection ends at the threshold, from either side, with no more questions than it needs."""
+"""The bisection ends at the threshold, from either side, with no more evaluations than needed."""
 
 import math
 
@@ -40,7 +40,7 @@ def test_with_a_limit_it_looks_for_the_end_first(factor, direction):
 def test_what_always_works_has_no_end():
     asked = []
     assert last_that_works(lambda x: asked.append(x) or True, 1.0, 2.0, resolution=0.1, limit=1000.0) is None
-    assert asked == [2.0**k for k in range(1, 10)]  # the last one at or below the limit is the last asked
+    assert asked == [2.0**k for k in range(1, 10)]  # the last number tried is the last one at or below the limit
 
 
 def test_a_number_that_works_is_never_asked_again():

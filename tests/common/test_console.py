@@ -1,4 +1,4 @@
-"""What is piped is plain and whole; what is on a terminal has lines and fits."""
+"""Piped output is plain and complete; output on a terminal has lines and fits its width."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""Documents are read strictly: what is no plain, finite, shallow document of the schema is refused in one line."""
+"""Documents are read strictly: anything but a plain, finite, shallow document of the schema is refused in one line."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""A file or folder is the old one or the new one, never half of either, whenever the writing is cut off."""
+"""If writing is interrupted at any point, a file or folder is the old or the new one, and never a part of either."""
 
 import os
 import stat

@@ -1,4 +1,4 @@
-"""``FuzzyArm-v0`` as its users meet it: the Gymnasium contract, seeds, info, reward, episode ends and messages."""
+"""``FuzzyArm-v0`` from a user's view: the Gymnasium contract, seeds, info, reward, episode ends and messages."""
 
 import dataclasses
 import hashlib
@@ -325,7 +325,7 @@ def test_no_global_generator_is_read_or_written():
 
 
 def test_a_generator_of_the_users_own_seeds_the_episodes():
-    """Gymnasium knows no seed of a generator that was put in place of its own."""
+    """Gymnasium does not know the seed of a generator that replaces its own."""
 
     def starts(generator):
         env = FuzzyArmEnv(disturbance=NOISY)
@@ -675,3 +675,23 @@ def test_another_arm_is_the_plant_and_sets_the_spaces():
     *_, info = list(play(env, [(450.0, -240.0)]))[-1]
     assert env.action_space.high.tolist() == [200.0, 80.0] and info["torque"].tolist() == [200.0, -80.0]
     assert env.observation_space.high[6:8].tolist() == [10.0, 12.0] and info["reward_effort"] == 1.0
+
+
+class HalfWay:
+    """A payload that this package does not know: in the middle of link 2."""
+
+    mass = 2.0
+
+    def radius(self, parameters):
+        return 0.5 * parameters.length[1]
+
+
+def test_a_payload_of_ones_own_needs_a_mass_and_a_radius_only():
+    own, link = (FuzzyArmEnv(disturbance=Disturbance(payload=load)) for load in (HalfWay(), Payload(2.0, "link")))
+    for env in (own, link):  # Table 1 has the mass center of link 2 in its middle
+        env.reset()
+    torque = np.array([60.0, 20.0])
+    assert np.array_equal(own.step(torque)[0], link.step(torque)[0])
+    assert not np.array_equal(own.step(torque)[0], FuzzyArmEnv().reset()[0])
+    with pytest.raises(ValueError, match=r"payload = 3\.0 must have mass and radius"):
+        Disturbance(payload=3.0)

@@ -1,4 +1,4 @@
-"""The batched environment: lane for lane the single one, and a vector environment as Gymnasium means it."""
+"""The batched environment: each lane equals the single environment, and it meets Gymnasium's contract."""
 
 import copy
 import dataclasses
@@ -963,7 +963,7 @@ def test_a_long_run_of_random_torques_stays_finite_and_within_the_spaces(setting
         assert observation in envs.observation_space
         assert np.isfinite(reward).all() and ((reward >= 0.0) & (reward <= 1.0)).all()
         assert all(np.isfinite(info[key]).all() for key in ("tip", "q_link", "dq_link", "friction_torque", "tip_error"))
-        assert info["in_domain"].all()  # of the episode under way: those that left it have begun anew
+        assert info["in_domain"].all()  # of the current episodes: lanes that left the box have been reset
     assert ends > lanes / 2
     envs.close()
 

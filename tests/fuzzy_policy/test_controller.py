@@ -1,4 +1,4 @@
-"""The controller file: exact, and refused in one clear line when it is not what it should be."""
+"""The controller file: exact, and refused in one clear line if it is damaged or inconsistent."""
 
 import dataclasses
 import json

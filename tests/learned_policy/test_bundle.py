@@ -1,4 +1,4 @@
-"""A bundle comes back as it was written, or not at all and with one line."""
+"""A bundle is read back as it was written, or refused in one line."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""Policies from code of one's own: they run like the others, only where the user says so, and fail in one line."""
+"""Policies from user code: they run like the others, only if the user names them, and fail in one line."""
 
 import sys
 from pathlib import Path

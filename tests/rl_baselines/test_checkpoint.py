@@ -1,4 +1,4 @@
-"""Checkpoints come back as they were written, or are refused in one line; nothing in them is run."""
+"""Checkpoints are read back as they were written, or refused in one line; no code in them is run."""
 
 import hashlib
 import io

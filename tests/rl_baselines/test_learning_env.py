@@ -1,4 +1,4 @@
-"""What PPO trains in is what the shipped policy meets, and it can be left and taken up again bit for bit."""
+"""The environment of the training equals that of the shipped policy, and its state is restored bit for bit."""
 
 import gymnasium as gym
 import numpy as np

@@ -1,4 +1,4 @@
-"""The adapter for stable-baselines3: what its own loop over monitored single environments gives, without the loop."""
+"""The adapter for stable-baselines3 gives the same results as its loop over monitored single environments."""
 
 import sys
 import warnings

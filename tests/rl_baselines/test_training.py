@@ -1,4 +1,4 @@
-"""A training is the same every time, and the same again if it is killed on the way."""
+"""A training is reproducible, also if it is killed and resumed."""
 
 import json
 import os
@@ -56,14 +56,14 @@ def words(flags):
 
 
 def results(folder):
-    """What a run leaves behind that must come out the same: weights, descriptions and the curve."""
+    """Those results of a run that must be reproducible: weights, descriptions and the curve."""
     names = ("policy/policy.json", "policy/weights.safetensors", "best/policy.json", "best/weights.safetensors")
     return {name: (folder / name).read_bytes() for name in ("curve.csv", *names) if (folder / name).exists()}
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The folder of a run that nothing disturbed."""
+    """The folder of an uninterrupted run."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     assert main(["train", "ppo", *words(FLAGS), "--no-tensorboard", "--out", str(folder)]) == 0
     return folder

@@ -1,1 +1,1 @@
-"""What several test modules use: a browser, altered evaluations, small policy bundles."""
+"""What several test modules use: a browser, altered evaluations, small policy bundles, proven policies, processes."""

@@ -1,4 +1,4 @@
-"""Evaluations with other rollouts than were run, and a policy name that nobody should trust."""
+"""Evaluations with altered rollouts, and a policy name with markup that must be escaped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table 2 of the paper to every digit, and true sizes against problems that are really written down."""
+"""Table 2 of the paper to every digit, and true sizes compared with problems that are written out."""
 
 import cvxpy as cp
 import numpy as np

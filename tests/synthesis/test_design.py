@@ -1,4 +1,4 @@
-"""Design end to end: the solver's word is never taken, the proof is."""
+"""Design end to end: a result rests on its proof, and never on the solver's status."""
 
 import dataclasses
 import itertools

@@ -1,4 +1,4 @@
-"""The reduced inequality loses nothing, its cone program is the inequality, and an answer is never taken on trust."""
+"""The reduced inequality is equivalent to the full one, the cone program states it, and solutions are checked."""
 
 import dataclasses
 import itertools

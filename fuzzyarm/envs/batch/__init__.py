@@ -1,1 +1,1 @@
-"""What is stepped: arms in lanes, in compiled code."""
+"""Batched simulation: many arms, one per lane, advanced in compiled code."""

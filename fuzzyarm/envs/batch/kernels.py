@@ -41,7 +41,7 @@ def advance(
     stop: int,
     out: np.ndarray,
 ) -> int:
-    """Hold the torques for one control step, in the lanes from `start` to `stop`; nothing happens if one is not finite.
+    """Hold the torques for one control step, in the lanes from `start` to `stop`; no lane moves if one is not finite.
 
     Args:
         values: (numbers of `Lane`, lanes), changed in place.
@@ -81,10 +81,10 @@ def advance_one(
     observation: np.ndarray,
     vectors: np.ndarray,
 ) -> tuple[float, float, float, float, float, float, float, bool, bool, int]:
-    """Do what `advance` does for a batch of one, with half the overhead: what `FuzzyArmEnv.step` calls.
+    """Do what `advance` does for a single lane, with half the overhead; `FuzzyArmEnv.step` calls this.
 
-    The same code runs, but compiled for one lane, so that its loops dissolve, and with results that Python need not
-    take apart.
+    The same code is compiled for one lane, so that the compiler removes the loops over lanes, and the results come as
+    separate values that Python need not unpack.
 
     Args:
         values: as in `advance`, and so are the next four.

@@ -80,7 +80,7 @@ class Lanes:
         """Begin an episode in every lane and return the results (WIDTH count,), see `layout.split`.
 
         Args:
-            seeds: of each lane's random stream; None: it goes on.
+            seeds: of each lane's random stream; None: the stream continues.
             scenarios: what to do this time in place of the lanes' own scenarios; one for all lanes, or one per lane.
             initial: states (count, 8) to start from; None: at rest on the reference.
 
@@ -91,7 +91,8 @@ class Lanes:
             self._return_to_own()
         else:
             extra, start_of, self._radius_of = self._tabulated(scenarios)
-            # Below the lanes' own: lanes that begin anew by themselves are back at those.
+            # The tables of these tasks come after the lanes' own tasks, to which a lane returns at its next automatic
+            # reset.
             self._tables, self._start_of = self._own.followed_by(extra), start_of + len(self._own.schedules)
         for lane, seed in enumerate(seeds or ()):
             if seed is not None:
@@ -118,7 +119,7 @@ class Lanes:
         results = np.empty(WIDTH * len(which))
         if initial is None:
             initial = np.full((len(which), size(State)), np.nan)
-        self.drawn = self.drawn.copy()  # infos given out before show the old one
+        self.drawn = self.drawn.copy()  # infos returned earlier keep the old array
         begin(
             which,
             self._plants,
@@ -143,18 +144,17 @@ class Lanes:
         """Hold torques for one control period and return the results (WIDTH count,), see `layout.split`.
 
         Args:
-            action: (count, 2) [N m], an array of this call's own; clipped to the plants' limits.
+            action: (count, 2) [N m], an array that the caller does not reuse; clipped to the plants' limits.
 
         Raises:
             ValueError: a torque is not finite; no lane has moved then.
         """
         results = np.empty(WIDTH * self.count)
-
-        def share(start: int, stop: int) -> int:
-            lane: int = advance(*self.arrays, action, start, stop, results)
-            return lane
-
-        bad = max(self._workers.run(share))
+        arrays = self.arrays
+        if self.threads == 1:
+            bad = advance(*arrays, action, 0, self.count, results)
+        else:
+            bad = max(self._workers.run(lambda start, stop: advance(*arrays, action, start, stop, results)))
         if bad >= 0:
             limit = self.values[_TORQUE_LIMIT, bad].tolist()
             raise ValueError(f"action {action[bad].tolist()} N m of lane {bad} is not finite; allowed: ±{limit} N m")
@@ -172,7 +172,7 @@ class Lanes:
         return self._tables.references[place], self._tables.schedules[place]
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Return copies of all that changes from step to step, as arrays by name, for `set_state`.
+        """Return copies of the complete simulation state as arrays by name, for `set_state`.
 
         Raises:
             ValueError: a lane is in a scenario that was given to `reset`, which only that call knows.
@@ -191,7 +191,7 @@ class Lanes:
         }
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Go on where `get_state` was called, of these lanes or of others made of the same.
+        """Restore a state that `get_state` returned for these lanes or for lanes with the same configuration.
 
         Raises:
             ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes.
@@ -207,7 +207,7 @@ class Lanes:
             self._drawn_info = by_quantity(self.drawn)
 
     def _digest(self) -> np.ndarray:
-        """Return 32 bytes (uint8) that tell lanes apart that are made differently."""
+        """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
         own = self._own.starts, self._own.table, self._own_start_of, self._own_radius_of
         parts = self._plants, self._plant_of, self._ranges, *own
         period = np.array([self.period, self.substeps, self.count], dtype=np.float64)

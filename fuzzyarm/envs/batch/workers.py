@@ -31,8 +31,6 @@ class Workers:
 
     def run(self, work: Callable[[int, int], int]) -> list[int]:
         """Return what work(start, stop) returns for each range of lanes."""
-        if self.threads == 1:
-            return [work(*self._ranges[0])]
         # Threads do not survive a fork: a forked process starts its own.
         if self._pool is None or self._owner != os.getpid():
             self._pool, self._owner = ThreadPoolExecutor(self.threads), os.getpid()

@@ -34,7 +34,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 @contextlib.contextmanager
 def announced_compilation() -> Iterator[None]:
-    """Say on a terminal what is being waited for, if the first calls within take more than a second."""
+    """Print on a terminal what is being compiled, if the first calls in the block take more than a second."""
     global _compiled
     if _compiled or not sys.stderr.isatty():
         yield

@@ -150,7 +150,7 @@ def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, 
 
 @register_jitable
 def lump(plant: Plant) -> Arm:
-    """Lump a plant without payload into the constants of (3)."""
+    """Return the constants of (3) for a plant without payload."""
     c1, c2, c3, c4, c5 = inertia_and_gravity(plant.length, plant.mass, plant.mass_center, plant.inertia, plant.gravity)
     return Arm(
         c1,
@@ -194,14 +194,14 @@ def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
 
 
 def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
-    """Lump Table 1 and a payload into the constants of (3), see `lump` and `loaded`."""
+    """Return the constants of (3) for parameters and a payload, see `lump` and `loaded`."""
     payload = payload or Payload()
     arm: Arm = loaded(lump(plant_of(parameters)), payload.mass, payload.radius(parameters), parameters.gravity)
     return arm
 
 
 def plant_of(parameters: ArmParameters) -> Plant:
-    """Return the fields as the equations take them."""
+    """Return the parameters as a `Plant`, the form in which the equations take them."""
     return Plant(*(getattr(parameters, field.name) for field in dataclasses.fields(parameters)))
 
 

@@ -19,7 +19,7 @@ __all__ = ["gaussian", "positive_part", "root", "select", "sign", "sine_cosine",
 # π/2 = sum of the three; the first two have 33 bits, so k times them is exact for |k| < 2^20 (Cody and Waite).
 HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"))
 TWO_BY_PI = 2.0 / math.pi
-NEGLIGIBLE = 40.0  # exp(-40) = 4e-18: nothing beside the 1 it stands next to
+NEGLIGIBLE = 40.0  # exp(-40) = 4e-18 is lost when it is added to 1
 
 
 def select(condition: Any, first: Any, second: Any) -> Any:
@@ -37,7 +37,7 @@ def _sine_cosine(angle: Any) -> tuple[Any, Any]:
     """Reduce to |x| <= π/4, Taylor polynomials of degree 15 and 16, then the quadrant. Good for |angle| < 1e6 rad."""
     turns = np.rint(angle * TWO_BY_PI)
     x = ((angle - turns * HALF_PI[0]) - turns * HALF_PI[1]) - turns * HALF_PI[2]
-    # Sums in pairs (Estrin): half as long a chain of dependent operations as Horner's scheme.
+    # Estrin's scheme: its chain of dependent operations is half as long as that of Horner's scheme.
     z = x * x
     z2 = z * z
     high = (1 / 362880 - z * (1 / 39916800)) + z2 * (1 / 6227020800 - z * (1 / 1307674368000))

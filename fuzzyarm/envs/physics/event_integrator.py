@@ -10,8 +10,8 @@ its velocity falls to zero; or it sticks, q̇_a = 0 exactly, until |Γ - Γ_t| e
 the equations are smooth, so DOP853 solves them to the tolerance asked for.
 
 This module shares only `ArmParameters` and `Payload` with `dynamics`, `friction` and `integrator`: its right-hand
-side is written a second time and its friction never takes a step across a sign change. It is there to measure the
-errors of `integrator.hold`, the force held over a control step included, and is too slow for anything else.
+side is written independently, and its steps never cross a sign change of a velocity. It measures the errors of
+`integrator.hold`, including that of the force approximated over a control step, and is too slow for other uses.
 """
 
 from __future__ import annotations
@@ -157,7 +157,8 @@ class _Plant:
 
     def next_mode(self, joint: int, mode: int, y: np.ndarray) -> int:
         """Return the mode after the event that ended `mode`; a slip that ended gets velocity 0 exactly, in place."""
-        if mode == 0:  # broken away; asking for |net| > Γ_fs again would hang on the last bit of the event's time
+        # The joint has broken away; testing |net| > Γ_fs again would depend on rounding of the event's time
+        if mode == 0:
             return int(np.sign(self.torque[joint] - self.joint_torque(joint, y)))
         y[MOTOR_VELOCITY + joint] = 0.0
         return self.mode(joint, y)
@@ -166,7 +167,7 @@ class _Plant:
         """Return how far the state is from the end of the mode: a speed [rad/s], or a torque [N m] in stick."""
         static = self.parameters.static_friction[joint]
         if static == 0.0:
-            return 1.0  # nothing to switch: without friction every mode has the same equations
+            return 1.0  # without friction all modes have the same equations, so there is nothing to switch
         if mode != 0:
             return float(mode * y[MOTOR_VELOCITY + joint])
         return (1.0 + BREAK_AWAY_MARGIN) * static - abs(self.torque[joint] - self.joint_torque(joint, y))

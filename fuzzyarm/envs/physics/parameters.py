@@ -15,8 +15,10 @@ __all__ = ["ArmParameters"]
 
 Pair = tuple[float, float]
 
-LARGEST = 1e12  # any constant, in its unit: far above every arm, far below where products of constants overflow
-SINGULAR_SHARE = 1e-6  # below this share of its diagonal's product the mass matrix counts as singular
+# Largest value of any constant in its unit: far above real arms, and products of constants do not overflow
+LARGEST = 1e12
+# The mass matrix counts as singular if its determinant is below this share of the product of its diagonal
+SINGULAR_SHARE = 1e-6
 
 
 def _constant(
@@ -61,7 +63,7 @@ class ArmParameters:
     velocity_limit: Pair = _constant((15.0, 15.0), "|dq/dt| <=", "rad/s", 0.0)
 
     def __post_init__(self) -> None:
-        """Check every field against its range, then what ties fields together."""
+        """Check the range of every field, then the conditions that involve several fields."""
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field, getattr(self, field.name)))
         for joint in range(2):
@@ -116,7 +118,7 @@ class ArmParameters:
         }
 
     def write_toml(self, path: str | Path) -> None:
-        """Write `to_toml` to a file, whole or not at all."""
+        """Write the TOML text to a file, atomically."""
         write_atomically(Path(path), self.to_toml())
 
     def to_toml(self) -> str:

@@ -1,1 +1,1 @@
-"""What the arm is asked to do: references, disturbances, cases and domain randomisation."""
+"""The scenario of an episode: references, disturbances, cases and domain randomisation."""

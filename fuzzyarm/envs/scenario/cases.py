@@ -32,14 +32,14 @@ _PAPER = (
 )
 
 PAPER_CASES: tuple[str, ...] = tuple(case.name for case in _PAPER)
-"""The cases of the paper: what is evaluated, trained for and compared unless another case is asked for by name."""
+"""The cases of the paper. Evaluations, trainings and comparisons use these unless other cases are named."""
 
 CASES: dict[str, Case] = {case.name: case for case in _PAPER}
 """All known cases by name; `add_case` adds one."""
 
 
 def add_case(case: Case) -> None:
-    """Make a case known by its name; ValueError if there is one of that name."""
+    """Register a case under its name; ValueError if the name is taken."""
     if case.name in CASES:
         raise ValueError(f"there is a case {case.name!r} already: {CASES[case.name].title}; choose another name")
     CASES[case.name] = case

@@ -1,4 +1,4 @@
-"""What acts on the arm beside the controller, as data: forces, payloads, torque biases and encoder noise."""
+"""Disturbances as data: forces, payloads, torque biases and encoder noise."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class ConstantForce:
         _interval("ConstantForce", self.start, self.stop)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
-        """Return the force (..., 2) [N] at times (...) [s]; the tip velocity plays no part."""
+        """Return the force (..., 2) [N] at times (...) [s]; it does not depend on the tip velocity."""
         return _while_active(self.force, time, self.start, self.stop)
 
 
@@ -119,7 +119,7 @@ class EncoderNoise:
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:
-    """What acts in one episode; compose any of the parts. `None` and the default payload mean: not there.
+    """What acts in one episode; compose any of the parts. `None` and the default payload mean: none.
 
     Examples:
         >>> Disturbance(tip_force=ConstantForce((0.0, 50.0)), payload=Payload(2.0)).payload.mass
@@ -132,7 +132,7 @@ class Disturbance:
     encoder_noise: EncoderNoise | None = None
 
     def __post_init__(self) -> None:
-        """Check that each part is what its name says."""
+        """Check the type of each part."""
         for name, kind in (("torque_bias", TorqueBias), ("encoder_noise", EncoderNoise)):
             part = getattr(self, name)
             if not isinstance(part, kind | None):

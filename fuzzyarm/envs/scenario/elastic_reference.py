@@ -1,7 +1,8 @@
-"""Where the motors must be so that the links follow a reference exactly, for a reference known beforehand.
+"""The motor reference with which the links of the elastic arm follow a reference exactly, if it is known in advance.
 
-The links ask for τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d). The joints give it when they are bent by
-δ = θ_d - q_d with B_t δ̇ + K_t δ = τ_d, equation (2). Its solution that has forgotten its start is, with b = B_t/K_t,
+The links need the torque τ_d = M_b(q_d) q̈_d + C(q_d, q̇_d) q̇_d + g(q_d). The joints provide it if they are bent by
+δ = θ_d - q_d with B_t δ̇ + K_t δ = τ_d, equation (2). Its stationary solution, after the transient of the start, is,
+with b = B_t/K_t,
 
     δ(t) = 1/K_t ∫_0^∞ e⁻ˣ τ_d(t - b x) dx,      δ̇ = (τ_d - K_t δ)/B_t,      δ̈ = (τ̇_d - K_t δ̇)/B_t,
 
@@ -22,8 +23,8 @@ from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
 
 __all__ = ["CHECKED_INSTANTS", "ElasticReference"]
 
-CHECKED_INSTANTS = 501  # evenly spaced, at which a new reference is held against the box
-PANELS = np.linspace(0.0, 36.0, 19)  # of x; e⁻³⁶ is what rounding leaves of one
+CHECKED_INSTANTS = 501  # evenly spaced instants at which a new reference is checked against the box
+PANELS = np.linspace(0.0, 36.0, 19)  # end of the integral over x; e⁻³⁶ is at the level of rounding errors
 NODES = 10  # of each panel
 STENCIL, REACH = 9, 2e-3  # Chebyshev points within ± this share of the duration, for τ̇_d and τ̈_d
 
@@ -44,7 +45,7 @@ class ElasticReference:
     reference: JointReference
 
     def __post_init__(self) -> None:
-        """Hold θ_d against the box at `CHECKED_INSTANTS` instants."""
+        """Check θ_d against the box at `CHECKED_INSTANTS` instants."""
         t, limits = np.linspace(0.0, self.duration, CHECKED_INSTANTS), self.reference.parameters
         motion = self.sample(t)
         for name, unit, values, limit in (
@@ -66,7 +67,7 @@ class ElasticReference:
 
     @property
     def box_use(self) -> float:
-        """Largest share of the box (25) that θ_d and θ̇_d take, 1 at its border."""
+        """Largest share of the box (25) that θ_d and θ̇_d use; 1 is at its border."""
         motion, limits = self.sample(np.linspace(0.0, self.duration, CHECKED_INSTANTS)), self.reference.parameters
         shares = [np.abs(motion.q) / limits.joint_limit, np.abs(motion.dq) / limits.velocity_limit]
         return float(np.max(shares))
@@ -105,7 +106,7 @@ class ElasticReference:
         x = edges[:, :-1, np.newaxis] + half * (1.0 + nodes)
         torque = self.torque(t[:, np.newaxis, np.newaxis] - time_constant * x)
         weight = half * weights * np.exp(-x)
-        # What lies beyond the last panel keeps the sum of the weights at one.
+        # The remainder beyond the last panel is added, so that the weights sum to one.
         return np.asarray(np.einsum("tpn,tpnj->tj", weight, torque) / np.sum(weight, axis=(1, 2))[:, np.newaxis])
 
     def _torque_rates(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Curves for the tip: where it goes, not when (the time law is in `reference`).
+"""Geometric paths of the tip; the time law along a path is in `reference`.
 
 Every curve p(s), s in [0, 1], lies in the plane of the arm and is twice differentiable. The frame is that of (26):
 the base at the origin, x down along gravity, y to the side.
@@ -30,10 +30,10 @@ MINIMUM_SPACING = 1e-6
 
 @runtime_checkable
 class TipPath(Protocol):
-    """What every curve offers; a class of your own with this one method will do.
+    """Protocol of a path: any class with this method can be used.
 
-    A curve whose second derivative has corners may name them in an attribute `corners`, ascending values of s: what
-    differentiates further (`elastic_reference`) is then exact there too.
+    A curve whose second derivative has corners may name them in an attribute `corners`, ascending values of s: code
+    that differentiates further (`elastic_reference`) is then exact at them too.
     """
 
     def points(self, s: ArrayLike) -> Points:

@@ -1,7 +1,7 @@
 """Domain randomisation: how the plants, loads, starts and references of episodes differ, as data.
 
-Every quantity of an episode is drawn independently and uniformly from a range; a range that is one point leaves
-the nominal, so the default randomisation varies nothing.
+Every quantity of an episode is drawn independently and uniformly from a range; a range of zero width
+leaves the nominal value, so the default randomisation varies nothing.
 """
 
 from __future__ import annotations

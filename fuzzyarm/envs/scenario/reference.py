@@ -1,4 +1,4 @@
-"""The motion the arm is asked for: a tip curve, a quintic time law and the inverse of the forward kinematics (26).
+"""The reference motion: a path of the tip, a quintic time law, and the inverse of the forward kinematics (26).
 
     s(t) = 10 x³ - 15 x⁴ + 6 x⁵,  x = t/T;      p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇)
 
@@ -54,7 +54,7 @@ class TipSample(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class JointReference:
-    """q(t), q̇(t), q̈(t) that carry the tip along a path from rest to rest; the defaults are the paper's motion.
+    """Joint motion q(t), q̇(t), q̈(t) that moves the tip along a path, from rest to rest; default: the paper's motion.
 
     All derivatives are analytic, and every value depends on its own t alone. Before t = 0 and after t = T the arm
     rests at the ends of the path.
@@ -199,7 +199,7 @@ def _check_joint_limits(t: np.ndarray, q: np.ndarray, limit: tuple[float, float]
 
 
 def _check_velocities(t: np.ndarray, dq: np.ndarray, limit: tuple[float, float], duration: float) -> None:
-    """Raise if a joint velocity passes its limit; velocities go with 1/T, so the message knows the T that fits."""
+    """Raise if a joint velocity passes its limit; they go with 1/T, so the message names the shortest T that fits."""
     speed = np.abs(dq)
     k, joint = np.unravel_index(np.argmax(speed / np.array(limit)), speed.shape)
     if speed[k, joint] > limit[joint]:

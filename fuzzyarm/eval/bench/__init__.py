@@ -1,1 +1,1 @@
-"""Speed: environment steps per second beside peers."""
+"""Benchmark of speed: environment steps per second, compared with peers."""

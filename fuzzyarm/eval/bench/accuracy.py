@@ -1,4 +1,4 @@
-"""How accurate the environment's time step is: the same closed loop on the step and on the event integrator."""
+"""Accuracy of the environment's time step: the same closed loop on the integrator and on the event integrator."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def stepped_tips(policy: Predictor, case: str, substep: float) -> np.ndarray:
 
 
 def exact_tips(policy: Predictor, case: str) -> np.ndarray:
-    """Return the same (n, 2) [m] with the plant solved by `event_integrator` under the force that follows time.
+    """Return the same (n, 2) [m] with the plant solved by `event_integrator` and the tip force as a function of time.
 
     The policy closes this loop by itself, from the states found here. About ten seconds.
     """

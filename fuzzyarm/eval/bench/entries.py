@@ -50,7 +50,7 @@ SUBSTEPS = whole_substeps(1e-3, None)
 
 
 class NotMeasured(Exception):
-    """This entry cannot run here; the message says why and what would help."""
+    """This entry cannot run here; the message says why and how to enable it."""
 
 
 UNAVAILABLE = (NotMeasured, ImportError, gym.error.Error, RuntimeError)
@@ -200,7 +200,7 @@ def _torch(lanes: int, threads: int, device: str, dtype: str) -> Iterator[Measur
             for action in actions:
                 arm.step(action)
             if device == "cuda":
-                torch.cuda.synchronize()  # a step only queues work
+                torch.cuda.synchronize()  # a step only enqueues work on the device
             return len(actions) * lanes
 
         yield timed(advance)

@@ -53,7 +53,7 @@ def freeze(loop: RigidLoop, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, 
 
 
 def pole_rate(F: np.ndarray) -> np.ndarray:
-    """Return -max Re λ [1/s] (lanes,): the rate at which small errors decay in the end."""
+    """Return -max Re λ [1/s] (lanes,): the asymptotic decay rate of small errors."""
     return np.asarray(-np.linalg.eigvals(F).real.max(axis=-1))
 
 

@@ -7,7 +7,8 @@ payload. Equation (5) and the feedforward make of this, for ē = (e, x_I) and wi
 
     Ē(z) ē' = (Ā(z) + B̄ K̄_hv) ē + B̄ w,      w = d + ρ,      ρ = [A(z) x_r - E(z) ẋ_r]_3:4 + L_hv r,
 
-x_r = (q_d, q̇_d). ρ is the feedforward residual of the dropped premises, zero if none is. The certificate says of this w
+x_r = (q_d, q̇_d). ρ is the feedforward residual of the dropped premises, zero if none is. The certificate states for
+this w
 
     V' + zᵀz - γ² wᵀw + 2αV < 0,      V = ēᵀ P⁻¹ ē,      z = q - q_d,      while q and q̇ stay in the box (25).
 """
@@ -43,7 +44,7 @@ class RigidLoop:
     controller: Controller
 
     def __post_init__(self) -> None:
-        """Refuse the paper's form, whose V and residual are others."""
+        """Raise for the paper's form, whose V and residual differ."""
         if self.controller.form != "consistent":
             raise ValueError(f"a controller of the {self.controller.form} form; needed: the consistent form")
 

@@ -41,7 +41,7 @@ class Verification:
     seconds: float
 
     def to_text(self) -> str:
-        """Return the report for a person: a line for each claim that fails, a summary, and the words."""
+        """Return the report as text: a line for each claim that fails, a summary, and the certificate in words."""
         claims, c = self.certificate.claims, self.controller
         failed = [claim for claim in claims if not claim.proven]
         multipliers = (
@@ -76,7 +76,7 @@ class Verification:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report for a machine."""
+        """Return the report as plain data for JSON."""
         return {
             "file": str(self.path),
             "proven": self.certificate.proven,
@@ -100,7 +100,7 @@ def verify_file(path: Path) -> Verification:
     seconds = time.perf_counter() - begin
     residual = tip = None
     if controller.form == "consistent":
-        # Another arm may not reach the paper's circle; then there is nothing to bound.
+        # Another arm may not reach the paper's circle; then there is no residual to bound.
         with contextlib.suppress(ValueError):
             circle = JointReference(parameters=controller.model.parameters)
             residual, tip = residual_bound(controller.model, circle), tip_statement(circle)

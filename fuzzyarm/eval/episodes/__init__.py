@@ -1,1 +1,1 @@
-"""What happened: one episode recorded, its file and its metrics."""
+"""Rollouts: recording of episodes, their file and their metrics."""

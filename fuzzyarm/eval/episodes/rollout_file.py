@@ -34,7 +34,7 @@ def digest(rollouts: Sequence[Rollout]) -> str:
 
 
 def write_rollouts(rollouts: Sequence[Rollout], folder: Path) -> Path:
-    """Write every field of every rollout to ``rollouts.npz``, whole or not at all; return its path.
+    """Write every field of every rollout to ``rollouts.npz``, atomically; return its path.
 
     The array of field ``torque`` of the third rollout is called ``2.torque``; names and flags are arrays as well.
     """

@@ -1,1 +1,1 @@
-"""How policies rank: policies in the paper's cases, tables, figures and files."""
+"""Evaluation of policies: runs in the cases, tables, figures, files and ranking."""

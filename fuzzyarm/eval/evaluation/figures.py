@@ -229,7 +229,7 @@ def _force_figure(title: str, episode: Rollout) -> Figure:
 
 
 def _legend(figure: Figure, episodes: Sequence[Rollout], styles: Styles, others: Sequence[Line2D]) -> None:
-    """Put below the axes: `others`, every policy, and what the cross means if there is one."""
+    """Put a legend below the axes: `others`, every policy, and the meaning of the cross if there is one."""
     policies = dict.fromkeys(episode.policy for episode in episodes)
     handles = [*others, *(Line2D([], [], label=policy, **styles[policy]) for policy in policies)]
     if not all(episode.completed for episode in episodes):

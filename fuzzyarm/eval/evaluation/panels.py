@@ -61,4 +61,5 @@ TIME_FIGURES: dict[str, tuple[Panel, ...]] = {
         Panel("friction torque,\njoint 2", "N m", lambda r: r.friction_torque[:, 1], scale="joint 2"),
     ),
 }
+# The panels of the overview, one column for each case.
 OVERVIEW = (Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)

@@ -119,7 +119,7 @@ def _check_files(results: Results) -> None:
     for label, spec in resolve_all(results.config.policies, run_code=True).items():
         then, now = results.policy_files[label], spec.files()
         changed = sorted(file for file in then.keys() | now.keys() if then.get(file) != now.get(file))
-        if changed and now:  # an unknown policy has no files; `evaluate` says more of it
+        if changed and now:  # an unknown policy has no files; the error of `evaluate` says more
             raise ValueError(
                 f"policy {spec.name} is not the one that was measured: {', '.join(changed)} has another content "
                 f"(SHA-256) than {results.path} records; put the old file back, or evaluate anew"
@@ -161,7 +161,7 @@ def _notes(then: Results, now: Mapping[str, Any]) -> list[str]:
 
 
 def print_comparison(found: Comparison, console: Console) -> None:
-    """Print what agrees or what differs, then the notes."""
+    """Print the result of the comparison, then the notes."""
     if found.differences:
         headings = ["policy, case, seed", "number", "recorded", "now", "relative"]
         table = new_table(headings, left=(0, 1), console=console)

@@ -13,7 +13,7 @@ from fuzzyarm.policies import resolve
 
 __all__ = ["NAME", "Results", "read_results"]
 
-NAME = "results.json"
+NAME = "results.json"  # in the folder of an evaluation
 _IDENTITY = ("case", "policy", "seed")
 _NEEDED = (*_IDENTITY, "completed", "reason", "tip_error_max_mm", "tip_error_rms_mm")
 

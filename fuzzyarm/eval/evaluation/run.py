@@ -27,7 +27,7 @@ from fuzzyarm.policies import COMPARED, resolve_all
 
 __all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
-SCHEMA = "fuzzyarm-evaluation/1"
+SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
 
 
 @dataclasses.dataclass(frozen=True)

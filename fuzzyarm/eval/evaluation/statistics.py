@@ -31,7 +31,10 @@ class Estimate(NamedTuple):
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Return the mean along an axis without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest of n values."""
+    """Return the mean along an axis without the ⌊n/4⌋ smallest and the ⌊n/4⌋ largest of n values.
+
+    The result has the unit of the values, and their shape without the axis.
+    """
     return np.asarray(trim_mean(values, 0.25, axis=axis))
 
 

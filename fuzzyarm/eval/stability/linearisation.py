@@ -98,7 +98,7 @@ def gain_margin(
 ) -> GainLimits:
     """Return the loop gains around κ = 1, common to both motors, between which the spectral radius is below 1.
 
-    Arguments and exceptions as for `spectral_radius`.
+    Arguments, with their units, and exceptions as for `spectral_radius`.
     """
     return gain_limits(linearise_path(policy, parameters, control_period, payload), delay)
 
@@ -106,7 +106,7 @@ def gain_margin(
 def linearise_path(
     policy: Linearisable, parameters: ArmParameters, control_period: float, payload: Payload | None = None
 ) -> list[LocalLoop]:
-    """Return the loops at `POSTURES` instants of the paper's path; exceptions as for `spectral_radius`."""
+    """Return the loops at `POSTURES` instants of the paper's path; units and exceptions as for `spectral_radius`."""
     reference = JointReference(parameters=parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
     smooth = policy.without_dry_friction()  # once for all postures: it may design an observer anew
@@ -120,7 +120,7 @@ def linearise(
     control_period: float,
     payload: Payload | None = None,
 ) -> LocalLoop:
-    """Return the loop at its equilibrium for a reference held at `posture` [rad]; exceptions as `spectral_radius`."""
+    """Return the loop at its equilibrium, for a reference at rest at `posture` (2,) [rad]; see `spectral_radius`."""
     return _linearise(policy.without_dry_friction(), parameters, posture, control_period, payload)
 
 
@@ -151,9 +151,10 @@ def _linearise(
 
 
 def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return the point after a Newton step, shortened until the loop rests better there than at `point`.
+    """Return the point after a Newton step, shortened until the residual is smaller there than at `point`.
 
-    Full steps do for laws that are nearly linear; a network's may need shorter ones. The shortest is taken anyway.
+    Full steps do for laws that are nearly linear; a network's may need shorter ones. If no step improves, the shortest
+    one is taken.
     """
 
     def unrest(at: np.ndarray) -> float:
@@ -200,7 +201,8 @@ class _FrozenArm:
         )
         memory = point[_MEMORY]
         law = _differences(self._act, point, np.append(steps, _MEMORY_STEP * np.maximum(1.0, np.abs(memory))))
-        # Kept: what the torque reads, directly or through other memory. Unread entries have differences of exactly 0.
+        # Entries are kept if the torque depends on them, directly or through other memory. Unread entries have
+        # differences of exactly 0.
         rows = np.append(np.ones(JOINTS, dtype=bool), np.zeros(len(memory), dtype=bool))
         for _ in memory:
             rows[_NEXT_MEMORY] |= np.any(law[rows, _MEMORY] != 0.0, axis=0)

@@ -67,6 +67,7 @@ class Condition:
     payload: Payload | None = None
 
 
+# The conditions of the columns, in their order.
 CONDITIONS = (
     Condition("nominal"),
     Condition("loop gain x 0.67", loop_gain=0.67),
@@ -143,7 +144,8 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         OSError: a file cannot be read.
     """
     parameters = ArmParameters.from_toml(config.robot) if config.robot else ArmParameters()
-    JointReference(parameters=parameters)  # an arm that cannot follow the path is bad usage, not a row of dashes
+    # An arm that cannot follow the path is a usage error, for which the table has no row
+    JointReference(parameters=parameters)
     specs = resolve_all(config.policies, run_code=True)
     policies = {label: _loaded(spec, parameters) for label, spec in specs.items()}
     rows = []

@@ -136,7 +136,7 @@ class Engine:
             # Ray reads this when it is imported. Without it even a cluster of one machine listens on all its
             # addresses, and everybody who can reach Ray's ports can run programs.
             os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to Ray's makers
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # disables Ray's usage statistics
         try:
             from fuzzyarm.eval.sweep import ray_backend
         except ModuleNotFoundError as error:

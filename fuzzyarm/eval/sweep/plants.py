@@ -1,4 +1,4 @@
-"""The plants of a sweep, by number: what each is made of, and the environment that holds some of them in some cases.
+"""The plants of a sweep by number: their parameters, and the environment for some plants in some cases.
 
 Plant i is a function of the configuration and of i alone. The environment draws its domain randomisation from its own
 stream for seed + i; noise and delay come from another stream of the same seed. So a plant is the same whatever chunk

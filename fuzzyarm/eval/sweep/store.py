@@ -1,4 +1,4 @@
-"""The folder of a sweep: what is run, the chunks that are done, and from which code and versions they came.
+"""The folder of a sweep: its configuration, the finished chunks, and the code and versions that produced them.
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Every file carries the
 digest of the sweep's identity (`identity.identity`). Chunks of another identity are never mixed in.
@@ -108,7 +108,7 @@ class Store:
         return cls(folder, config, specs, digest)
 
     def take_back(self) -> None:
-        """Undo `create`, unless there are chunks already."""
+        """Undo `create` if there are no chunks yet."""
         if not any((self.folder / _CHUNKS).iterdir()):
             (self.folder / _CHUNKS).rmdir()
             (self.folder / RUN).unlink()

@@ -1,14 +1,15 @@
 """Output feedback on the elastic arm: an observer of the hidden link side, and a state feedback to the elastic target.
 
-What every policy sees of the arm is the motors, y = (θ, θ̇) with noise. The observer estimates x = (θ, q, θ̇, q̇), motors
+Every policy measures only the motors, y = (θ, θ̇) with noise. The observer estimates x = (θ, q, θ̇, q̇), motors
 and links, and an unknown torque d on the links (a tip force, a payload), modelled as a random walk:
 
     correct   (x̂, d̂) = (x̂, d̂)⁻ + L (y - (θ̂, θ̂̇)⁻),
     act       u = u_ff - d̂ - K (x̂ - x_d),      x_d = (θ_d - K_t⁻¹ d̂, q_d, θ̇_d, q̇_d),
     predict   (x̂, d̂)⁻ = what the nominal elastic arm, friction and stick included, does of (x̂, d̂) under u.
 
-θ_d and u_ff are those of `elastic_target`; K_t⁻¹ d̂ is how much less the joints have to bend where d̂ carries the links.
-The prediction uses the torque within its limits, which is what the motors apply, so nothing winds up at a limit.
+θ_d and u_ff are those of `elastic_target`; K_t⁻¹ d̂ is the bending that the joints need not provide because d̂ supports
+the links. The prediction uses the torque within its limits, which is what the motors apply, so nothing winds up at a
+limit.
 
 K and L are tabulated over cos q2 by `observer_gains` and interpolated. The integral action is in d̂: a constant torque
 on the links leaves no error at the tip.
@@ -48,7 +49,7 @@ __all__ = ["ElasticObserverPolicy"]
 
 _TARGET_PART, _STARTED, _PREDICTED = consecutive(elastic_target.MEMORY_SIZE, 1, ESTIMATES)  # of a lane's memory
 
-STATICS_STEPS = 20  # of the fixed-point iteration for the first estimate; each gains three digits on Table 1
+STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
 class ElasticObserverPolicy(Policy):
@@ -134,7 +135,7 @@ def _observe_and_act(
             started[lane, 0] = 1.0
             _begin(lane, o.q_motor, o.dq_motor, predicted, arm)
         place = 0.5 * (np.cos(o.q_motor[lane, 1]) + 1.0) * (len(feedback) - 1)
-        left = min(max(int(place), 0), len(feedback) - 2)  # min and max also for a cosine that is no number
+        left = min(max(int(place), 0), len(feedback) - 2)  # min and max also map a cosine that is nan into the table
         share = place - left
         for i in range(JOINTS):
             innovation[i] = o.q_motor[lane, i] - estimate.q_motor[lane, i]

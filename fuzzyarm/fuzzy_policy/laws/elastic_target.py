@@ -10,7 +10,7 @@ solves the same equation exactly for a reference known beforehand.) The torque t
 
     u_ff = I_a θ̈_d + f_v θ̇_d + F(θ̇_d) sign θ̇_d + τ_d,
 
-by default not that of t_k but that of t_k + T/2, the mean over the coming hold, extrapolated from the last two.
+by default at t_k + T/2 instead of t_k: the mean over the coming hold, extrapolated from the last two samples.
 
 Any policy may use it, because it reads only the observation.
 """
@@ -98,7 +98,7 @@ class ElasticTarget:
 
         Args:
             observation: (lanes, 10), of which the reference (q_d, q̇_d, q̈_d) is read.
-            memory: (lanes, `MEMORY_SIZE`), zeros when an episode begins: the arm is taken to have been at rest.
+            memory: (lanes, `MEMORY_SIZE`), zeros when an episode begins, which means that the arm was at rest before.
             target: (lanes, 6), becomes θ_d [rad], θ̇_d [rad/s], θ̈_d [rad/s²].
             feedforward: (lanes, 2), becomes u_ff [N m], not clipped.
         """

@@ -53,7 +53,7 @@ class TipPolicy(Policy):
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
 
     def without_dry_friction(self) -> TipPolicy:
-        """Return this policy for an arm without dry friction: nothing to feed forward."""
+        """Return this policy for an arm without dry friction, which needs no friction feedforward."""
         return TipPolicy(self.law, friction=False, average=self.average)
 
     def certificate(self, reference: JointReference) -> PolicyCertificate | None:

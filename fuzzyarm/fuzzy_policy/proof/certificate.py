@@ -63,7 +63,7 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
     """Prove P > 0 and every inequality of the controller's form, from the stored gains (M := K P).
 
     Those are Ψ of its theorem and, for a bound of the fastest pole, Φ of `consistent_reference`.
-    The vertices are formed anew from the robot parameters, everything in exact rational arithmetic (`exact`).
+    The vertices are computed from the robot parameters; all arithmetic is exact and rational (`exact`).
     `progress` is called after each inequality.
     """
     data = exact_vertices(controller)
@@ -105,7 +105,7 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
 
 
 def exact_vertices(controller: Controller) -> Vertices:
-    """Return the vertices of the controller's form in exact rationals, formed anew from its robot parameters."""
+    """Return the vertices of the controller's form in exact rationals, computed from its robot parameters."""
     polytope = controller.model.polytope_in(rational)
     terms = [UncertainTerm((u.premise,), u.on, exact(u.H), exact(u.W)) for u in polytope.uncertainties]
     if controller.common_multiplier:

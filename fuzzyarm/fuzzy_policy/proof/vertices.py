@@ -94,7 +94,7 @@ class Vertices:
 
 @dataclasses.dataclass(frozen=True)
 class TrackingVertices(Vertices):
-    """Likewise for the paper's own form, with the reference model (8) and the weight of (13).
+    """The vertices of the paper's own form, with the reference model (8) and the weight of (13).
 
     Attributes:
         A_r: (4, 4).

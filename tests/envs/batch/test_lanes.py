@@ -104,7 +104,7 @@ def by_lane(results):
 
 
 def started(count=8, **options):
-    """Lanes in the middle of their episodes."""
+    """Lanes whose episodes have begun."""
     lanes = lanes_of(np.arange(count), **options)
     lanes.reset(range(count))
     for torque in TORQUES[:5, :count]:
@@ -229,7 +229,7 @@ def test_a_restarted_lane_is_the_lane_alone_in_its_second_episode():
 
 
 def test_each_lane_draws_by_its_own_count_of_episodes():
-    """However often the others begin, a lane's n-th episode after its seed is the same."""
+    """A lane's n-th episode after its seed is the same however often other lanes are reset."""
     busy, calm = started(4), started(4)
     for _ in range(3):
         busy.restart(np.array([0, 2]))
@@ -264,7 +264,7 @@ def test_scenarios_of_a_reset_hold_for_its_episodes_only(steps):
     assert all(lanes.schedule(k)[0] is other[0][1] for k in range(8))
     for torque in TORQUES[:steps, :8]:
         lanes.step(torque.copy())
-    lanes.restart(np.array([2]))  # a lane that begins anew by itself is back at its own scenario, the others are not
+    lanes.restart(np.array([2]))  # a lane that was reset automatically is back at its own scenario, the others are not
     assert lanes.schedule(2)[0] is plain.schedule(2)[0]
     assert all(lanes.schedule(k)[0] is other[0][1] for k in range(8) if k != 2)
     assert np.array_equal(lanes.reset(range(8)), own)
@@ -374,7 +374,7 @@ print(hasattr(kernels.advance_one, "signatures"))
 
 
 def test_a_copy_goes_on_in_another_process_whatever_its_first_action():
-    """There the kernels are compiled, or read from disk, for the copy: for torques, also if the first are integers."""
+    """There the kernels are compiled, or read from disk, for floats, even if the first torques are integers."""
     env = FuzzyArmEnv(disturbance=NOISY)
     env.reset(seed=0)
     done = subprocess.run([sys.executable, "-c", ELSEWHERE], input=pickle.dumps(env), capture_output=True, check=False)

@@ -43,7 +43,7 @@ class Run(NamedTuple):
 
 
 def run(disturbance, torques=TORQUES, seed=0):
-    """Play torques open-loop; no feedback, so what a part changes cannot come back through the controller."""
+    """Play torques open-loop, so that the effect of a disturbance cannot return through a controller."""
     env = FuzzyArmEnv(disturbance=disturbance)
     results = [env.reset(seed=seed), *(env.step(torque) for torque in torques)]
     infos = [result[-1] for result in results]
@@ -225,7 +225,7 @@ def test_torque_bias_changes_nothing_before_its_onset(undisturbed):
 @pytest.mark.parametrize("payload", [Payload(5.0), Payload(5.0, at="link")], ids=["tip", "link"])
 def test_payload_changes_the_constants_of_the_plant_alone(undisturbed, payload):
     loaded = run(Disturbance(payload=payload))
-    assert np.array_equal(loaded.states[0], undisturbed.states[0])  # nobody told the motors
+    assert np.array_equal(loaded.states[0], undisturbed.states[0])  # the motors do not know the payload
     assert np.array_equal(loaded.states, plant(undisturbed.states[0], TORQUES, payload=payload))
     assert not np.array_equal(loaded.states[1], undisturbed.states[1])
     assert not loaded.signal("external_force").any()

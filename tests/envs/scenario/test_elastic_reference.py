@@ -188,7 +188,7 @@ def test_box_use_is_the_largest_share():
     ],
 )
 def test_leaving_the_box_is_refused(message, duration, change):
-    """Limits that the links keep and the motors, a bending further, do not."""
+    """The links keep these limits; the motors, which are ahead by the bending, do not."""
     reference = JointReference(duration=duration, parameters=dataclasses.replace(ARM, **change))
     with pytest.raises(ValueError, match="^" + message + r".*allowed: \[-.*stiffen the joints"):
         ElasticReference(reference)

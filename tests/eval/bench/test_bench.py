@@ -1,4 +1,4 @@
-"""The speed table without its speeds: who takes turns, what is made of the numbers, what is said where none are."""
+"""The speed table with made-up speeds: the order of measurements, the statistics, and the texts for missing numbers."""
 
 import contextlib
 import dataclasses
@@ -31,12 +31,12 @@ def silent(_):
 
 
 def entry(name, speeds, log=None, **fields):
-    """Return one whose rounds have the given speeds, after a warm-up; what happens to it goes to `log`."""
+    """Return an entry with the given speeds per round, after a warm-up; `log` records its calls."""
     log = [] if log is None else log
 
     @contextlib.contextmanager
     def opened():
-        remaining = iter([0.0, *speeds])  # the warm-up's is of no use to anybody
+        remaining = iter([0.0, *speeds])  # the speed of the warm-up is dropped
 
         def measure(seconds):
             log.append((name, seconds))
@@ -438,7 +438,7 @@ class Tensor(np.ndarray):
 
 @pytest.fixture
 def torch_env(monkeypatch):
-    """Return a stand-in of the module, with a log of what was asked of it."""
+    """Return a stand-in of the module that logs its calls."""
     log = []
 
     class TorchFuzzyArm:

@@ -188,7 +188,7 @@ def test_integrals_agree_with_a_quadrature_of_the_trajectory() -> None:
 
 
 def test_a_run_that_was_out_of_the_box_stays_out() -> None:
-    """From 3.3 rad the arm comes back; what it does then is not covered."""
+    """The arm comes back from 3.3 rad; the certificate does not cover its motion from then on."""
     loop = shipped("fuzzy-4")
     start = np.array([[3.3, 0, 0, 0, 0, 0], [1e-3, 0, 0, 0, 0, 0]])
     run = simulate(loop, Uniform(np.zeros((1, 2)), np.zeros((1, 2))), start, NOTHING, 0.6, step=STEP)
@@ -235,7 +235,8 @@ def test_the_slowest_start_shows_the_rate_and_no_less(name: str) -> None:
     P, alpha = loop.controller.P, loop.controller.alpha
     found = find_worst_point(loop, lambda F, G, omega: -lyapunov_rate(F, P))
     dq = 0.98 * found.dq[np.newaxis]
-    room = np.pi - 0.02 * np.abs(dq) - 0.01  # a worst posture at the border of the box must not be left outwards
+    # From a worst posture at the border of the box, the arm must not leave the box
+    room = np.pi - 0.02 * np.abs(dq) - 0.01
     q = np.clip(found.q[np.newaxis], -room, room)
     start = 1e-3 * slowest_error(freeze(loop, q, dq)[0], P)
     run = simulate(loop, Uniform(q - start[:, :2], dq - start[:, 2:4]), start, NOTHING, 0.02, step=1e-4)

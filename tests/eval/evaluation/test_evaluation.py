@@ -99,7 +99,7 @@ def test_a_reference_that_leaves_the_box_bent_has_no_certificate_for_the_tip():
 
 @pytest.mark.parametrize("policy", ["fuzzy-4-tip", "computed-torque-tip"])
 def test_the_tip_follows_a_hundred_times_closer_without_load(evaluation, policy):
-    """Case 1 below 0.1 mm; nothing is promised under loads that nobody told the policy of."""
+    """Case 1 below 0.1 mm; nothing is claimed under unknown loads."""
     assert row(evaluation, "nominal", policy)["tip_error_max_mm"] < 0.01
     assert row(evaluation, "nominal", policy.removesuffix("-tip"))["tip_error_max_mm"] > 3.0
 

@@ -1,4 +1,4 @@
-"""Means and intervals of a few runs, against numbers made by hand and against every resample there is."""
+"""Means and intervals of a few runs, compared with results by hand and with the set of all resamples."""
 
 import itertools
 

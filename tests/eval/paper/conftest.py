@@ -1,4 +1,4 @@
-"""What is run once for all tests of the paper: some seconds."""
+"""Fixtures of the paper's tests, which are computed once in some seconds."""
 
 import pytest
 

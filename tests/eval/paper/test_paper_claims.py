@@ -1,4 +1,4 @@
-"""The paper's numbers: none is missing, ours have not moved, and each is what an independent computation says."""
+"""The paper's numbers: none is missing, ours have not drifted, and they agree with independent computations."""
 
 import dataclasses
 import itertools

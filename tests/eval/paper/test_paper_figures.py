@@ -1,4 +1,4 @@
-"""Figures 2-10: what is drawn over what, and the files."""
+"""Figures 2-10: the data they show, and their files."""
 
 import numpy as np
 import pytest

@@ -14,13 +14,13 @@ from fuzzyarm.eval.paper.report import compare, print_report
 
 @pytest.fixture
 def gathered(monkeypatch, evidence):
-    """Let the command take what the session has gathered."""
+    """Let the command use the evidence of the session."""
     monkeypatch.setattr("fuzzyarm.eval.paper.evidence.gather", lambda progress=None: evidence)
 
 
 @pytest.fixture
 def undrawn(gathered, monkeypatch):
-    """Let it draw nothing besides."""
+    """Let the command draw no figures."""
     monkeypatch.setattr("fuzzyarm.eval.paper.figures.write_figures", lambda evidence, folder, progress=None: [])
 
 

@@ -28,7 +28,7 @@ def evaluation() -> Evaluation:
 
 @pytest.fixture(scope="session")
 def seen() -> Observed:
-    """What is observed of fuzzy-4, which takes seconds."""
+    """Observed values of fuzzy-4, which take seconds."""
     return observe(RigidLoop(load_policy("fuzzy-4").controller), JointReference())  # type: ignore[attr-defined]
 
 

@@ -1,4 +1,4 @@
-"""What is observed beside the certified bounds: the benchmark's numbers, within the bounds, or a reason in words."""
+"""Observed values beside the certified bounds: they agree with the benchmark, keep the bounds, or have a reason."""
 
 import dataclasses
 import json
@@ -37,7 +37,7 @@ def test_the_bounds_are_those_of_the_controller(controller):
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Count what is observed instead of observing it."""
+    """Count the calls of `observe`, which returns at once."""
     calls = []
     monkeypatch.setattr("fuzzyarm.eval.report.observed.observe", lambda loop, reference: calls.append(loop) or "seen")
     return calls

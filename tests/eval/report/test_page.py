@@ -1,4 +1,4 @@
-"""The page as text: all of it inside, all of it escaped, the numbers those of the evaluation."""
+"""The page as text: complete, escaped, and with the numbers of the evaluation."""
 
 import base64
 import dataclasses

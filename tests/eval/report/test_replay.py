@@ -1,4 +1,4 @@
-"""The page in a real Chromium: it loads, plays, seeks and listens to keys; nothing is fetched, nothing is logged."""
+"""The page in Chromium: it loads, plays, seeks and handles keys; nothing is fetched or logged."""
 
 import json
 
@@ -15,7 +15,7 @@ SAMPLE = "Number(document.getElementById('scrubber').value)"
 
 @pytest.fixture
 def page(chromium, folder):
-    """The report, opened anew; whatever a test does must leave the console silent and the network alone."""
+    """The report, opened again for each test, which must not log anything or use the network."""
     path = folder / "report.html"
     chromium.open(path)
     yield chromium
@@ -170,7 +170,7 @@ def test_policies_can_be_left_out(page):
         page.run(f"document.querySelectorAll('.chip input')[{policy}].click()")
         assert page.run("document.querySelectorAll('#arms figure:not([hidden])').length") == left
     assert page.run(PICTURES)[-1] != before
-    page.press("ArrowRight")  # with nobody left there is nothing to draw, and nothing fails
+    page.press("ArrowRight")  # without policies nothing is drawn, and nothing fails
 
 
 def test_space_on_a_checkbox_ticks_it_and_plays_nothing(page):

@@ -1,4 +1,4 @@
-"""Whatever is wrong with the folder: one clear line, exit code 2, and the page that is there stays."""
+"""A damaged folder gives one clear line and exit code 2, and an existing page stays."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ KEPT = "a page made before"
 
 
 def refusal(folder, capsys):
-    """Return the one line that `fuzzyarm report` says; see that it wrote nothing."""
+    """Return the line that `fuzzyarm report` prints, and check that it wrote nothing."""
     page = folder / "report.html"
     page.write_text(KEPT)
     names = {path.name for path in folder.iterdir()}

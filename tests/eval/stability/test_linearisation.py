@@ -177,7 +177,7 @@ def test_matrix_refuses_gain_and_delay_out_of_range(gain: float, delay: float) -
 
 
 def test_other_parts_of_a_sample_are_refused() -> None:
-    """Where the torque may change is in the middle of a period."""
+    """Between samples, the torque can only change in the middle of a period."""
     with pytest.raises(ValueError, match=r"delay = 0.25 is no multiple of half a sample; allowed: 0, 0.5, 1"):
         spectral_radius(Springs(), ARM, control_period=PERIOD, delay=0.25)
 
@@ -330,7 +330,7 @@ def test_the_arm_settles_below_the_upper_margin_and_diverges_above(name: str, de
 
 
 def test_delay_costs_margin() -> None:
-    """Delay never helped these loops; the radius at the upper edge is 1."""
+    """Delay does not increase the margins of these loops; the radius at the upper limit is 1."""
     policy, delays = POLICIES["fuzzy-4"], (0, 0.5, 1, 1.5, 2)
     uppers = [gain_margin(policy, ARM, control_period=PERIOD, delay=delay)[1] for delay in delays]
     assert uppers == sorted(uppers, reverse=True)

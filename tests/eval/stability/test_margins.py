@@ -1,4 +1,4 @@
-"""The table of margins: its numbers are those of direct calls, what has none says why, and it fits its console."""
+"""The table of margins: numbers as by direct calls, reasons for missing ones, and it fits its console."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def test_an_unstable_loop_is_marked_by_a_word() -> None:
 
 @pytest.mark.parametrize(("radius", "cell"), [(0.99996, "1.0000"), (1.0, "1.0000 unstable"), (None, "-")])
 def test_radius_cells(radius: float | None, cell: str) -> None:
-    """The word goes by the number, not by its digits."""
+    """ "unstable" depends on the number, not on its rounded digits."""
     row = json.loads(json.dumps(nominal()["rows"][0]))
     row["spectral_radius"]["one sample later"] = radius
     headings, (cells,) = margin_cells([row])
@@ -238,7 +238,7 @@ def test_every_policy_there_is() -> None:
     assert len(steps) == len(NAMES)
     for row in document["rows"]:
         radius = row["spectral_radius"]["nominal"]
-        if row["policy"] in LEARNED:  # nobody asked them to be stable
+        if row["policy"] in LEARNED:  # their training did not require stability
             assert radius is not None or "no equilibrium" in row["reasons"]["nominal"]
         else:
             assert radius is not None, row["reasons"]

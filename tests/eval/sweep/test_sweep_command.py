@@ -1,4 +1,4 @@
-"""`fuzzyarm sweep` as a user meets it: outputs, exit codes, one-line errors, and nothing overwritten."""
+"""`fuzzyarm sweep` from a user's view: outputs, exit codes, one-line errors, and nothing overwritten."""
 
 import json
 import os
@@ -19,7 +19,7 @@ def contents(folder):
 
 
 def refused(capsys, folder, arguments, expected):
-    """See that a command ends with one line and exit code 2, and changes nothing."""
+    """Check that a command ends with one line and exit code 2, and changes nothing."""
     before = contents(folder)
     assert main(["sweep", *arguments]) == 2
     error = capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Work on many workers: the same results from all, and whatever worker dies, all of the work."""
+"""Work on many workers: the same results from all, and complete results whichever worker dies."""
 
 import os
 import signal

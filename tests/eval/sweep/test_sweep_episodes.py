@@ -31,7 +31,7 @@ def whole():
 
 
 def tip_errors(env, policy, seed, delay=0, noise=1.0):
-    """Return the tip errors of an episode of one environment, written down anew: how each loop is meant."""
+    """Return the tip errors of an episode of one environment, by a second, independent loop."""
     observation, info = env.reset(seed=seed)
     waiting, state, errors, done = None, None, [], False
     while not done:

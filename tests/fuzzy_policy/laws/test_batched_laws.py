@@ -1,4 +1,4 @@
-"""The fixed policies on the batched environment: a thousand controllers a call, each as if it were alone."""
+"""Model-based policies on the batched environment: one call evaluates a thousand independent controllers."""
 
 import sys
 

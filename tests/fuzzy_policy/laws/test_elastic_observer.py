@@ -194,7 +194,7 @@ def test_estimates_and_arm_settle_where_a_constant_force_and_the_reference_want_
     reference, state = np.concatenate([POSTURE, np.zeros(4)]), None
     for step in range(3000):
         torque, state = policy.predict(np.concatenate([plant[0, MEASURED], reference]), state)
-        if step == 0:  # the arm rests under the nominal load: nothing to correct
+        if step == 0:  # the arm rests under the nominal load, so there is no correction
             np.testing.assert_allclose(torque, gravity, rtol=1e-9)
         plant = move(plant, torque[np.newaxis], force, SMOOTH)
     arm, load = policy.estimate(state)
@@ -245,7 +245,7 @@ def test_the_prediction_is_under_the_clipped_torque():
     np.testing.assert_array_equal(load, 0.0)
     far = np.concatenate(
         [before[MEASURED], POSTURE + np.array([0.3, -0.4]), np.zeros(4)]
-    )  # as predicted: nothing to correct
+    )  # the measurement is as predicted, so there is no correction
     torque, state = policy.predict(far, state)
     np.testing.assert_array_equal(np.abs(torque), ARM.torque_limit)
     expected = move(before[np.newaxis], torque[np.newaxis], np.zeros((1, 2)), ARM)

@@ -1,4 +1,4 @@
-"""The target behind the springs: against the exact reference, and policies that track it."""
+"""The elastic target: compared with the exact reference, and tracked by policies."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_averaging_takes_the_middle_of_the_hold():
 
 
 def test_lanes_do_not_meet():
-    """Two lanes with different references and one that begins later are what each is alone."""
+    """Two lanes with different references, and one that begins later, give the same results as each alone."""
     target, first, second = ElasticTarget(ARM, PERIOD), JointReference(), JointReference(duration=2.0)
     alone = [follow(target, reference)[1] for reference in (first, second)]
     t = np.arange(0.0, 0.2, PERIOD)
