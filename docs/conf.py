@@ -15,8 +15,16 @@ os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PAT
 
 project, author, copyright = "FuzzyArm", "the FuzzyArm authors", "the FuzzyArm authors"
 release = version = __version__
-extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "api_pages", "command_line", "equations", "results_tables"]
-exclude_patterns = ["_build", "_extensions", "api/index.md.in"]
+extensions = [
+    "myst_nb",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "api_pages",
+    "command_line",
+    "equations",
+    "results_tables",
+]
+exclude_patterns = ["_build", "_extensions"]
 nitpicky = True
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "fieldlist", "attrs_inline"]

@@ -49,7 +49,7 @@ def index_page(modules: list[griffe.Module]) -> str:
     lines = ["# API", "", "Every public name, module by module. What is not listed here may change without notice.", ""]
     rooms: dict[str, list[griffe.Module]] = {}
     for module in modules:
-        rooms.setdefault(".".join(module.path.split(".")[:3 if module.path.count(".") > 2 else 2]), []).append(module)
+        rooms.setdefault(".".join(module.path.split(".")[: 3 if module.path.count(".") > 2 else 2]), []).append(module)
     for room, members in rooms.items():
         lines += [f"## `{room}`", "", "| module | |", "| --- | --- |"]
         lines += [f"| [`{module.path}`]({module.path}.md) | {_cell(_first_sentence(module))} |" for module in members]
@@ -68,7 +68,9 @@ def module_page(module: griffe.Module) -> str:
     parts = [f"# `{module.path}`", _docstring(module, 1)]
     for name in module.exports or []:
         member = module.members.get(str(name))
-        if member is not None:
+        if member is None:  # griffe does not see names that one statement assigns together
+            parts.append(f"(api-{module.path}.{name})=\n## `{name}`\n\nA generated function; see the module's text.".lower())
+        else:
             parts.append(_member(member, 2))
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -94,7 +96,8 @@ def _member(member: Any, level: int) -> str:
 
 def _label(member: Any) -> str:
     # Labels do not tell capitals from small letters, names do.
-    return f"api-{member.path}{'-class' if member.is_class else ''}".lower()
+    kind = "-class" if member.is_class else "-data" if member.is_attribute else ""
+    return f"api-{member.path}{kind}".lower()
 
 
 def _signature(target: Any) -> str:
@@ -131,7 +134,9 @@ def _docstring(target: Any, level: int) -> str:
     parts = []
     for section in target.docstring.parse("google", warnings=False):
         if section.kind is griffe.DocstringSectionKind.text:
-            parts.append(re.sub(r"^(#+) ", lambda match: "#" * (level + len(match[1]) - 1) + " ", section.value, flags=re.M))
+            parts.append(
+                re.sub(r"^(#+) ", lambda match: "#" * (level + len(match[1]) - 1) + " ", section.value, flags=re.M)
+            )
         elif section.kind is griffe.DocstringSectionKind.examples:
             blocks = [
                 text if kind is griffe.DocstringSectionKind.text else f"```pycon\n{text}\n```"

@@ -12,9 +12,9 @@ from fuzzyarm.cli.application import GROUPS, application
 
 HEAD = """# Command line
 
-`fuzzyarm COMMAND --help` shows what stands on this page. Exit codes: 0 fine; 1 a result that fails, such as an episode that
-ended early or an infeasible design; 2 bad usage, with one line that says what to change; 130 interrupted; 141 the reader of
-a pipe has left. `fuzzyarm --install-completion` installs completion for bash, zsh or fish.
+`fuzzyarm COMMAND --help` shows what stands on this page. Exit codes: 0 fine; 1 a result that fails, such as an episode
+that ended early or an infeasible design; 2 bad usage, with one line that says what to change; 130 interrupted; 141 the
+reader of a pipe has left. `fuzzyarm --install-completion` installs completion for bash, zsh or fish.
 """
 
 

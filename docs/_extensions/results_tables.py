@@ -1,7 +1,7 @@
 """The directive ``results``: a table made from the stored results, at build time.
 
-    ```{results} margins
-    ```
+```{results} margins
+```
 """
 
 from __future__ import annotations
