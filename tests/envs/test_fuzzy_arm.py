@@ -675,3 +675,23 @@ def test_another_arm_is_the_plant_and_sets_the_spaces():
     *_, info = list(play(env, [(450.0, -240.0)]))[-1]
     assert env.action_space.high.tolist() == [200.0, 80.0] and info["torque"].tolist() == [200.0, -80.0]
     assert env.observation_space.high[6:8].tolist() == [10.0, 12.0] and info["reward_effort"] == 1.0
+
+
+class HalfWay:
+    """A payload that this package does not know: in the middle of link 2."""
+
+    mass = 2.0
+
+    def radius(self, parameters):
+        return 0.5 * parameters.length[1]
+
+
+def test_a_payload_of_ones_own_needs_a_mass_and_a_radius_only():
+    own, link = (FuzzyArmEnv(disturbance=Disturbance(payload=load)) for load in (HalfWay(), Payload(2.0, "link")))
+    for env in (own, link):  # Table 1 has the mass center of link 2 in its middle
+        env.reset()
+    torque = np.array([60.0, 20.0])
+    assert np.array_equal(own.step(torque)[0], link.step(torque)[0])
+    assert not np.array_equal(own.step(torque)[0], FuzzyArmEnv().reset()[0])
+    with pytest.raises(ValueError, match=r"payload = 3\.0 must have mass and radius"):
+        Disturbance(payload=3.0)
