@@ -69,7 +69,8 @@ def module_page(module: griffe.Module) -> str:
     for name in module.exports or []:
         member = module.members.get(str(name))
         if member is None:  # griffe does not see names that one statement assigns together
-            parts.append(f"(api-{module.path}.{name})=\n## `{name}`\n\nA generated function; see the module's text.".lower())
+            label = f"api-{module.path}.{name}".lower()
+            parts.append(f"({label})=\n## `{name}`\n\nA generated function; the module's text says what it is for.")
         else:
             parts.append(_member(member, 2))
     return "\n\n".join(part for part in parts if part) + "\n"

@@ -1,4 +1,4 @@
-"""What docs/contributing/add.md adds from outside the package, as it is printed there, works with the public commands."""
+"""What docs/contributing/add.md adds from outside the package works with the public commands, as it is printed."""
 
 import contextlib
 import importlib
