@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import re
 from pathlib import Path
 from typing import Any
@@ -33,5 +35,18 @@ def write_page(path: Path) -> None:
     generated = application().generate_docs(output_format="markdown", recursive=True)
     commands = generated[generated.index("## fuzzyarm evaluate") : generated.index("## fuzzyarm --install-completion")]
     text = "\n".join([HEAD, *groups, "", re.sub(r"\n {4,}(?=\S)", " ", commands)])  # a text in one line
+    for lines in GROUPS.values():
+        for name, line in lines.items():
+            text = _described(text, name, line)
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
+
+
+def _described(text: str, name: str, line: str) -> str:
+    """Return the page with what the command's own help says: its arguments, and more than its line in the list."""
+    options = getattr(importlib.import_module(f"fuzzyarm.cli.{name}"), "Options", None)
+    if options is None:
+        return text
+    arguments = getattr(options, "arguments", "")
+    text = text.replace(f"fuzzyarm {name} [OPTIONS]\n", f"fuzzyarm {name} [OPTIONS] {arguments}".rstrip() + "\n")
+    return text.replace(f"\n{line}\n\n**", f"\n{inspect.getdoc(options)}\n\n**")
