@@ -32,7 +32,7 @@ def chosen_mode(given: Any) -> AutoresetMode:
 
 
 def masked_lanes(name: str, mask: Any, lanes: int) -> np.ndarray:
-    """Return which lanes (n,) a mask (lanes,) of booleans names, in ascending order.
+    """Return the numbers (n,) of the lanes that a mask (lanes,) of booleans names, in ascending order.
 
     Raises:
         TypeError: the mask is no array of booleans.

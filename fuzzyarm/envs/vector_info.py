@@ -1,4 +1,7 @@
-"""The `info` of a batch: for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it."""
+"""The `info` of a batch: for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it.
+
+Quantities are in SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
+"""
 
 from __future__ import annotations
 

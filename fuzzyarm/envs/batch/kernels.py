@@ -134,7 +134,7 @@ def observe_again(values: np.ndarray, clock: np.ndarray, table: np.ndarray, out:
         values: as in `advance`, and so are the next two; not changed.
         clock: where each lane is; not changed.
         table: the schedules.
-        out: (WIDTH lanes,), written; of the results of all lanes only the observations.
+        out: (WIDTH lanes,), written; of the results of all lanes only the observations [rad, rad/s, rad/s²].
     """
     results = parts(out)
     for lane in range(values.shape[1]):
