@@ -79,19 +79,18 @@ def found(name):
     homes = [module_name(path) for path in SOURCES if module_name(path).split(".")[-1] == first]
     if not homes or first in ("spec", "data"):  # names of attributes in what Gymnasium and the proofs hand over
         return None
-    for home in homes:
-        at = importlib.import_module(home)
-        for part in rest:
-            path = f"{getattr(at, '__name__', '')}.{part}"
-            if not hasattr(at, part) and importlib.util.find_spec(path) is not None:
-                at = importlib.import_module(path)
-            else:
-                at = getattr(at, part, None)
-            if at is None:
-                break
-        else:
-            return True
-    return False
+    return any(resolves(home, rest) for home in homes)
+
+
+def resolves(module, names):
+    at = importlib.import_module(module)
+    for name in names:
+        if not hasattr(at, name) and hasattr(at, "__path__") and importlib.util.find_spec(f"{at.__name__}.{name}"):
+            importlib.import_module(f"{at.__name__}.{name}")
+        if not hasattr(at, name):
+            return False
+        at = getattr(at, name)
+    return True
 
 
 @pytest.mark.parametrize("path", [path for path in SOURCES if "ray_backend" not in path.name], ids=module_name)
