@@ -92,11 +92,14 @@ class Verification:
 
 def residual_statement(residual: Residual) -> str:
     """Return what is known of the feedforward residual along the paper's circle."""
-    bounded = residual.bound is not None
-    largest = ", ".join(at_most(torque, 3) for torque in (residual.bound if bounded else residual.sampled))
+    torques = residual.sampled if residual.bound is None else residual.bound
+    largest = f"({', '.join(at_most(torque, 3) for torque in torques)}) N m"
+    place = "along the paper's circle, for any state in the box"
+    if residual.bound is not None:
+        return f"The feedforward residual in d is at most {largest} {place}."
     return (
-        f"The feedforward residual in d is at most ({largest}) N m along the paper's circle, for any state in the box"
-        + ("." if bounded else f"; sampled at {CHECKED_INSTANTS} instants, not bounded between them.")
+        f"The feedforward residual in d reaches {largest} {place}: sampled at {CHECKED_INSTANTS} instants, not bounded "
+        "between them."
     )
 
 

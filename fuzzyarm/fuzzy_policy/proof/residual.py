@@ -141,7 +141,9 @@ class _Bound:
     def _motion(self, piece: Any, s: arb_series) -> list[list[arb]] | None:
         """Return the derivatives 0 to 3 of (q_1, q_2) by time, for s as a series in x; None if they are not finite."""
         try:
-            angles = _joint_angles(*_point(self.reference.path, piece, s), self.reference.parameters.length, self.elbow_sign)
+            angles = _joint_angles(
+                *_point(self.reference.path, piece, s), self.reference.parameters.length, self.elbow_sign
+            )
         except (ValueError, ZeroDivisionError):
             return None
         result = [
