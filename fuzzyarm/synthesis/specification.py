@@ -25,9 +25,9 @@ class Specification:
         kept: premises kept as fuzzy rules.
         form: "consistent" or "paper" (theorems 1 and 2).
         alpha: decay rate [1/s], in `controller.RATES`; None for the largest one, which needs gamma and gain_bound.
-        gamma: bound of the L2 gain, in `controller.GAINS`, [rad/(N m)] in the consistent form.
-        gain_bound: bound of the feedback [N m/rad], in `controller.GAINS`: |K̃| <= bound T_1/U_1 in scaled units, so that the position gain
-            of joint 1 stays below it and the others in proportion to their units.
+        gamma: bound of the L2 gain, in `controller.GAINS`; [rad/(N m)] in the consistent form.
+        gain_bound: bound of the feedback [N m/rad], in `controller.GAINS`: |K̃| <= bound T_1/U_1 in scaled units, so
+            that the position gain of joint 1 stays below it and the others in proportion to their units.
         integral: whether to feed back the integral of the position error (Remark 2).
         common_multiplier: one multiplier for all dropped premises of A, as Theorem 2 prints it; otherwise one each.
         fastest_pole: bound β [1/s] of the decay rate from above, so that the real part of every pole of the frozen

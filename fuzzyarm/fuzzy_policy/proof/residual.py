@@ -1,8 +1,8 @@
 """The feedforward residual of the consistent form along a reference, bounded at every instant.
 
-The feedforward holds dropped premises at the middle of their range. What it misses is ρ = Σ f_i r_i S_i y_i, |f_i| <= 1,
-with r_i half the range of premise i and S_i its slope, y_i = (q_d, q̇_d) for a premise of A and (q̇_d, q̈_d) for one of
-E. For any state in the box, with w_ij the row q̇_j of r_i S_i,
+The feedforward holds dropped premises at the middle of their range. What it misses is ρ = Σ f_i r_i S_i y_i with
+|f_i| <= 1, r_i half the range of premise i, S_i its slope, and y_i = (q_d, q̇_d) for a premise of A, (q̇_d, q̈_d) for one
+of E. For any state in the box, with w_ij the row q̇_j of r_i S_i,
 
     |ρ_j(t)| <= ρ̄_j(t) = Σ_i |g_ij(t)|,      g_ij(t) = w_ij · y_i(t).
 
@@ -41,6 +41,7 @@ __all__ = ["Residual", "feedforward_residual"]
 ORDER = 4  # coefficients of a power series: q, q̇, q̈ and the derivative of q̈
 TOLERANCE = 1e-4  # a bound this close to an attained value, relative to it, is close enough
 FIRST, MOST = 32, 2000  # intervals to begin with, and the most that are halved
+SHORTEST = 2.0**-40  # half of an interval that is not halved again: its ends are still exact
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +83,7 @@ class _Bound:
 
     def __init__(self, model: TSModel, reference: JointReference, sampled: np.ndarray) -> None:
         self.reference = reference
-        self.duration, self.elbow_sign = arb(float(reference.duration)), int(reference.elbow_sign)
+        self.duration = arb(float(reference.duration))
         self.attained = [arb(value) for value in sampled.tolist()]  # only says when to stop
         self.rows = [
             (0 if u.on == "A" else 1, [[arb(w) for w in row] for row in (exact(u.H).T @ exact(u.W))[VELOCITY]])
@@ -96,11 +97,11 @@ class _Bound:
         heapq.heapify(heap)
         for _ in range(MOST):
             excess, middle, half, _ = heap[0]
-            if -excess <= 1.0 + TOLERANCE:
+            if -excess <= 1.0 + TOLERANCE or half < SHORTEST:
                 break
             heapq.heapreplace(heap, self._entry(middle - 0.5 * half, 0.5 * half))
             heapq.heappush(heap, self._entry(middle + 0.5 * half, 0.5 * half))
-        return np.max([bound for *_, bound in heap], axis=0)
+        return np.asarray(np.max([bound for *_, bound in heap], axis=0))
 
     def _entry(self, middle: float, half: float) -> tuple[float, float, float, tuple[float, ...]]:
         """Return an interval and the bounds on it, led by -(the largest bound, relative to an attained value)."""
@@ -140,10 +141,9 @@ class _Bound:
 
     def _motion(self, piece: Any, s: arb_series) -> list[list[arb]] | None:
         """Return the derivatives 0 to 3 of (q_1, q_2) by time, for s as a series in x; None if they are not finite."""
+        path, length = self.reference.path, self.reference.parameters.length
         try:
-            angles = _joint_angles(
-                *_point(self.reference.path, piece, s), self.reference.parameters.length, self.elbow_sign
-            )
+            angles = _joint_angles(*_point(path, piece, s), length, int(self.reference.elbow_sign))
         except (ValueError, ZeroDivisionError):
             return None
         result = [
