@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.frozen import find_worst_point, gain_at, pole_rate
@@ -50,10 +49,13 @@ def signed(document, folder):
 
 def report_on(path):
     """Return the report on a file, or None if it is refused in one line; every other error is a failure."""
+    refused = None
     try:
         verification = verify_file(path)
     except ControllerFileError as error:
-        assert "\n" not in str(error) and str(path) in str(error) and len(str(error)) < 600
+        refused = str(error)
+    if refused is not None:
+        assert "\n" not in refused and str(path) in refused and len(refused) < 600
         return None
     json.dumps(verification.to_dict(), allow_nan=True)
     assert verification.to_text().startswith(f"{path}: ")
@@ -96,22 +98,34 @@ def text_of(name):
     return shipped(name).to_json()
 
 
-@settings(max_examples=400, deadline=None)
-@given(data=st.data(), name=st.sampled_from(BASES))
-def test_any_changed_field_is_refused_in_a_line_or_reported_on(data, name):
+def attack(data, name):
+    """Change one or two fields, sign, and verify: refused in a line, or reported on, and what is proven holds."""
     document = json.loads(text_of(name))
     for _ in range(data.draw(st.integers(1, 2))):
         field = data.draw(st.sampled_from(list(document)))
         document[field] = changed(data, document[field])
     with tempfile.TemporaryDirectory() as folder:
-        certificate = report_on(signed(document, folder))
-    if certificate is not None and certificate.proven and name.startswith("fuzzy"):
-        assert_true_on_frozen_loops(document)
+        path = signed(document, folder)
+        certificate = report_on(path)
+        if certificate is not None and certificate.proven and name.startswith("fuzzy"):
+            assert_true_on_frozen_loops(Controller.load(path))
 
 
-def assert_true_on_frozen_loops(document):
+@settings(max_examples=80, deadline=None)
+@given(data=st.data(), name=st.sampled_from(BASES))
+def test_any_changed_field_is_refused_in_a_line_or_reported_on(data, name):
+    attack(data, name)
+
+
+@pytest.mark.slow
+@settings(max_examples=2000, deadline=None)
+@given(data=st.data(), name=st.sampled_from(BASES))
+def test_many_changed_fields_are_refused_in_a_line_or_reported_on(data, name):
+    attack(data, name)
+
+
+def assert_true_on_frozen_loops(controller):
     """An oracle without any inequality: poles and gains of the loop frozen at random states of the box."""
-    controller = Controller._from_document({**document, "digest": _digest({k: v for k, v in document.items() if k != "digest"})})
     model, rng = controller.model, np.random.default_rng(0)
     n = controller.gains.shape[-1]
     for z in rng.uniform(*model.bounds.T, size=(50, 5)):
@@ -130,7 +144,7 @@ def assert_true_on_frozen_loops(document):
 # Claims tighter than what was proven ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     name=st.sampled_from(["fuzzy-1", "fuzzy-4"]),
     tighter=st.sampled_from(["alpha", "gamma", "both"]),
@@ -233,10 +247,3 @@ def test_whole_numbers_are_stored_as_floats(tmp_path):
     whole = dataclasses.replace(shipped("fuzzy-4"), alpha=19, fastest_pole=201)
     whole.save(tmp_path / "whole.json")
     assert Controller.load(tmp_path / "whole.json").alpha == 19.0
-
-
-def test_a_text_never_states_more_than_is_proven():
-    """Each printed number, put into the file and proven again."""
-    for name in ("fuzzy-1", "fuzzy-4"):
-        policy = load_policy(name)
-        assert certify(dataclasses.replace(policy.controller, gamma=float("0.0002"), alpha=20.0)).proven
