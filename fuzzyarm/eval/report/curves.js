@@ -8,7 +8,7 @@ function curveOf(kind, run) {
     const rms = Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length);
     const { roughness, turns } = roughnessOf(values, high - low);
     const curve = { values, low, high, rms, roughness, peak: Math.max(-low, high) };
-    if (roughness > CHATTER && !kind.log) curve.band = bandOf(values, Math.ceil((3 * values.length) / turns));
+    if (roughness > CHATTER && !kind.log) curve.band = bandOf(values, Math.ceil((5 * values.length) / turns));
     run.curves.set(kind, curve);
   }
   return run.curves.get(kind);

@@ -40,7 +40,9 @@ def headline(standings: Sequence[Standing]) -> str:
             wins.setdefault(_winners(held), []).append(won)
         else:
             nobody.append(_title(case))
-    parts = [f"{_names(names)} {'wins' if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()]
+    parts = [
+        f"{_names(names)} {'wins' if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()
+    ]
     if nobody:
         parts.append(f"nobody held the path in {_series(nobody)}")
     return "; ".join([*parts, *_lost(standings), *_overlap(standings)]) + "."
@@ -95,9 +97,7 @@ def _overlap(standings: Sequence[Standing]) -> list[str]:
         return []
     (first, best), *others = scores
     alike = [
-        policy
-        for policy, score in others
-        if best.high is not None and score.low is not None and score.low <= best.high
+        policy for policy, score in others if best.high is not None and score.low is not None and score.low <= best.high
     ]
     return [f"the 95 % interval of the score of {_names([first])} overlaps that of {_names(alike)}"] if alike else []
 
