@@ -1,0 +1,10 @@
+"""All surfaces."""
+
+from __future__ import annotations
+
+from . import arguments, simulations
+from .surface import Surface
+
+__all__ = ["SURFACES"]
+
+SURFACES: tuple[Surface, ...] = (*arguments.SURFACES, *simulations.SURFACES)
