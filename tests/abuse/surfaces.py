@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import arguments, simulations
+from . import arguments, documents, simulations
 from .surface import Surface
 
 __all__ = ["SURFACES"]
 
-SURFACES: tuple[Surface, ...] = (*arguments.SURFACES, *simulations.SURFACES)
+SURFACES: tuple[Surface, ...] = (*arguments.SURFACES, *simulations.SURFACES, *documents.SURFACES)
