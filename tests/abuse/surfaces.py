@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import arguments, documents, simulations
+from . import arguments, command_line, documents, simulations
 from .surface import Surface
 
 __all__ = ["SURFACES"]
 
-SURFACES: tuple[Surface, ...] = (*arguments.SURFACES, *simulations.SURFACES, *documents.SURFACES)
+SURFACES: tuple[Surface, ...] = (*arguments.SURFACES, *simulations.SURFACES, *documents.SURFACES, *command_line.SURFACES)
