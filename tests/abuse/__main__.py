@@ -35,7 +35,6 @@ def main() -> int:
     for surface, row in zip(chosen, rows, strict=True):
         row["group"] = surface.group
     tried, broken = sum(row["tried"] for row in rows), [line for row in rows for line in row["broken"]]
-    print(*broken, sep="\n")
     print(f"{tried} tried, {tried - len(broken)} held, {len(broken)} broken")
     if not options.surfaces and options.only is None:
         _keep(rows, options)

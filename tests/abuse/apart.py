@@ -40,6 +40,7 @@ def run_apart(name: str, numbers: range) -> dict[str, Any]:
         for key in ("tried", "refused", "accepted", "broken"):
             total[key] += tally[key]
         first = numbers.stop
+    print(*total["broken"], sep="\n", end="\n" * bool(total["broken"]), file=sys.stderr)
     print(f"{name}: {total['tried']} tried, {len(total['broken'])} broken", file=sys.stderr, flush=True)
     return total
 
