@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.console import escaped
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
@@ -49,7 +50,7 @@ class Verification:
         )
         pole = "" if c.fastest_pole is None else f", fastest pole = {c.fastest_pole:g} 1/s"
         lines = [
-            f"{self.path}: {'PROVEN' if not failed else 'NOT PROVEN'}",
+            f"{escaped(str(self.path))}: {'PROVEN' if not failed else 'NOT PROVEN'}",
             f"  {c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
             f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}{pole}",
             f"  {len(claims) - len(failed)} of {len(claims)} inequalities proven in exact rational arithmetic, "
