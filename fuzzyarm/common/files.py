@@ -45,7 +45,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
             part.unlink(missing_ok=True)
             raise
     except OSError as error:
-        if error.filename is None:  # the disk is full
+        if error.filename is None and error.errno is not None:  # the disk is full
             error.filename = str(path)
         raise
 

@@ -27,9 +27,9 @@ def current_provenance() -> dict[str, Any]:
 
 
 def installed() -> dict[str, str]:
-    """Return what a report of a bug names beside the version of fuzzyarm: Python, libraries, torch if it is there, system.
+    """Return what a report of a bug names beside the version of fuzzyarm: Python, libraries and system.
 
-    Nothing of it is imported.
+    Nothing of it is imported; torch and stable-baselines3 are named if they are installed.
     """
     versions = {name: _version(name) for name in (*_LIBRARIES[1:], "torch", "stable-baselines3")}
     return {

@@ -6,12 +6,14 @@ of its files, see `PolicySpec.files`, that says which policy it was.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from fuzzyarm.policies.spec import resolve
 
 __all__ = ["found_again", "recorded"]
+
+_LEARNED = "policy.json"  # a file of every learned policy
 
 
 def recorded(name: str) -> str:
@@ -21,7 +23,7 @@ def recorded(name: str) -> str:
 
 
 def found_again(
-    names: Sequence[str], with_files: Collection[str], given: Sequence[str], folder: Path
+    names: Sequence[str], files: Mapping[str, Collection[str]], given: Sequence[str], folder: Path
 ) -> tuple[str, ...]:
     """Return recorded names of policies so that each can be loaded.
 
@@ -30,7 +32,7 @@ def found_again(
 
     Args:
         names: as they were recorded.
-        with_files: labels of the policies that were made from files.
+        files: names of the files that each policy was made from, by label, see `PolicySpec.files`.
         given: names that the user has typed.
         folder: of the results.
 
@@ -38,10 +40,10 @@ def found_again(
         ValueError: a file or folder is in none of these places.
     """
     typed = {resolve(name).label: name for name in given}
-    return tuple(typed.get(resolve(name).label) or _found(name, with_files, folder) for name in names)
+    return tuple(typed.get(resolve(name).label) or _found(name, files, folder) for name in names)
 
 
-def _found(name: str, with_files: Collection[str], folder: Path) -> str:
+def _found(name: str, files: Mapping[str, Collection[str]], folder: Path) -> str:
     """Return a name under which a recorded policy can be loaded."""
     spec = resolve(name)
     if spec.named or spec.path is None or spec.path.exists():
@@ -49,7 +51,7 @@ def _found(name: str, with_files: Collection[str], folder: Path) -> str:
     beside = resolve(str(folder / name))
     if beside.path is not None and beside.path.exists():
         return beside.name
-    if spec.label not in with_files:
+    if not {spec.path.name, _LEARNED} & set(files.get(spec.label, ())):
         return name  # loading it says that it is unknown
     raise ValueError(
         f"policy {name} is neither in the current folder nor beside the results in {folder}: put it there, or add "

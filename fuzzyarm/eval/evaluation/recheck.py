@@ -78,9 +78,7 @@ def recheck_results(
         OSError: the file of a policy cannot be read.
     """
     _check_consent(results, code)
-    files = results.policy_files or {}
-    with_files = [label for label, digests in files.items() if digests]
-    names = found_again(results.config.policies, with_files, code, results.path.parent)
+    names = found_again(results.config.policies, results.policy_files or {}, code, results.path.parent)
     _check_files(results, names)
     fresh = evaluate(dataclasses.replace(results.config, policies=names), progress)
     old = _flat(results.rows, results.bounds or {})

@@ -33,7 +33,7 @@ def verdict(
     cases = dict.fromkeys(row["case"] for row in rows)
     lines = [_won([row for row in rows if row["case"] == case]) for case in cases]
     there = shlex.quote(str(folder))
-    return [*lines, _proven(certificates), f"Next, of these {files} files: fuzzyarm report {there}"]
+    return [*lines, _proven(certificates), f"{files} files in {there}; next: fuzzyarm report {there}"]
 
 
 def _won(rows: Sequence[Mapping[str, Any]]) -> str:

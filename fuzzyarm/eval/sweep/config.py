@@ -197,7 +197,7 @@ class SweepConfig:
         return self.map or (_MAP if set(_MAP) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields as JSON has them; of an absolute path of a policy the last part, see `policies.recorded`."""
+        """Return all fields as JSON has them; of a policy's absolute path the last part, see `policies.recorded`."""
         plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {name: _as_lists(value) for name, value in plain.items()} | {
             "policies": list(map(recorded, self.policies)),

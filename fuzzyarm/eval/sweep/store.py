@@ -105,8 +105,7 @@ class Store:
         for name, value in given.items():
             _check_same(folder, name, getattr(config, name), value)
         config = dataclasses.replace(config, **shown)
-        with_files = [label for label, files in then["policies"].items() if files]
-        found = found_again(config.policies, with_files, named, folder)
+        found = found_again(config.policies, then["policies"], named, folder)
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(found).items()}
         now = identity(config, specs)
         for name, what in (("made_with", "versions"), ("policies", "policy files")):
