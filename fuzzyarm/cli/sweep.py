@@ -13,7 +13,8 @@ from fuzzyarm.cli.options import given, with_fields_of
 from fuzzyarm.cli.usage import claimed_folder
 from fuzzyarm.common.console import say
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.losses import WorkersLost
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.run import Sweep

@@ -70,7 +70,7 @@ def test_a_text_that_a_spreadsheet_would_compute_is_marked_as_text():
     texts = ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", "'quoted", "plain", "a=1"]
     rows = [{"policy": text, "error": -1.5, "count": 3} for text in texts]
     read = list(csv.DictReader(io.StringIO(csv_text(rows), newline="")))
-    assert [row["policy"] for row in read] == [*(f"'{text}" for text in texts[:6]), *texts[6:]]
+    assert [row["policy"] for row in read] == [*(f"'{text}" for text in texts[:5]), r"'\r=1", *texts[6:]]
     assert {(row["error"], row["count"]) for row in read} == {("-1.5", "3")}
 
 

@@ -1,7 +1,7 @@
 """The folder of a sweep: its configuration, the finished chunks, and the code and versions that produced them.
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Every file carries the
-digest of the sweep's identity (`identity.identity`). Chunks of another identity are never mixed in.
+digest of the sweep's identity (`identity.sweep_identity`). Chunks of another identity are never mixed in.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
-from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, identity
+from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, sweep_identity
 from fuzzyarm.eval.sweep.results import METRICS, SweepResults
 from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
@@ -66,7 +66,7 @@ class Store:
                 "another --out"
             )
         specs = resolve_all(config.policies, run_code=True)
-        found = identity(config, specs)
+        found = sweep_identity(config, specs)
         store = cls(folder, config, specs, digest_of_identity(found))
         document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict(), **found}
         chunks = folder / _CHUNKS
@@ -107,7 +107,7 @@ class Store:
         config = dataclasses.replace(config, **shown)
         found = found_again(config.policies, then["policies"], named, folder)
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(found).items()}
-        now = identity(config, specs)
+        now = sweep_identity(config, specs)
         for name, what in (("made_with", "versions"), ("policies", "policy files")):
             if changed := difference(then[name], now[name]):
                 raise ValueError(
