@@ -144,12 +144,14 @@ def instance(name: str, value: Any, kind: type[Choice]) -> Choice:
     return value
 
 
-def finite_array(name: str, values: Any, shape: tuple[int, ...], unit: str = "") -> np.ndarray:
-    """Return a new array of float64 with a shape.
+def finite_array(
+    name: str, values: Any, shape: tuple[int, ...], unit: str = "", *, largest: float = math.inf
+) -> np.ndarray:
+    """Return a new array of float64 with a shape, no entry beyond ±`largest`.
 
     Raises:
         TypeError: the entries are no real numbers (complex numbers, texts, dates, objects).
-        ValueError: the shape differs, or an entry is not finite.
+        ValueError: the shape differs, or an entry is not finite or beyond `largest`.
     """
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
@@ -159,6 +161,9 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...], unit: str = "")
     result = array.astype(np.float64)
     if not np.isfinite(result).all():
         raise ValueError(f"{name} holds numbers that are not finite")
+    if (np.abs(result) > largest).any():
+        allowed = _allowed(unit, low=-largest, high=largest)
+        raise ValueError(f"{name} holds a number of size {np.abs(result).max():g}: out of range; {allowed}")
     return result
 
 
