@@ -218,7 +218,7 @@ def _network(description: _NetworkDescription, content: bytes) -> Network:
     layers = range(len(tensors) // 2)
     names = {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")}
     if set(tensors) != names or not names:
-        found = ", ".join(sorted(tensors))[:_SHOWN]
+        found = ", ".join(map(repr, sorted(tensors)))[:_SHOWN]
         raise ValueError(f"{WEIGHTS} holds {found}; needed: layer0.weight, layer0.bias, ...")
     for name, tensor in tensors.items():
         axes = 2 if name.endswith("weight") else 1
