@@ -181,8 +181,6 @@ def shown(value: Any) -> str:
         text = f"a whole number of {value.bit_length()} bits" if isinstance(value, int) else object.__repr__(value)
     except Exception:  # a class of the user's own
         text = object.__repr__(value)
-    except Exception:  # a class of the user's own
-        text = object.__repr__(value)
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 
