@@ -30,7 +30,7 @@ FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, 
 ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
 POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
 OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file where they are None
-MAX_BYTES = 64 * 1024 * 1024  # far above the file of the largest model
+MAX_BYTES = 8 * 1024 * 1024  # far above the file of the largest model
 
 
 _ABSENT = "absent"  # no hexadecimal number: a field that the file does not have

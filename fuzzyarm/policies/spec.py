@@ -216,7 +216,9 @@ def _is_code(name: str) -> bool:
 
 def _sha256(file: Path) -> str:
     """Return the SHA-256 of a text file, which is the same with the line ends of another system."""
-    return hashlib.sha256(file.read_bytes().replace(b"\r\n", b"\n")).hexdigest()
+    from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
+
+    return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
 
 
 def _trusted_controller(path: Path, robot: ArmParameters, allow_unproven: bool) -> Controller:
