@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from readme_design import bounds_table, complexity_table, gains_table, margins_table, synthesis_table
 from readme_markdown import made_with
@@ -22,9 +23,11 @@ from readme_results import (
     accuracy_table,
     leaderboard_table,
     learned_tables,
+    overview_table,
     paper_line,
     peer_line,
     soak_line,
+    speed_lines,
     speed_table,
     sweep_table,
     tip_table,
@@ -33,18 +36,18 @@ from readme_results import (
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
 ROOT = Path(__file__).parent.parent
-DOCS, BENCHMARKS = ROOT / "docs", ROOT / "benchmarks"
+FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 """Policies of the sweep."""
 SCRIPTS: dict[str, list[str]] = {
-    "learned_comparison": ["--figure", str(DOCS / "learned.png"), "--curves", str(DOCS / "learning_curves.png")],
+    "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
     "accuracy": [],
     "computed_torque_tuning": [],
     "tip_feedforward": [],
     "gain_choice": [],
     "observer_tuning": [],
-    "complexity": ["--figure", str(DOCS / "complexity.png")],
+    "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
 }
@@ -68,20 +71,20 @@ def measure() -> None:
         folder = Path(name)
         _fuzzyarm("evaluate", "--out", folder)
         shutil.copy(folder / "results.json", RESULTS / "evaluate.json")
-        shutil.copy(folder / "overview.png", DOCS / "overview.png")
+        shutil.copy(folder / "overview.png", FIGURES / "overview.png")
         _fuzzyarm("bench", "--lanes-sweep", "--out", folder)
         shutil.copy(folder / "bench.json", RESULTS / "bench.json")
-        shutil.copy(folder / "throughput.png", DOCS / "throughput.png")
+        shutil.copy(folder / "throughput.png", FIGURES / "throughput.png")
         policies = [word for policy in SWEPT for word in ("--policy", policy)]
         _fuzzyarm("sweep", *policies, "--plants", "10000", "--out", folder / "sweep")
         shutil.copy(folder / "sweep" / "sweep.json", RESULTS / "sweep.json")
-        shutil.copy(folder / "sweep" / "spread.png", DOCS / "sweep.png")
+        shutil.copy(folder / "sweep" / "spread.png", FIGURES / "sweep.png")
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
-    _python(ROOT / "examples" / "picture.py", DOCS / "arm.png")
+    _python(ROOT / "examples" / "picture.py", FIGURES / "arm.png")
 
 
 def _fuzzyarm(*arguments: str | Path) -> None:
@@ -94,7 +97,7 @@ def _python(*arguments: str | Path) -> None:
 
 def fill(text: str) -> str:
     """Return the README with each marked section replaced."""
-    for name, content in sections().items():
+    for name, content in readme_sections().items():
         begin, end = f"<!-- {name}: begin (python benchmarks/readme.py) -->", f"<!-- {name}: end -->"
         before, rest = text.split(begin)
         _, after = rest.split(end)
@@ -102,10 +105,14 @@ def fill(text: str) -> str:
     return text
 
 
+def readme_sections() -> dict[str, str]:
+    """Return the marked sections of the README from the stored results."""
+    return {"results": overview_table(_stored("evaluate")), "speed": speed_lines(_stored("bench"))}
+
+
 def sections() -> dict[str, str]:
-    """Return the marked sections from the stored results."""
-    names = ("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", *SCRIPTS)
-    stored = {name: json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8")) for name in names}
+    """Return the tables of the documentation from the stored results, by the name that its directive gives them."""
+    stored = {name: _stored(name) for name in ("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", *SCRIPTS)}
     return {
         "results": f"{markdown_table(stored['evaluate']['results'])}\n\n"
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(stored['evaluate'])}\n\n"
@@ -122,6 +129,11 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
     }
+
+
+def _stored(name: str) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+    return document
 
 
 if __name__ == "__main__":

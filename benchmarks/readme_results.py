@@ -39,6 +39,46 @@ def paper_line(document: dict[str, Any]) -> str:
     )
 
 
+def overview_table(document: dict[str, Any]) -> str:
+    """Return the README's table: rms and largest tip error of each policy in each case, and whether it is certified."""
+    headings = ["tip error, rms / largest [mm]", *PAPER_CASES, "certificate"]
+    rows = [
+        [
+            policy,
+            *(
+                f"{_two_figures(row['tip_error_rms_mm'])} / {_two_figures(row['tip_error_max_mm'])}"
+                for case in PAPER_CASES
+                for row in document["results"]
+                if (row["policy"], row["case"]) == (policy, case)
+            ),
+            "no" if certificate is None else "rigid arm",
+        ]
+        for policy, certificate in document["certificates"].items()
+    ]
+    return f"{table(headings, rows)}\n\n`fuzzyarm evaluate`; {made_with(document)}"
+
+
+def speed_lines(bench: dict[str, Any]) -> str:
+    """Return the README's three speeds, each with the peers of the same run."""
+    shown = {
+        "one environment": ("One arm", {"Pendulum": "Gymnasium's Pendulum", "Reacher": "its Reacher"}),
+        "64 lanes": ("64 arms", {"Pendulum": "EnvPool's Pendulum"}),
+        "1024 lanes": ("1024 arms", {"MuJoCo arm": "the same arm in MuJoCo at equal tip accuracy"}),
+    }
+    lines = []
+    for row in bench["rows"]:
+        if row["group"] in shown and row["ratios"]:
+            name, peers = shown[row["group"]]
+            times = [f"{row['ratios'][key]['median']:.3g} times as fast as {peer}" for key, peer in peers.items()]
+            speed = 1e-3 * row["steps_per_s"]["median"]
+            lines.append(f"- {name}: {speed:,.0f} thousand control steps a second, {' and '.join(times)}.")
+    return "\n".join([*lines, "", f"`{bench['command']}`; {made_with(bench)}"])
+
+
+def _two_figures(value: float) -> str:
+    return f"{value:#.2g}".rstrip(".")
+
+
 def tip_table(document: dict[str, Any]) -> str:
     """Return the table of tip errors of the laws with and without compensation of the bending."""
     cases = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}

@@ -42,6 +42,7 @@ def test_stored_results_still_hold():
                 assert now[key] == (pytest.approx(value, rel=1e-6, abs=1e-9) if isinstance(value, float) else value)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_commands_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(ROOT)  # the template in examples/

@@ -1,4 +1,4 @@
-"""What CONTRIBUTING.md adds from outside the package, as it is printed there, works with the public commands."""
+"""What docs/contributing/add.md adds from outside the package works with the public commands, as it is printed."""
 
 import contextlib
 import importlib
@@ -19,7 +19,7 @@ from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.policies.registry import POLICIES
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS
 
-PAGE = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "contributing" / "add.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
 REGISTRIES = (CASES, METRICS, POLICIES, ALGORITHMS)
 
@@ -187,7 +187,7 @@ def test_names_are_taken_once(page):
     for block in BLOCKS:
         if "\nadd_" in block:
             with pytest.raises(ValueError, match="already"):
-                exec(compile(block, "CONTRIBUTING.md", "exec"), vars(page).copy())
+                exec(compile(block, "add.md", "exec"), vars(page).copy())
 
 
 def test_nothing_that_is_added_stays():

@@ -13,7 +13,7 @@ import numpy as np
 from fuzzyarm.common.checks import real
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, gravity_torque, mass_matrix
+from fuzzyarm.envs.physics.dynamics import arm_constants, arm_in, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -45,7 +45,7 @@ class ComputedTorquePolicy(Policy):
         """
         super().__init__(parameters or ArmParameters(), control_period)
         self.bandwidth = real("bandwidth", bandwidth, "rad/s", above=0.0)
-        self._arm = arm_constants(self.parameters)
+        self._arm = np.array(arm_constants(self.parameters))
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
@@ -57,11 +57,12 @@ def _computed_torque(
     observation: np.ndarray,
     integral: np.ndarray,
     torque: np.ndarray,
-    arm: Arm,
+    constants: np.ndarray,
     bandwidth: float,
     period: float,
 ) -> None:
     """Evaluate the law for every lane and advance its integral."""
+    arm = arm_in(constants, 0)
     o, viscous = observed(observation), (arm.viscous1, arm.viscous2)
     for lane in range(len(observation)):
         for joint in range(JOINTS):

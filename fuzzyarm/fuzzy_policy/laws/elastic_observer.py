@@ -27,7 +27,7 @@ from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.arguments import whole_substeps
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.dynamics import Arm, State, arm_constants, gravity_torque
+from fuzzyarm.envs.physics.dynamics import Arm, State, arm_constants, arm_in, gravity_torque
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.integrator import kick_twice
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -107,7 +107,7 @@ class ElasticObserverPolicy(Policy):
         """Take `parameters` for the arm that is predicted; the gains stay."""
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
-        arm, substep = arm_constants(parameters), self.control_period / self._substeps
+        arm, substep = np.array(arm_constants(parameters)), self.control_period / self._substeps
         self._arguments = (self.feedback, self.observer, arm, self._torque_limit, substep, self._substeps)
 
 
@@ -119,12 +119,13 @@ def _observe_and_act(
     torque: np.ndarray,
     feedback: np.ndarray,
     observer: np.ndarray,
-    arm: Arm,
+    constants: np.ndarray,
     torque_limit: np.ndarray,
     h: float,
     substeps: int,
 ) -> None:
     """Correct, act and predict in every lane; `torque` holds u_ff and becomes u, unclipped."""
+    arm = arm_in(constants, 0)
     stiffness = (arm.stiffness1, arm.stiffness2)
     o, started, predicted = observed(observation), memory[:, _STARTED], memory[:, _PREDICTED]
     theta_d, dtheta_d, estimate = target[:, TARGET.q], target[:, TARGET.dq], _estimated(predicted)

@@ -26,7 +26,7 @@ from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, coriolis_torque, gravity_torque, mass_matrix
+from fuzzyarm.envs.physics.dynamics import arm_constants, arm_in, coriolis_torque, gravity_torque, mass_matrix
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
@@ -91,7 +91,7 @@ class ElasticTarget:
             ValueError: the control period is not positive.
         """
         period = real("control_period", control_period, "s", above=0.0)
-        self._arguments = (arm_constants(parameters), period, float(friction), 0.5 * float(average))
+        self._arguments = (np.array(arm_constants(parameters)), period, float(friction), 0.5 * float(average))
 
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
         """Fill target and feedforward and advance the memory, in place.
@@ -111,12 +111,13 @@ def _advance(
     memory: np.ndarray,
     target: np.ndarray,
     feedforward: np.ndarray,
-    arm: Arm,
+    constants: np.ndarray,
     period: float,
     friction: float,
     ahead: float,
 ) -> None:
     """See `ElasticTarget`; `friction` is 1 or 0, `ahead` the share of a period that u_ff is extrapolated."""
+    arm = arm_in(constants, 0)
     stiffness, damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
     inertia, viscous = (arm.motor_inertia1, arm.motor_inertia2), (arm.viscous1, arm.viscous2)
     coulomb, static = (arm.coulomb1, arm.coulomb2), (arm.static1, arm.static2)

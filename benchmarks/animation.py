@@ -1,0 +1,79 @@
+"""Draw the README's moving picture: three policies side by side under the machining force.
+
+    python benchmarks/animation.py docs/figures/animation.gif
+
+Each picture is what ``render_mode="rgb_array"`` draws; the orange trace is the tip error, 25 times as large.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import gymnasium as gym
+import matplotlib
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.rendering import FOOTER, HEADER
+
+POLICIES = ("fuzzy-4", "ppo-residual", "elastic-observer")
+SIZE, TITLE, COLOURS = 300, 44, 48  # px, px, palette entries: below 1 MB
+FRAME, LAST = 40, 1500  # ms for which a picture and the last one are shown: 1.5 s of motion in 4 s
+STEPS = 15  # control steps between pictures
+
+
+def main() -> None:
+    """Draw and write the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path, help="GIF to write")
+    pictures = [Image.fromarray(frame) for frame in frames()]
+    palette = pictures[-1].quantize(COLOURS)
+    indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    durations = [FRAME] * (len(indexed) - 1) + [LAST]
+    indexed[0].save(
+        parser.parse_args().file, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=True
+    )
+
+
+def frames() -> Iterator[np.ndarray]:
+    """Yield the pictures of all policies side by side, (height, width, 3)."""
+    episodes = [episode(name) for name in POLICIES]
+    for pictures in zip(*episodes, strict=True):
+        yield np.hstack(pictures)
+
+
+def episode(name: str) -> Iterator[np.ndarray]:
+    """Yield the pictures of one policy, with its name and tip error above."""
+    env = gym.make("fuzzyarm:FuzzyArm-v0", case="machining", render_mode="rgb_array")
+    policy = load_policy(name)
+    observation, info = env.reset(seed=0)
+    state, done, step, worst = None, False, 0, 0.0
+    while not done:
+        if step % STEPS == 0:
+            yield _titled(env.render(), name, 1e3 * info["tip_error"], worst)
+        action, state = policy.predict(observation, state)
+        observation, _, terminated, truncated, info = env.step(action)
+        worst = max(worst, 1e3 * info["tip_error"])
+        done, step = terminated or truncated, step + 1
+    yield _titled(env.render(), name, 1e3 * info["tip_error"], worst)
+
+
+def _titled(picture: np.ndarray, name: str, error: float, worst: float) -> np.ndarray:
+    """Return the field of a picture, scaled, below a title; errors in mm."""
+    field = Image.fromarray(picture[HEADER + 2 : -FOOTER - 2])
+    height = round(SIZE * field.height / field.width)
+    canvas = Image.new("RGB", (SIZE, TITLE + height), "white")
+    canvas.paste(field.resize((SIZE, height), Image.Resampling.LANCZOS), (0, TITLE))
+    draw = ImageDraw.Draw(canvas)
+    fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    draw.text((12, 6), name, "#26323e", ImageFont.truetype(fonts / "DejaVuSans-Bold.ttf", 14))
+    small = ImageFont.truetype(fonts / "DejaVuSans.ttf", 12)
+    draw.text((12, 25), f"tip error {error:.1f} mm, so far at most {worst:.1f} mm", "#d55e00", small)
+    return np.asarray(canvas)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,33 @@
+"""The directive ``results``: a table made from the stored results, at build time.
+
+```{results} margins
+```
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+
+class Results(SphinxDirective):
+    """A section of ``benchmarks/readme.py`` by name, parsed as Markdown."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return the parsed table and the line that says how it was made."""
+        from readme import RESULTS, sections
+
+        for path in RESULTS.glob("*.json"):
+            self.env.note_dependency(str(path))
+        return self.parse_text_to_nodes(sections()[self.arguments[0]])
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the directive."""
+    app.add_directive("results", Results)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
