@@ -23,6 +23,7 @@ __all__ = [
     "interval",
     "is_real",
     "real",
+    "real_entries",
     "reals",
     "shown",
     "truth",
@@ -32,6 +33,7 @@ __all__ = [
 Choice = TypeVar("Choice")
 
 SHOWN = 80  # characters of a value in a message
+MESSAGE = 300  # characters of a message that quotes a type
 
 
 def real(
@@ -152,14 +154,19 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...], unit: str = "")
         ValueError: the shape differs, or an entry is not finite.
     """
     array = np.asarray(values)
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}")
+    real_entries(name, array, unit)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}; allowed: {shape}")
     result = array.astype(np.float64)
     if not np.isfinite(result).all():
         raise ValueError(f"{name} holds numbers that are not finite")
     return result
+
+
+def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
+    """Raise TypeError for an array of truth values, complex numbers, texts, dates or objects."""
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}"[:MESSAGE])
 
 
 def is_real(value: Any) -> bool:

@@ -21,11 +21,12 @@ from fuzzyarm.envs.arguments import (
     chosen_scenario,
     initial_state,
     observation_space,
-    whole_substeps,
+    real_numbers,
 )
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS, split
 from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
@@ -36,6 +37,7 @@ from fuzzyarm.envs.termination import Termination
 __all__ = ["FuzzyArmVectorEnv"]
 
 REWARD, CLIPPED, OVER, REASON = map(SCALARS.index, ("reward", "torque_clipped", "truncated", "reason"))
+MOST_LANES, MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
 REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
@@ -81,12 +83,12 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
         if threads is not None:
-            checks.whole("threads", threads, low=1)
+            checks.whole("threads", threads, low=1, high=MOST_THREADS)
         if render_mode is not None:
             raise ValueError(f"render_mode = {render_mode!r}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)")
-        self.num_envs = checks.whole("num_envs", num_envs, low=1)
-        self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
-        plants = _each(checked_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
+        self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
+        self.control_period, self.substeps = checked_periods(control_period, substep)
+        plants = _each(checked_arm, self._per_lane("parameters", parameters))
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = _each(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
@@ -96,7 +98,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             plants,
             _each(Scenario, self._disturbances, self._references),
             self.num_envs,
-            control_period=control_period,
+            control_period=self.control_period,
             substeps=self.substeps,
             randomisation=self._randomisation,
             threads=threads,
@@ -115,7 +117,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode in every lane; seeds and options as in the class docstring."""
         self._begun = False  # until the end of this method: after a reset that raises, step must raise too
-        options = options or {}
+        options = {} if options is None else options
         check_options(options)
         given = options.get("initial_state")
         initial = None if given is None else self._initial_states(given)
@@ -128,7 +130,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Hold the torques `actions` (num_envs, 2) [N m] for one control period."""
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        torque = np.array(actions, dtype=np.float64, order="C")
+        torque = real_numbers("actions", actions)
         if torque.shape != (self.num_envs, JOINTS):
             needed = (self.num_envs, JOINTS)
             raise ValueError(f"actions have shape {torque.shape}; needed: {needed}, motor torques [N m]")
@@ -157,7 +159,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Restore a state of an environment with the same arguments; call `step` next, not `reset`.
 
         Raises:
-            ValueError: the state is of an environment made with other arguments.
+            TypeError: the state is no dictionary.
+            ValueError: the state is of an environment made with other arguments, or no state that an episode has. The
+                environment is as before.
         """
         self._lanes.set_state(state)
         self._begun = True
@@ -242,7 +246,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _initial_states(self, given: Any) -> np.ndarray:
         """Return checked starts (num_envs, 8) from one (8,) or one per lane."""
-        states = np.array(given, dtype=np.float64)
+        states = real_numbers("initial_state", given)
         one, all_lanes = (STATE_SIZE,), (self.num_envs, STATE_SIZE)
         if states.shape not in (one, all_lanes):
             raise ValueError(f"initial_state has shape {states.shape}; allowed: {one} or {all_lanes}")

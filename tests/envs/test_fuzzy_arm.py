@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RescaleAction
 
 import fuzzyarm  # noqa: F401  registers FuzzyArm-v0
-from fuzzyarm.envs.arguments import whole_substeps
+from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters

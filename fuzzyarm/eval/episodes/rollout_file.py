@@ -20,7 +20,15 @@ __all__ = ["NAME", "digest", "read_rollouts", "write_rollouts"]
 NAME = "rollouts.npz"
 """Name of the file in an evaluation's folder."""
 _FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
-_SINGLE = {"policy": "U", "case": "U", "seed": "i", "control_period": "f", "completed": "b", "reason": "U", "step_time": "f"}
+_SINGLE = {
+    "policy": "U",
+    "case": "U",
+    "seed": "i",
+    "control_period": "f",
+    "completed": "b",
+    "reason": "U",
+    "step_time": "f",
+}
 _ONE_NUMBER = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
 
 
