@@ -1,8 +1,8 @@
 """The checkpoint of a training: one file, replaced as a whole, so that a complete one is always there.
 
 The file is a line, ``fuzzyarm-checkpoint/2 SHA256``, followed by what `torch.save` makes of tensors, numbers and text.
-It is read with ``weights_only=True``: no code in it is run. `check_like` compares what it holds with what a new training
-of the same configuration holds, before any of it is used.
+It is read with ``weights_only=True``: no code in it is run. `check_like` compares what it holds with what a new
+training of the same configuration holds, before any of it is used.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from fuzzyarm.common.checks import shown
+from fuzzyarm.common.checks import shown, whole
 from fuzzyarm.common.documents import DocumentError, read_bytes
 from fuzzyarm.common.files import write_atomically
 
 __all__ = [
     "CheckpointError",
     "as_array",
+    "check_finite",
     "check_like",
     "random_state",
     "read_checkpoint",
@@ -35,7 +36,7 @@ __all__ = [
 _SCHEMA = b"fuzzyarm-checkpoint/2"
 _LARGEST = 2**30  # bytes
 _LARGEST_INDEX = 2**26  # bytes of all but the tensors
-_DEEPEST, _MOST_VALUES = 12, 10_000_000
+_DEEPEST, _MOST_VALUES = 12, 1_000_000
 _SHOWN = 200  # characters of a library's message
 
 
@@ -114,7 +115,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def check_like(name: str, found: Any, own: Any) -> None:
-    """Check that a part of a checkpoint is as that of a new training: tensors of the same types and shapes, the same names.
+    """Check that a part of a checkpoint is as that of a new training: names, and types and shapes of tensors.
 
     Lists and empty mappings grow in a training: their content is for who uses it to check.
 
@@ -136,15 +137,27 @@ def check_like(name: str, found: Any, own: Any) -> None:
         if not isinstance(found, torch.Tensor) or (found.dtype, found.shape) != (own.dtype, own.shape):
             given = f"{found.dtype} {tuple(found.shape)}" if isinstance(found, torch.Tensor) else shown(found)
             raise ValueError(f"{name} is {given}; needed: {own.dtype} {tuple(own.shape)}")
-        if not bool(torch.isfinite(found).all()):
-            raise ValueError(f"{name} is not finite")
-    elif isinstance(own, float | int) and not isinstance(own, bool):
-        if isinstance(found, bool) or not isinstance(found, float | int) or not abs(found) < np.inf:
-            raise ValueError(f"{name} = {shown(found)} must be a finite number")
-        if isinstance(own, int) and not (isinstance(found, int) and 0 <= found < 2**63):
-            raise ValueError(f"{name} = {shown(found)} must be a whole number from 0 on")
-    elif isinstance(found, dict | list | tuple) != isinstance(own, dict | list | tuple):
+    elif isinstance(own, bool | str | None):
+        if type(found) is not type(own):
+            raise ValueError(f"{name} = {shown(found)} is of another kind than in this training")
+    elif isinstance(own, float | int):
+        kinds = float | int if isinstance(own, float) else int
+        if isinstance(found, bool) or not isinstance(found, kinds):
+            raise ValueError(f"{name} = {shown(found)} must be a number")
+    elif not isinstance(found, type(own)):
         raise ValueError(f"{name} = {shown(found)} is of another kind than in this training")
+
+
+def check_finite(name: str, found: Any) -> None:
+    """Raise ValueError for a part of a checkpoint that holds a number that is not finite."""
+    if isinstance(found, dict | list | tuple):
+        for value in found.values() if isinstance(found, dict) else found:
+            check_finite(name, value)
+    elif isinstance(found, torch.Tensor):
+        if not bool(torch.isfinite(found).all()):
+            raise ValueError(f"{name} holds a tensor that is not finite")
+    elif isinstance(found, float) and not abs(found) < np.inf:
+        raise ValueError(f"{name} holds the number {found}")
 
 
 def random_state() -> dict[str, Any]:
@@ -164,9 +177,14 @@ def set_random_state(state: dict[str, Any]) -> None:
     Raises:
         KeyError, TypeError, ValueError, RuntimeError: it is no such state.
     """
-    torch.set_rng_state(state["torch"])
+    check_like("generators", state, random_state())
     drawn, python = state["numpy"], state["python"]
-    keys = as_array(drawn["keys"]).astype(np.uint32)
+    keys = as_array(drawn["keys"])
+    if keys.min() < 0 or keys.max() >= 2**32:
+        raise ValueError("generators.numpy.keys are no words of 32 bits")
+    keys = keys.astype(np.uint32)
+    whole("generators.numpy.position", drawn["position"], high=len(keys))  # NumPy reads there without a check
+    torch.set_rng_state(state["torch"])
     np.random.set_state((drawn["kind"], keys, drawn["position"], drawn["has_gauss"], drawn["gauss"]))  # noqa: NPY002
     random.setstate((python["version"], tuple(python["words"]), python["following"]))
 
@@ -206,12 +224,11 @@ def _check_values(loaded: Any, size: int) -> None:
                     raise ValueError("a tensor is larger than the file")
             elif not isinstance(part, str | bool | int | float | None):
                 raise ValueError(f"{type(part).__name__}")
-            count += len(below)
-            if count > _MOST_VALUES:
+            if count + len(below) > _MOST_VALUES:
                 raise ValueError("too many values")
         if not below:
             return
-        level = below
+        level, count = below, count + len(below)
     raise ValueError(f"it is nested more than {_DEEPEST} deep")
 
 
