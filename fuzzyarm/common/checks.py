@@ -180,6 +180,7 @@ def shown(value: Any) -> str:
         text = repr(value)
     except ValueError:  # a whole number of more digits than Python prints
         text = f"a whole number of {value.bit_length()} bits" if isinstance(value, int) else object.__repr__(value)
+    text = " ".join(text.split()) if "\n" in text else text
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 

@@ -10,6 +10,7 @@ deeper than `DEEPEST`. `read_bytes` and `open_regular` are for files of other fo
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import math
 import os
@@ -90,10 +91,13 @@ def open_regular(path: Path) -> BinaryIO:
     """Return a regular file, opened for reading; the caller closes it.
 
     Raises:
-        DocumentError: it is a folder, a pipe, a device or a socket.
-        OSError: the file cannot be opened.
+        DocumentError: it is a pipe, a device or a socket.
+        OSError: it is a folder, or the file cannot be opened.
     """
-    if not stat.S_ISREG(os.stat(path).st_mode):  # opening some devices has consequences
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):  # opening some devices has consequences
         raise DocumentError(f"{path}: not a regular file")
     # The open file is checked too: it may have been exchanged. Without O_NONBLOCK, opening a pipe waits for a writer.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))

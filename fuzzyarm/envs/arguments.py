@@ -63,8 +63,8 @@ def chosen_reference(
 
 
 def checked_arm(parameters: Any) -> ArmParameters:
-    """Return the arm, for None the one of Table 1; TypeError for anything else."""
-    return ArmParameters() if parameters is None else checks.instance("parameters", parameters, ArmParameters)
+    """Return the arm; TypeError if it is none."""
+    return checks.instance("parameters", parameters, ArmParameters)
 
 
 def check_options(options: dict[str, Any]) -> None:
@@ -91,15 +91,23 @@ def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
     high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(STATE_SIZE)
     if state.shape != (STATE_SIZE,) or not np.all(np.abs(state) <= high):
         raise ValueError(
-            f"initial_state = {checks.shown(given)} must be 8 finite numbers: motor angles, link angles "
+            f"initial_state = {checks.shown(np.asarray(given).tolist())} must be 8 finite numbers: motor angles, link angles "
             f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= {p.velocity_limit} rad/s)"
         )
     return state
 
 
 def real_numbers(name: str, given: Any) -> np.ndarray:
-    """Return a new array of float64; TypeError for entries that are no real numbers, ValueError for ragged rows."""
+    """Return a new array of float64, of any shape and unit.
+
+    Raises:
+        TypeError: an entry is no real number.
+        ValueError: rows differ in length, or a number is too large.
+    """
     array = np.asarray(given)
+    if array.dtype.kind == "O":
+        entries = [checks.real(name, entry) if checks.is_real(entry) else entry for entry in array.ravel()]
+        array = np.reshape(np.asarray(entries), array.shape)
     checks.real_entries(name, array)
     return np.array(array, dtype=np.float64, order="C")
 

@@ -23,6 +23,7 @@ from fuzzyarm.envs.arguments import (
     chosen_scenario,
     initial_state,
     observation_space,
+    real_numbers,
 )
 from fuzzyarm.envs.batch import kernels
 from fuzzyarm.envs.batch.lanes import Lanes
@@ -129,7 +130,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Build the environment; arguments as in the class docstring."""
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
-        self.parameters = checked_arm(parameters)
+        self.parameters = ArmParameters() if parameters is None else checked_arm(parameters)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
@@ -258,12 +259,15 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @staticmethod
     def _two_numbers(action: Any) -> list[float]:
-        """Return what was given for an action as two floats, or raise TypeError or ValueError."""
+        """Return what was given for an action as two floats, or raise ValueError."""
         array = np.asarray(action)
         if array.shape != _ACTION_SHAPE:
             raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
-        checks.real_entries("action", array, "N m")
-        return [float(array[0]), float(array[1])]
+        try:
+            numbers: list[float] = real_numbers("action", array).tolist()
+        except TypeError as error:
+            raise ValueError(f"action = {checks.shown(action)} must be two real numbers [N m]: {error}") from None
+        return numbers
 
     def _complete(self, info: dict[str, Any]) -> None:
         """Add what the episode drew, and let the renderer follow."""

@@ -88,7 +88,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError(f"render_mode = {render_mode!r}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)")
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
         self.control_period, self.substeps = checked_periods(control_period, substep)
-        plants = _each(checked_arm, self._per_lane("parameters", parameters))
+        plants = _each(checked_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = _each(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
@@ -130,10 +130,11 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Hold the torques `actions` (num_envs, 2) [N m] for one control period."""
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        torque = real_numbers("actions", actions)
-        if torque.shape != (self.num_envs, JOINTS):
+        given = np.asarray(actions)
+        if given.shape != (self.num_envs, JOINTS):
             needed = (self.num_envs, JOINTS)
-            raise ValueError(f"actions have shape {torque.shape}; needed: {needed}, motor torques [N m]")
+            raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
+        torque = real_numbers("actions", given)
         observation, vectors, scalars = split(self._lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated

@@ -17,12 +17,12 @@ _STEPS = "step"
 
 
 def check_ppo_state(found: Any, own: dict[str, Any], parameters: Sequence[torch.Tensor]) -> None:
-    """Check a state of PPO.
+    """Check a state of PPO: names, types and shapes of tensors, and ranges of numbers.
 
     Args:
         found: in the checkpoint.
         own: `PPOAlgorithm.state` of a new training with the same configuration.
-        parameters: of the networks, in the order of the optimiser.
+        parameters: of the networks, in the order of the optimiser, each of its own shape.
 
     Raises:
         TypeError, ValueError: they do not fit together; the message says where.

@@ -122,7 +122,7 @@ class TorchFuzzyArm:
         """Build the tables; arguments as in the class docstring."""
         self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), _dtype(dtype)
         self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
-        self.parameters = checked_arm(parameters)
+        self.parameters = ArmParameters() if parameters is None else checked_arm(parameters)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         self.substep = self.control_period / self.substeps
         self.randomisation = find_randomisation(randomisation, self.parameters)

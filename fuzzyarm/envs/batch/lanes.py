@@ -92,7 +92,10 @@ class Lanes:
         if seeds is not None and len(seeds) != self.count:
             raise ValueError(f"{len(seeds)} seeds for {self.count} lanes; give one per lane")
         if initial is not None:
-            initial = checks.finite_array("initial", initial, (self.count, size(State)))
+            needed = self.count, size(State)
+            initial = np.array(initial, dtype=np.float64, order="C")
+            if initial.shape != needed:
+                raise ValueError(f"initial has shape {initial.shape}; needed: {needed}")
         if scenarios is None:
             self._return_to_own()
         else:

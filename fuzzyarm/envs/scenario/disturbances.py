@@ -119,7 +119,7 @@ class EncoderNoise:
     def __post_init__(self) -> None:
         """Check the numbers."""
         for name, unit in (("position", "rad"), ("velocity", "rad/s")):
-            number = checks.real(f"EncoderNoise.{name}", getattr(self, name), unit, low=0.0, high=LARGEST)
+            number = checks.real(f"EncoderNoise.{name}", getattr(self, name), unit, low=0.0)
             _keep(self, name, number)
 
 
