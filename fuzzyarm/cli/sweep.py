@@ -11,7 +11,8 @@ from cyclopts import Parameter
 
 from fuzzyarm.cli.options import given, with_fields_of
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.losses import WorkersLost
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.run import Sweep

@@ -63,7 +63,7 @@ def run_missing(
 
     Raises:
         ValueError: a chunk in the folder is broken, a policy fails, or a worker has other versions than this process.
-        engine.WorkersLost: workers die again and again.
+        losses.WorkersLost: workers die again and again.
         OSError: a chunk cannot be written.
     """
     work = functools.partial(run_chunk, store.config, policies)

@@ -17,20 +17,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fuzzyarm.common.checks import choice, whole
+from fuzzyarm.eval.sweep.losses import TRIES, WorkersLost
 
-__all__ = ["BACKENDS", "TRIES", "Engine", "Report", "WorkersLost"]
+__all__ = ["BACKENDS", "Engine", "Report"]
 
 Result = TypeVar("Result")
 Report = Callable[[str], None]
 """Takes a line about something that went wrong and was put right."""
 BACKENDS = ("local", "ray")
 """Where work can be done: processes of this machine, or tasks of Ray."""
-TRIES = 3
-"""How often workers may be lost at a piece of work, or in a row, until it is given up."""
-
-
-class WorkersLost(Exception):
-    """Workers die again and again; the message says how often."""
 
 
 @dataclasses.dataclass(frozen=True)

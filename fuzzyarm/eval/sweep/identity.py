@@ -19,7 +19,7 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.user_modules import module_files
 from fuzzyarm.policies import PolicySpec
 
-__all__ = ["SOURCES", "difference", "digest_of_identity", "identity", "made_with"]
+__all__ = ["SOURCES", "difference", "digest_of_identity", "made_with", "sweep_identity"]
 
 _OWN = ("quantities", "distributions", "config", "plants", "episodes", "results")
 SOURCES = (
@@ -42,7 +42,7 @@ def made_with() -> dict[str, str]:
     return {"python": platform.python_version(), **versions, "code": _digest_of(root / name for name in SOURCES)}
 
 
-def identity(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, Any]:
+def sweep_identity(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict[str, Any]:
     """Return everything that the numbers of a sweep depend on, ready for JSON.
 
     Args:

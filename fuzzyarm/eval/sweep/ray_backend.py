@@ -27,7 +27,7 @@ from ray.exceptions import (
     WorkerCrashedError,
 )
 
-from fuzzyarm.eval.sweep.engine import TRIES, WorkersLost
+from fuzzyarm.eval.sweep.losses import TRIES, WorkersLost
 
 __all__ = ["NAME", "RayTasks", "cluster"]
 

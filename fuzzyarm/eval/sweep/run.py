@@ -96,7 +96,7 @@ class Sweep:
             report: called with a line when a worker was lost, whose chunk is repeated.
 
         Raises:
-            ValueError, OSError, engine.WorkersLost: see `chunks.run_missing`.
+            ValueError, OSError, losses.WorkersLost: see `chunks.run_missing`.
         """
         for number, _ in run_missing(self.store, self.policies, engine, report):
             yield len(self.store.config.members(number))

@@ -1,7 +1,7 @@
 """The folder of a sweep: its configuration, the finished chunks, and the code and versions that produced them.
 
 ``run.json`` is written first, then ``chunks/NNNNNN.npz`` one by one, each whole or not at all. Every file carries the
-digest of the sweep's identity (`identity.identity`). Chunks of another identity are never mixed in.
+digest of the sweep's identity (`identity.sweep_identity`). Chunks of another identity are never mixed in.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
-from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, identity
+from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, sweep_identity
 from fuzzyarm.eval.sweep.results import METRICS, SweepResults
 from fuzzyarm.policies import Kind, PolicySpec, resolve, resolve_all
 
@@ -60,7 +60,7 @@ class Store:
         if (folder / RUN).exists() or (folder / _CHUNKS).exists():
             raise ValueError(f"{folder} holds a sweep already: go on with it with --resume, or choose another --out")
         specs = resolve_all(config.policies, run_code=True)
-        found = identity(config, specs)
+        found = sweep_identity(config, specs)
         store = cls(folder, config, specs, digest_of_identity(found))
         document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict(), **found}
         (folder / _CHUNKS).mkdir(parents=True)
@@ -97,7 +97,7 @@ class Store:
             label: resolve(spec.name, run_code=spec.name in named)
             for label, spec in resolve_all(config.policies).items()
         }
-        now = identity(config, specs)
+        now = sweep_identity(config, specs)
         for name, what in (("made_with", "versions"), ("policies", "policy files")):
             if found := difference(then[name], now[name]):
                 raise ValueError(

@@ -178,7 +178,8 @@ def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys):
 
 
 def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, capsys, monkeypatch):
-    from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
+    from fuzzyarm.eval.sweep.engine import Engine
+    from fuzzyarm.eval.sweep.losses import WorkersLost
 
     def lost(*_):
         raise WorkersLost("workers died 3 times in a row")

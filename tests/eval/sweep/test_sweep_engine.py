@@ -7,7 +7,8 @@ import time
 
 import pytest
 
-from fuzzyarm.eval.sweep.engine import Engine, WorkersLost
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.losses import WorkersLost
 
 
 def slow(number):

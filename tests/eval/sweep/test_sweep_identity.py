@@ -7,7 +7,7 @@ from pathlib import Path
 
 import fuzzyarm
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.identity import SOURCES, difference, digest_of_identity, identity, made_with
+from fuzzyarm.eval.sweep.identity import SOURCES, difference, digest_of_identity, made_with, sweep_identity
 from fuzzyarm.policies import resolve_all
 
 ROOT = Path(fuzzyarm.__file__).parent
@@ -39,7 +39,7 @@ def test_every_source_exists():
 
 def test_the_identity_holds_the_digest_of_every_file_of_a_policy():
     config = SweepConfig(policies=("fuzzy-4-tip", "ppo-residual", "computed-torque"))
-    found = identity(config, resolve_all(config.policies))
+    found = sweep_identity(config, resolve_all(config.policies))
     assert list(found["policies"]["fuzzy-4-tip"]) == ["fuzzy-4.json"]
     assert "policy.json" in found["policies"]["ppo-residual"]  # which holds the digest of the weights
     assert found["policies"]["computed-torque"] == {}
