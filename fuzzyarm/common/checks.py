@@ -26,6 +26,7 @@ __all__ = [
     "real_entries",
     "reals",
     "shown",
+    "texts",
     "truth",
     "whole",
 ]
@@ -132,10 +133,18 @@ def choice(name: str, value: Any, choices: Collection[Choice]) -> Choice:
     raise ValueError(f"{name} = {shown(value)} is unknown; choose from: {', '.join(map(str, choices))}")
 
 
-def distinct(name: str, values: Sequence[Choice]) -> Sequence[Choice]:
-    """Return one or more values that all differ; ValueError otherwise."""
+def distinct(name: str, values: Sequence[str]) -> Sequence[str]:
+    """Return one or more names that all differ; ValueError otherwise, TypeError if they are no sequence of texts."""
+    texts(name, values)
     if not values or len(set(values)) != len(values):
         raise ValueError(f"{name} = {shown(list(values))} must be one or more different names")
+    return values
+
+
+def texts(name: str, values: Any) -> Sequence[str]:
+    """Return a sequence of texts; TypeError for anything else, a single text included."""
+    if not isinstance(values, list | tuple) or not all(isinstance(value, str) for value in values):
+        raise TypeError(f"{name} = {shown(values)} must be a tuple of names")
     return values
 
 

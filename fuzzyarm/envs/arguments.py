@@ -91,8 +91,9 @@ def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
     high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(STATE_SIZE)
     if state.shape != (STATE_SIZE,) or not np.all(np.abs(state) <= high):
         raise ValueError(
-            f"initial_state = {checks.shown(np.asarray(given).tolist())} must be 8 finite numbers: motor angles, link angles "
-            f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= {p.velocity_limit} rad/s)"
+            f"initial_state = {checks.shown(np.asarray(given).tolist())} must be 8 finite numbers: motor "
+            f"angles, link angles (each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= "
+            f"{p.velocity_limit} rad/s)"
         )
     return state
 

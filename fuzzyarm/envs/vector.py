@@ -85,7 +85,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if threads is not None:
             checks.whole("threads", threads, low=1, high=MOST_THREADS)
         if render_mode is not None:
-            raise ValueError(f"render_mode = {render_mode!r}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)")
+            raise ValueError(
+                f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)"
+            )
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         plants = _each(checked_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))

@@ -142,13 +142,16 @@ class Disturbance:
         for name, kind in (("torque_bias", TorqueBias), ("encoder_noise", EncoderNoise)):
             part = getattr(self, name)
             if not isinstance(part, kind | None):
-                raise ValueError(f"Disturbance.{name} = {part!r} must be a {kind.__name__}")
+                raise ValueError(f"Disturbance.{name} = {checks.shown(part)} must be a {kind.__name__}")
         if not (hasattr(self.payload, "mass") and hasattr(self.payload, "radius")):
             raise ValueError(
-                f"Disturbance.payload = {self.payload!r} must have mass and radius(parameters), as Payload has"
+                f"Disturbance.payload = {checks.shown(self.payload)} must have mass and radius(parameters), as "
+                "Payload has"
             )
         if self.tip_force is not None and not hasattr(self.tip_force, "at"):
-            raise ValueError(f"Disturbance.tip_force = {self.tip_force!r} must have a method at(time, tip_velocity)")
+            raise ValueError(
+                f"Disturbance.tip_force = {checks.shown(self.tip_force)} must have a method at(time, tip_velocity)"
+            )
 
 
 def _while_active(vector: tuple[float, float], time: np.ndarray, start: float, stop: float) -> np.ndarray:
