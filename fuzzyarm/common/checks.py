@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ __all__ = [
     "instance",
     "interval",
     "is_real",
+    "listed",
     "real",
     "reals",
     "shown",
@@ -178,6 +179,15 @@ def shown(value: Any) -> str:
         text = repr(value)
     except ValueError:  # a whole number of more digits than Python prints
         text = f"a whole number of {value.bit_length()} bits" if isinstance(value, int) else object.__repr__(value)
+    except Exception:  # a class of the user's own
+        text = object.__repr__(value)
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+
+
+def listed(names: Iterable[Any]) -> str:
+    """Return names as they stand in a message: in order, cut where they are long, nothing in them but plain text."""
+    texts = [name if isinstance(name, str) and name.isprintable() else shown(name) for name in names]
+    text = ", ".join(sorted(texts))
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 

@@ -61,7 +61,9 @@ def _git(*arguments: str, cwd: Path) -> str:
     subprocess.run(
         ["git", "ls-files", "--error-unmatch", __file__], cwd=cwd, check=True, capture_output=True, timeout=10
     )
-    done = subprocess.run(["git", *arguments], cwd=cwd, check=True, capture_output=True, text=True, timeout=10)
+    # Without `--no-optional-locks`, a `git status` that is killed leaves a lock in the checkout.
+    command = ["git", "--no-optional-locks", *arguments]
+    done = subprocess.run(command, cwd=cwd, check=True, capture_output=True, text=True, timeout=10)
     return done.stdout.strip()
 
 

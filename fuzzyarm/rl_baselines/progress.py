@@ -47,6 +47,8 @@ def train_with_progress(config: TrainingConfig | None, folder: Path, total: int 
     with console.progress("training", training.config.total_timesteps) as advance:
         if training.config.tensorboard and not tensorboard_installed():
             advance(line="no TensorBoard logs: tensorboard is not installed (pip install tensorboard)")
+        threads = training.config.threads
+        advance(line=f"{threads} {'thread' if threads == 1 else 'threads'} for torch and the arms (--threads)")
         show.begin(training.algorithm.steps, advance)
         return training.run()
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -173,7 +174,7 @@ def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
     try:
         document = check_schema(content, SCHEMA)
         config, digest = SweepConfig.from_dict(document["config"]), document["digest"]
-        then = {name: document[name] for name in ("numbers", "policies", "made_with")}
+        then = {name: instance(name, document[name], dict) for name in ("numbers", "policies", "made_with")}
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} cannot be used ({_line(error)}): begin anew in another folder") from None
     if digest != digest_of_identity(then) or then["numbers"] != config.numbers():
