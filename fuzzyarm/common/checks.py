@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ __all__ = [
     "instance",
     "interval",
     "is_real",
+    "listed",
     "real",
     "reals",
     "shown",
@@ -144,12 +145,14 @@ def instance(name: str, value: Any, kind: type[Choice]) -> Choice:
     return value
 
 
-def finite_array(name: str, values: Any, shape: tuple[int, ...], unit: str = "") -> np.ndarray:
-    """Return a new array of float64 with a shape.
+def finite_array(
+    name: str, values: Any, shape: tuple[int, ...], unit: str = "", *, largest: float = math.inf
+) -> np.ndarray:
+    """Return a new array of float64 with a shape, no entry beyond ±`largest`.
 
     Raises:
         TypeError: the entries are no real numbers (complex numbers, texts, dates, objects).
-        ValueError: the shape differs, or an entry is not finite.
+        ValueError: the shape differs, or an entry is not finite or beyond `largest`.
     """
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
@@ -159,6 +162,9 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...], unit: str = "")
     result = array.astype(np.float64)
     if not np.isfinite(result).all():
         raise ValueError(f"{name} holds numbers that are not finite")
+    if (np.abs(result) > largest).any():
+        allowed = _allowed(unit, low=-largest, high=largest)
+        raise ValueError(f"{name} holds a number of size {np.abs(result).max():g}: out of range; {allowed}")
     return result
 
 
@@ -173,6 +179,15 @@ def shown(value: Any) -> str:
         text = repr(value)
     except ValueError:  # a whole number of more digits than Python prints
         text = f"a whole number of {value.bit_length()} bits" if isinstance(value, int) else object.__repr__(value)
+    except Exception:  # a class of the user's own
+        text = object.__repr__(value)
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+
+
+def listed(names: Iterable[Any]) -> str:
+    """Return names as they stand in a message: in order, cut where they are long, nothing in them but plain text."""
+    texts = [name if isinstance(name, str) and name.isprintable() else shown(name) for name in names]
+    text = ", ".join(sorted(texts))
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 

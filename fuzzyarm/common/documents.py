@@ -19,6 +19,8 @@ from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
+from fuzzyarm.common.checks import listed
+
 __all__ = ["DEEPEST", "LARGEST", "DocumentError", "check_schema", "parse_json", "read_json", "read_toml", "record"]
 
 Record = TypeVar("Record")
@@ -86,7 +88,7 @@ def _refuse_unknown(content: Any, kind: Any) -> None:
     unknown = sorted(map(str, set(content) - {field.name for field in dataclasses.fields(kind)}))
     if unknown:
         names = sorted(field.name for field in dataclasses.fields(kind))
-        raise ValueError(f"unknown field {', '.join(unknown)[:80]}; known: {', '.join(names)}")
+        raise ValueError(f"unknown field {listed(unknown)}; known: {', '.join(names)}")
     for name, value in content.items():
         _refuse_unknown(value, known[name])
 

@@ -96,7 +96,7 @@ def check_options(options: dict[str, Any]) -> None:
     """Raise ValueError for a reset option that does not exist."""
     unknown = sorted(set(options) - set(RESET_OPTIONS))
     if unknown:
-        raise ValueError(f"unknown reset option {', '.join(unknown)}; known: {', '.join(RESET_OPTIONS)}")
+        raise ValueError(f"unknown reset option {checks.listed(unknown)}; known: {', '.join(RESET_OPTIONS)}")
 
 
 def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:

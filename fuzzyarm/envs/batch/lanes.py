@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fuzzyarm.envs.batch.beginning import begin
-from fuzzyarm.envs.batch.kernels import advance, prepare
-from fuzzyarm.envs.batch.layout import CLOCK, LANE, START, WIDTH, Clock, Lane
+from fuzzyarm.envs.batch.kernels import advance, observe_again, prepare
+from fuzzyarm.envs.batch.layout import CLOCK, LANE, START, WIDTH, Clock, Lane, split
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, check_reference, distinct
@@ -66,8 +66,9 @@ class Lanes:
         self.clock[CLOCK.key] = np.random.SeedSequence().generate_state(count, np.uint64).view(np.int64)
         self.drawn = np.empty((size(Draw), count if randomisation.varies else 0))
         self._drawn_info: dict[str, np.ndarray] = {}
-        self._own, self._own_start_of, self._own_radius_of = self._tabulated(scenarios)
-        self._return_to_own()
+        self._own, self._own_start_of, self._own_radius_of = self._tabulated(scenarios, np.arange(count))
+        self._tables = self._own
+        self._start_of, self._radius_of = self._own_start_of.copy(), self._own_radius_of.copy()
         self._workers = Workers(count, threads)
         self.threads = self._workers.threads
 
@@ -76,30 +77,35 @@ class Lanes:
         seeds: Sequence[int | None] | None = None,
         scenarios: Sequence[Scenario] | None = None,
         initial: np.ndarray | None = None,
+        which: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Begin an episode in every lane and return the results (WIDTH count,), see `layout.split`.
+        """Begin an episode in n lanes and return their results (WIDTH n,), see `layout.split`.
 
         Args:
-            seeds: of each lane's random stream; None: the stream continues.
-            scenarios: what to do this time in place of the lanes' own scenarios; one for all lanes, or one per lane.
-            initial: states (count, 8) to start from; None: at rest on the reference.
+            seeds: of each of these lanes' random streams; None: the stream continues.
+            scenarios: what to do this time in place of the lanes' own scenarios; one for all n lanes, or one per lane.
+            initial: states (n, 8) to start from; None: at rest on the reference.
+            which: (n,) the lanes, in ascending order; None: all of them.
 
         Raises:
             ValueError: a reference does not fit the plant of its lane.
         """
+        lanes = np.arange(self.count) if which is None else which
         if scenarios is None:
-            self._return_to_own()
+            self._leave(lanes)
         else:
-            extra, start_of, self._radius_of = self._tabulated(scenarios)
-            # The tables of these tasks come after the lanes' own tasks, to which a lane returns at its next automatic
+            extra, start_of, radius_of = self._tabulated(scenarios, lanes)
+            self._leave(lanes)
+            # The tables of these scenarios come after the lanes' own, to which a lane returns at its next automatic
             # reset.
-            self._tables, self._start_of = self._own.followed_by(extra), start_of + len(self._own.schedules)
-        for lane, seed in enumerate(seeds or ()):
+            self._start_of[lanes], self._radius_of[lanes] = start_of + len(self._tables.schedules), radius_of
+            self._tables = self._tables.followed_by(extra)
+        for lane, seed in zip(lanes, seeds or (), strict=seeds is not None):
             if seed is not None:
                 self.clock[CLOCK.key, lane] = key_of(seed).view(np.int64)
         with announced_compilation():
             prepare(self.count)
-            return self._begin(np.arange(self.count), initial)
+            return self._begin(lanes, initial)
 
     def restart(self, which: np.ndarray) -> np.ndarray:
         """Begin an episode in the lanes `which` (n,), each in its own scenario; return their results (WIDTH n,)."""
@@ -110,6 +116,11 @@ class Lanes:
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, int]:
         """The first arguments of `kernels.advance` and `kernels.advance_one`, with their shapes."""
         return self.values, self.clock, self._tables.table, self.period, self.substeps
+
+    @property
+    def longest_episode(self) -> int:
+        """Control steps of the longest of the lanes' own schedules."""
+        return max(schedule.steps for schedule in self._own.schedules)
 
     def close(self) -> None:
         """End the threads; a later step starts new ones."""
@@ -159,6 +170,27 @@ class Lanes:
             limit = self.values[_TORQUE_LIMIT, bad].tolist()
             raise ValueError(f"action {action[bad].tolist()} N m of lane {bad} is not finite; allowed: ±{limit} N m")
         return results
+
+    def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> np.ndarray:
+        """Do what `step` does, except in the lanes `over` (n,): there the next episode begins, whatever the action."""
+        action[over] = 0.0
+        # The kernel moves every lane, and a lane must be before its last row for that; here it moves in vain.
+        ends = self.clock[CLOCK.row, over]
+        self.clock[CLOCK.row, over] = self.clock[CLOCK.first, over]
+        try:
+            results = self.step(action)
+        except ValueError:
+            self.clock[CLOCK.row, over] = ends
+            raise
+        observation, vectors, scalars = split(results)
+        observation[over], vectors[:, over], scalars[:, over] = split(self.restart(over))
+        return results
+
+    def observation(self) -> np.ndarray:
+        """Return anew the observation (count, 10) that the last step or reset of each lane returned."""
+        results = np.empty(WIDTH * self.count)
+        observe_again(self.values, self.clock, self._tables.table, results)
+        return split(results)[0]
 
     def randomisation_info(self) -> dict[str, np.ndarray]:
         """Return what the episodes drew, by quantity: (count, 2) for one value per joint, else (count,); read-only."""
@@ -214,18 +246,36 @@ class Lanes:
         content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in (*parts, period)))
         return np.frombuffer(content.digest(), dtype=np.uint8)
 
-    def _tabulated(self, scenarios: Sequence[Scenario]) -> tuple[Tables, np.ndarray, np.ndarray]:
+    def _tabulated(self, scenarios: Sequence[Scenario], lanes: np.ndarray) -> tuple[Tables, np.ndarray, np.ndarray]:
         """Return the tables of the scenarios, and by lane the schedule it begins with and its payload's radius [m]."""
-        kinds, scenario_of = distinct(scenarios, self.count)
+        kinds, scenario_of = distinct(scenarios, len(lanes))
+        plant_of = self._plant_of[lanes]
         for number, (_, reference) in enumerate(kinds):
-            for plant in np.unique(self._plant_of[scenario_of == number]):
+            for plant in np.unique(plant_of[scenario_of == number]):
                 for member in self.randomisation.references if reference is None else (reference,):
                     check_reference(member, self.parameters[plant])
         tables = Tables.build(kinds, self.randomisation.references, self.period)
         payloads = [disturbance.payload for disturbance, _ in kinds]
-        places = zip(scenario_of.tolist(), self._plant_of.tolist(), strict=True)
+        places = zip(scenario_of.tolist(), plant_of.tolist(), strict=True)
         radius = [payloads[number].radius(self.parameters[plant]) for number, plant in places]
         return tables, tables.firsts[scenario_of], np.array(radius)
+
+    def _leave(self, lanes: np.ndarray) -> None:
+        """Put these lanes into their own scenarios, and drop the tables that no lane is in any longer."""
+        self._start_of[lanes], self._radius_of[lanes] = self._own_start_of[lanes], self._own_radius_of[lanes]
+        visiting = np.flatnonzero(self._start_of >= len(self._own.schedules))
+        before = self._tables
+        if len(visiting) == 0:
+            self._tables = self._own
+            return
+        scenario_of = np.searchsorted(before.firsts, self._start_of[visiting])
+        kept = np.union1d(np.arange(len(self._own.firsts)), scenario_of)
+        self._tables = before.only(kept)
+        after = self._tables.firsts[np.searchsorted(kept, scenario_of)]
+        moved = self._tables.starts[after, START.first] - before.starts[self._start_of[visiting], START.first]
+        for row in (CLOCK.row, CLOCK.first, CLOCK.last):
+            self.clock[row, visiting] += moved.astype(np.int64)
+        self._start_of[visiting] = after
 
     def _return_to_own(self) -> None:
         """Put every lane into its own scenario."""

@@ -73,6 +73,20 @@ class Tables:
             np.concatenate([self.firsts, other.firsts + len(self.schedules)]),
         )
 
+    def only(self, scenarios: np.ndarray) -> Tables:
+        """Return the tables of some of the scenarios, their numbers (n,) in ascending order."""
+        stops = np.append(self.firsts[1:], len(self.schedules))
+        places = [np.arange(self.firsts[number], stops[number]) for number in scenarios]
+        kept = np.concatenate(places)
+        schedules = tuple(self.schedules[place] for place in kept)
+        starts, lengths = self.starts[kept], np.array([len(schedule.table) for schedule in schedules])
+        rows = np.cumsum(lengths) - lengths
+        starts[:, START.last] += rows - starts[:, START.first]
+        starts[:, START.first] = rows
+        firsts = np.cumsum([0, *map(len, places[:-1])])
+        table = np.concatenate([schedule.table for schedule in schedules])
+        return Tables(tuple(self.references[place] for place in kept), schedules, starts, table, firsts)
+
 
 def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]:
     """Return the distinct items, by identity, and the number (count,) of each lane's among them.

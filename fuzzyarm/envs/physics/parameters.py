@@ -107,7 +107,7 @@ class ArmParameters:
         """Build an arm from a mapping of field names; unknown names raise ValueError with the known ones."""
         known = [field.name for field in dataclasses.fields(cls)]
         unknown = sorted(set(values) - set(known))
-        _require(not unknown, f"unknown arm field {', '.join(unknown)}; known: {', '.join(known)}")
+        _require(not unknown, f"unknown arm field {checks.listed(unknown)}; known: {', '.join(known)}")
         arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         return cls(**arguments)
 

@@ -194,7 +194,7 @@ def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     monkeypatch.delitem(sys.modules, "fuzzyarm.eval.sweep.ray_backend", raising=False)
     monkeypatch.delattr("fuzzyarm.eval.sweep.ray_backend", raising=False)
-    refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], "pip install 'fuzzyarm[cluster]'")
+    refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], '-e ".[cluster]"')
     assert not list(tmp_path.iterdir())
 
 
