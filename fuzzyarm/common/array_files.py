@@ -6,8 +6,11 @@ header. Arrays hold truth values, whole and real numbers, texts, or records of t
 
 from __future__ import annotations
 
+import errno
 import math
 import struct
+import tokenize
+import warnings
 import zipfile
 import zlib
 from pathlib import Path
@@ -40,8 +43,10 @@ _BROKEN = (
     RuntimeError,
     SyntaxError,
     TypeError,
+    UserWarning,
     ValueError,
     struct.error,
+    tokenize.TokenError,
     zipfile.BadZipFile,
     zipfile.LargeZipFile,
     zlib.error,
@@ -64,7 +69,9 @@ def read_arrays(path: Path, *, largest: int = LARGEST_ARRAYS) -> dict[str, np.nd
                 members = archive.infolist()
                 _check_members(members, min(largest, MOST_COMPRESSED * size) + _SLACK)
                 return {member.filename.removesuffix(_ENDING): _array(archive, member) for member in members}
-        except _BROKEN as error:
+        except (*_BROKEN, OSError) as error:
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # of a place before the beginning
+                raise
             reason = " ".join(str(error).split())[:160] or type(error).__name__
             raise DocumentError(f"{path} is damaged ({reason})") from None
 
@@ -109,7 +116,9 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     with archive.open(member) as stream:
         if np.lib.format.read_magic(stream) != (1, 0):
             raise ValueError(f"{member.filename[:40]!r} has another version of the format")
-        shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # about headers of Python 2
+            shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
         _check_type(dtype)
         needed, left = math.prod(shape) * dtype.itemsize, member.file_size - stream.tell()
         if min(shape, default=0) < 0 or needed != left:

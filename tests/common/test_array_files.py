@@ -97,10 +97,10 @@ BAD = {
 
 def plain_twice():
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w") as file, pytest.warns(UserWarning, match="Duplicate"):
-        for _ in range(2):
-            file.writestr("a.npy", header((2,)) + bytes(16))
-    return out.getvalue()
+    with zipfile.ZipFile(out, "w") as file:
+        for name in ("a.npy", "b.npy"):
+            file.writestr(name, header((2,)) + bytes(16))
+    return out.getvalue().replace(b"b.npy", b"a.npy")
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -118,7 +118,7 @@ def test_a_bad_archive_is_one_line_and_takes_neither_time_nor_memory(tmp_path, n
 
 def test_a_thousand_flipped_bytes_are_told_or_harmless(tmp_path):
     out = io.BytesIO()
-    np.savez_compressed(out, **{name: array for name, array in ARRAYS.items()})
+    np.savez_compressed(out, **ARRAYS)
     whole, generator, path = out.getvalue(), np.random.default_rng(1), tmp_path / "a.npz"
     for _ in range(1000):
         data = bytearray(whole)
@@ -126,7 +126,9 @@ def test_a_thousand_flipped_bytes_are_told_or_harmless(tmp_path):
             data[place] = generator.integers(256)
         cut = generator.integers(len(data)) if generator.random() < 0.1 else len(data)
         path.write_bytes(data[:cut])
+        caught = None
         try:
             read_arrays(path)
         except DocumentError as error:
-            assert "\n" not in str(error)
+            caught = error
+        assert "\n" not in str(caught)

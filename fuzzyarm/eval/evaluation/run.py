@@ -51,10 +51,10 @@ class EvaluationConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers before anything runs."""
-        for case in self.cases:
-            find_case(case)
         distinct("policies", self.policies)
         distinct("cases", self.cases)
+        for case in self.cases:
+            find_case(case)
         whole("seeds", self.seeds, low=1)
         EncoderNoise(*reals("encoder_noise", self.encoder_noise, 2))
         checked_period("control_period", self.control_period)
