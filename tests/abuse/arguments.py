@@ -59,7 +59,13 @@ def driven(env: FuzzyArmEnv) -> None:
 
 
 def construction(
-    name: str, make: Callable[..., Any], valid: Mapping[str, Any], check: Check = repr, *, count: int = 250, free: tuple = ()
+    name: str,
+    make: Callable[..., Any],
+    valid: Mapping[str, Any],
+    check: Check = repr,
+    *,
+    count: int = 250,
+    optional: tuple[str, ...] = (),
 ) -> Surface:
     """A surface of the keyword arguments of `make`: one of them is spoiled, the others are valid.
 
@@ -69,7 +75,7 @@ def construction(
         valid: arguments that fit together.
         check: called with what was made.
         count: tries of a whole run.
-        free: arguments that may be of any kind.
+        optional: arguments that may be None.
     """
 
     def attempt(rng: np.random.Generator) -> Try:
@@ -82,13 +88,13 @@ def construction(
             made = make(**arguments)
             if unknown:
                 raise Broken("an unknown argument was taken")
-            if field not in free and not plausible(value, valid[field]):
+            if not (plausible(value, valid[field]) or (value is None and field in optional)):
                 raise Broken("was taken without a word")
             check(made)
 
         return Try(f"{name}({field}={described(value)})", run, () if unknown else names_of(field, value))
 
-    return Surface(name, "arguments", count, attempt)
+    return Surface(name, "arguments", count, attempt, prepare=lambda: check(make(**valid)))
 
 
 def settings(kind: type, start: Any, check: Check = repr, **options: Any) -> Surface:
@@ -120,6 +126,10 @@ def _sampled(path: Any) -> None:
 
 def _randomised(randomisation: DomainRandomisation) -> None:
     driven(FuzzyArmEnv(randomisation=randomisation))
+
+
+def _warm() -> None:
+    driven(FuzzyArmEnv()), load_policy("fuzzy-4-tip"), load_policy("elastic-observer")
 
 
 def _from_dict(rng: np.random.Generator) -> Try:
@@ -198,13 +208,13 @@ def _network_parts() -> dict[str, Any]:
 
 SURFACES = (
     settings(ArmParameters, ArmParameters(), _armed, count=1500),
-    Surface("ArmParameters.from_dict", "arguments", 400, _from_dict),
+    Surface("ArmParameters.from_dict", "arguments", 400, _from_dict, prepare=_warm),
     settings(Circle, Circle(), _sampled),
     settings(Line, Line((0.3, 0.5), (0.5, 0.3)), _sampled),
     settings(Lemniscate, Lemniscate((0.4, 0.5), 0.1), _sampled),
     settings(Spline, Spline(((0.3, 0.5), (0.5, 0.3), (0.6, 0.5))), _sampled),
     settings(JointReference, JointReference(), _followed, count=400),
-    Surface("path of one's own", "arguments", 200, _own_path),
+    Surface("path of one's own", "arguments", 200, _own_path, prepare=_warm),
     Surface("ElasticReference", "arguments", 100, _elastic),
     settings(MachiningForce, MachiningForce(), lambda one: _disturbed(Disturbance(tip_force=one)), count=400),
     settings(ConstantForce, ConstantForce((0.0, 50.0), 0.1, math.inf), lambda one: _disturbed(Disturbance(tip_force=one)), count=400),
@@ -214,21 +224,21 @@ SURFACES = (
     settings(
         Disturbance, Disturbance(MachiningForce(), Payload(1.0), TorqueBias((1.0, 1.0)), EncoderNoise(1e-5, 1e-3)), _disturbed, count=300
     ),
-    Surface("force of one's own", "arguments", 200, _own_force),
+    Surface("force of one's own", "arguments", 200, _own_force, prepare=_warm),
     settings(Case, Case("own", "Own", Disturbance()), count=100),
     construction(
         "DomainRandomisation", DomainRandomisation, {**dict.fromkeys(ALLOWED, (0.5, 0.5)), "references": (JointReference(),)},
         _randomised, count=500,
     ),
-    Surface("names", "arguments", 500, _lookups),
-    construction("load_policy", load_policy, _policy_arguments(), count=200),
+    Surface("names", "arguments", 500, _lookups, prepare=_warm),
+    construction("load_policy", load_policy, _policy_arguments(), count=200, optional=("robot",)),
     settings(EvaluationConfig, EvaluationConfig(policies=("fuzzy-1",)), EvaluationConfig.command, count=500),
     settings(SweepConfig, SweepConfig(policies=("fuzzy-1",), ranges=(("mass", 0.9, 1.1),)), SweepConfig.command, count=700),
     settings(BenchConfig, BenchConfig(threads=1), BenchConfig.command, count=300),
-    settings(MarginsConfig, MarginsConfig(robot=Path("robot.toml")), MarginsConfig.command, count=200),
-    settings(Engine, Engine(jobs=1), count=200),
+    settings(MarginsConfig, MarginsConfig(robot=Path("robot.toml")), MarginsConfig.command, count=200, optional=("robot",)),
+    settings(Engine, Engine(jobs=1), count=200, optional=("jobs",)),
     settings(PPOConfig, PPOConfig(), lambda one: PPOConfig.from_dict(one.to_dict()), count=1200),
-    settings(Specification, Specification(), lambda one: one.objective, count=400),
+    settings(Specification, Specification(), lambda one: one.objective, count=400, optional=("alpha", "gamma")),
     settings(FeatureDefinition, FeatureDefinition(), lambda one: one.size, count=300),
     settings(ActionDefinition, ActionDefinition(), lambda one: one.smoothing, count=200),
     construction("Network", _network, _network_parts(), lambda one: one.sizes, count=300),

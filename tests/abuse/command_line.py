@@ -46,7 +46,24 @@ COMPUTING = (
     "fuzzyarm.eval.report.page.write_report",
 )
 """Where commands begin to compute."""
-NUMBERS = ("0", "-1", "1", "2", "3.5", "1e3", "1e400", "nan", "inf", "-inf", "0x10", "1_000", "9" * 400, "1e-400", "5e-324", "١")
+NUMBERS = (
+    "0",
+    "-1",
+    "1",
+    "2",
+    "3.5",
+    "1e3",
+    "1e400",
+    "nan",
+    "inf",
+    "-inf",
+    "0x10",
+    "1_000",
+    "9" * 400,
+    "1e-400",
+    "5e-324",
+    "١",
+)
 NEEDED = {
     "verify": [str(CONTROLLERS / "fuzzy-1.json")],
     "design": ["--out", "controller.json", "--rules", "1"],
@@ -76,7 +93,9 @@ def options(command: str) -> list[str]:
         fields = dataclasses.fields(options_of(ALGORITHMS["ppo"]))
     else:
         fields = dataclasses.fields(importlib.import_module(f"fuzzyarm.cli.{command}").Options)
-    return [f"--{option_name(field.name)}" for field in fields if field.name not in ("files", "folder", "_")] + ["--help"]
+    return [f"--{option_name(field.name)}" for field in fields if field.name not in ("files", "folder", "_")] + [
+        "--help"
+    ]
 
 
 def _words(rng: np.random.Generator, command: str) -> list[str]:
@@ -110,8 +129,27 @@ def _value(rng: np.random.Generator) -> str:
         return hostile_text(rng).replace("\x00", "")  # no word can hold it
     if kind < 0.7:
         return NUMBERS[rng.integers(len(NUMBERS))]
-    names = ("mass", "payload", "delay", "nominal", "machining", "fuzzy-1", "robust", "loads", "max", "min", "paper", "ppo", "z1,z3", "local")
-    return names[rng.integers(len(names))] if kind < 0.9 else f"special/{list(SPECIAL)[rng.integers(len(SPECIAL))].replace('/', '_')}"
+    names = (
+        "mass",
+        "payload",
+        "delay",
+        "nominal",
+        "machining",
+        "fuzzy-1",
+        "robust",
+        "loads",
+        "max",
+        "min",
+        "paper",
+        "ppo",
+        "z1,z3",
+        "local",
+    )
+    return (
+        names[rng.integers(len(names))]
+        if kind < 0.9
+        else f"special/{list(SPECIAL)[rng.integers(len(SPECIAL))].replace('/', '_')}"
+    )
 
 
 @contextlib.contextmanager
@@ -128,7 +166,16 @@ def _inside(folder: Path) -> Iterator[None]:
 def _specials() -> None:
     folder = Path("special")
     folder.mkdir()
-    for name in ("a FIFO", "a folder", "a link to /dev/zero", "a link to itself", "nothing", "an empty file", "a key twice", "a pickle"):
+    for name in (
+        "a FIFO",
+        "a folder",
+        "a link to /dev/zero",
+        "a link to itself",
+        "nothing",
+        "an empty file",
+        "a key twice",
+        "a pickle",
+    ):
         SPECIAL[name](folder / name.replace("/", "_"))
 
 
@@ -191,7 +238,14 @@ def _stream(errors: str) -> io.TextIOWrapper:
 
 
 SURFACES = tuple(
-    Surface(f"fuzzyarm {command}", "command line", 300 if command in ("verify", "report") else 400, _attempt(command), raises=(_Refused,))
+    Surface(
+        f"fuzzyarm {command}",
+        "command line",
+        300 if command in ("verify", "report") else 400,
+        _attempt(command),
+        raises=(_Refused,),
+        prepare=evaluation,
+    )
     for commands in GROUPS.values()
     for command in commands
 )

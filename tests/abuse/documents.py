@@ -20,6 +20,7 @@ import numpy as np
 
 import fuzzyarm
 from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.frozen import freeze, gain_at, pole_rate
 from fuzzyarm.eval.certified.rigid import RigidLoop
@@ -46,6 +47,12 @@ BUNDLES = Path(fuzzyarm.__file__).parent / "learned_policy" / "policies"
 CLAIMED = ("fuzzy-1", "fuzzy-2", "paper-1", "paper-4")  # files that are quickly proven
 
 
+def prepared() -> None:
+    """Make the samples, and use everything once."""
+    evaluation(), sweep(), training(), read_evaluation(evaluation()), Training.resume(training()).algorithm.update()
+    verify_file(CONTROLLERS / "fuzzy-1.json"), _acted(_bundle()), driven(FuzzyArmEnv())
+
+
 def no_code_ran() -> None:
     """Check that nothing that a file named or held was executed."""
     if CANARY.exists() or "abuse_canary" in sys.modules:
@@ -58,7 +65,13 @@ def _document(content: bytes) -> Any:
 
 
 def file_of(
-    name: str, source: Callable[[], Path], target: str, read: Callable[[Path], Any], sign: Callable[[Any], Any] | None, *, count: int,
+    name: str,
+    source: Callable[[], Path],
+    target: str,
+    read: Callable[[Path], Any],
+    sign: Callable[[Any], Any] | None,
+    *,
+    count: int,
     same: Callable[[Any, Any, bool], None] = lambda original, changed, signed: None,
 ) -> Surface:
     """A surface of a JSON document: half of the tries change values, the others bytes.
@@ -98,7 +111,7 @@ def file_of(
 
         return Try(f"{target}: {text}", run)
 
-    return Surface(name, "files", count, attempt)
+    return Surface(name, "files", count, attempt, prepare=prepared)
 
 
 def _copied(source: Path, target: str, content: bytes) -> Path:
@@ -138,7 +151,9 @@ def _check_claim(controller: Controller) -> None:
     F, G = freeze(RigidLoop(controller), q, dq)
     slow, gains = pole_rate(F).min(), [gain_at(F, G, np.full(400, 1j * w)).max() for w in (0.0, 1.0, 10.0, 100.0)]
     if slow < controller.alpha * (1.0 - 1e-6) or max(gains) > controller.gamma * (1.0 + 1e-6):
-        raise Broken(f"PROVEN, but the rate is {slow:g} (alpha {controller.alpha:g}), the gain {max(gains):g} (gamma {controller.gamma:g})")
+        raise Broken(
+            f"PROVEN, but the rate is {slow:g} (alpha {controller.alpha:g}), the gain {max(gains):g} (gamma {controller.gamma:g})"
+        )
     fastest = -np.linalg.eigvals(F).real.min()
     if controller.fastest_pole is not None and fastest > controller.fastest_pole * (1.0 + 1e-6):
         raise Broken(f"PROVEN, but a pole is at {-fastest:g}, claimed above {-controller.fastest_pole:g}")
@@ -160,7 +175,7 @@ def _robot(rng: np.random.Generator) -> Try:
     def run() -> None:
         path = scratch() / "robot.toml"
         path.write_bytes(content)
-        driven(fuzzyarm.envs.fuzzy_arm.FuzzyArmEnv(parameters=ArmParameters.from_toml(path)))
+        driven(FuzzyArmEnv(parameters=ArmParameters.from_toml(path)))
 
     return Try(f"robot.toml: {text}", run)
 
@@ -215,7 +230,10 @@ def _weights(rng: np.random.Generator) -> Try:
 def _read_results(folder: Path) -> None:
     results = read_results(folder)
     rank_policies([folder])
-    if results.config.seeds * len(results.config.policies) * len(results.config.cases) > 1 or results.config.control_period < 5e-4:
+    if (
+        results.config.seeds * len(results.config.policies) * len(results.config.cases) > 1
+        or results.config.control_period < 5e-4
+    ):
         return
     recheck_results(results, ())
 
@@ -236,7 +254,7 @@ def _archive(name: str, source: Callable[[], Path], target: str, read: Callable[
 
         return Try(f"{target}: {text}", run)
 
-    return Surface(name, "files", count, attempt)
+    return Surface(name, "files", count, attempt, prepare=prepared)
 
 
 def _changed_archive(rng: np.random.Generator, good: bytes) -> tuple[bytes, str]:
@@ -255,7 +273,9 @@ def _changed_archive(rng: np.random.Generator, good: bytes) -> tuple[bytes, str]
         np.save(buffer, other, allow_pickle=True)
         members[name] = buffer.getvalue()
     elif change == 4:
-        members[name] = content.replace(b"(", [b"(10000000000000,", b"(-1,", b"((", b"(1e3,", b"(__import__('os'),"][rng.integers(5)], 1)
+        members[name] = content.replace(
+            b"(", [b"(10000000000000,", b"(-1,", b"((", b"(1e3,", b"(__import__('os'),"][rng.integers(5)], 1
+        )
     else:
         members[name], _ = damaged_bytes(rng, content)
     buffer = io.BytesIO()
@@ -418,14 +438,14 @@ SURFACES = (
                 count=500 if name.startswith("fuzzy") else 400, same=_same_controller)
         for name in CLAIMED
     ),
-    Surface("robot TOML", "files", 1500, _robot),
+    Surface("robot TOML", "files", 1500, _robot, prepare=prepared),
     file_of("policy.json", _bundle, "policy.json", _acted, None, count=800),
-    Surface("weights.safetensors", "files", 600, _weights),
+    Surface("weights.safetensors", "files", 600, _weights, prepare=prepared),
     file_of("results.json", evaluation, "results.json", _read_results, None, count=800),
     _archive("rollouts.npz", evaluation, "rollouts.npz", _read_evaluation, 500),
     file_of("run.json", sweep, "run.json", _resumed_sweep, _signed_run, count=600),
     _archive("chunk", sweep, "chunks/000000.npz", _resumed_sweep, 500),
-    Surface("checkpoint", "files", 300, _checkpoint),
+    Surface("checkpoint", "files", 300, _checkpoint, prepare=prepared),
     file_of("expected.json", _expected_folder, "expected.json", lambda folder: load_expected(folder / "expected.json"), None, count=400),
-    Surface("in place of a file", "files", 240, _in_place_of_a_file),
+    Surface("in place of a file", "files", 240, _in_place_of_a_file, prepare=prepared),
 )  # fmt: skip

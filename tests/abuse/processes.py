@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import functools
 import io
@@ -28,7 +29,21 @@ from .surface import Broken, Surface, Try
 __all__ = ["SURFACES"]
 
 EVALUATE = ["evaluate", "--policy", "fuzzy-1", "--case", "nominal", "--out", "out"]
-SWEEP = ["sweep", "--policy", "fuzzy-1", "--case", "nominal", "--plants", "6", "--chunk", "1", "--jobs", "1", "--out", "out"]
+SWEEP = [
+    "sweep",
+    "--policy",
+    "fuzzy-1",
+    "--case",
+    "nominal",
+    "--plants",
+    "6",
+    "--chunk",
+    "1",
+    "--jobs",
+    "1",
+    "--out",
+    "out",
+]
 TRAIN = ["train", "ppo", "--out", "out", "--no-tensorboard"]
 for _name, _value in SMALL_TRAINING.items():
     if _name != "tensorboard":
@@ -40,7 +55,10 @@ COMMANDS = {
     "design": ["design", "--rules", "1", "--out", "out/controller.json"],
     "report": ["report", "evaluation", "--out", "out/report.html"],
 }
-RESUMED = {"sweep": ["sweep", "--resume", "--jobs", "1", "--out", "out"], "train": ["train", "ppo", "--resume", "--out", "out"]}
+RESUMED = {
+    "sweep": ["sweep", "--resume", "--jobs", "1", "--out", "out"],
+    "train": ["train", "ppo", "--resume", "--out", "out"],
+}
 PATIENCE = 240  # s of wall time; a command takes three
 
 _Setting = Callable[[], None]
@@ -93,10 +111,13 @@ def _command(words: list[str], folder: str, told: Any, streams: dict[str, Any]) 
         code = 130
     except OSError:  # the last flush, as at the end of Python
         code = 120
+    with contextlib.suppress(OSError):
+        sys.stderr.flush()
     os._exit(code)
 
 
 def _begun(name: str) -> Path:
+    _uninterrupted(name)
     folder = scratch()
     (folder / "out").mkdir()
     if name in ("sweep", "train"):
@@ -114,7 +135,9 @@ def check_whole(folder: Path) -> None:
             try:
                 _check_file(path)
             except Exception as error:
-                raise Broken(f"{path.relative_to(folder)} of {path.stat().st_size} bytes is not whole: {error!r:.200}") from None
+                raise Broken(
+                    f"{path.relative_to(folder)} of {path.stat().st_size} bytes is not whole: {error!r:.200}"
+                ) from None
 
 
 def _check_file(path: Path) -> None:
@@ -141,6 +164,7 @@ def _check_file(path: Path) -> None:
 @functools.cache
 def _uninterrupted(name: str) -> tuple[float, dict[str, bytes]]:
     """Return how long a command takes [s], and what it makes, if nothing happens to it."""
+    evaluation()
     folder = room() / f"whole-{name}"
     (folder / "out").mkdir(parents=True)
     if name in ("sweep", "train"):
@@ -236,14 +260,22 @@ def _streams(rng: np.random.Generator) -> Try:
     def run() -> None:
         folder = scratch()
         shutil.copytree(evaluation(), folder / "evaluation")
-        shutil.copy(Path(__file__).parents[2] / "fuzzyarm/fuzzy_policy/controllers/fuzzy-1.json", folder / "controller.json")
+        shutil.copy(
+            Path(__file__).parents[2] / "fuzzyarm/fuzzy_policy/controllers/fuzzy-1.json", folder / "controller.json"
+        )
         changes, redirection, codes = SURROUNDINGS[name]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", **{one: value for one, value in changes.items() if value}}
         for one in (one for one, value in changes.items() if not value):
             environment.pop(one, None)
         environment["PYTHONPATH"] = str(Path(__file__).parents[2])
         line = " ".join([f"'{sys.executable}' -m fuzzyarm", *words, redirection])
-        done = subprocess.run(["bash", "-c", f"set -o pipefail; {line}"], cwd=folder, env=environment, capture_output=True, timeout=PATIENCE)
+        done = subprocess.run(
+            ["bash", "-c", f"set -o pipefail; {line}"],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            timeout=PATIENCE,
+        )
         err = done.stderr.decode(errors="replace")
         if done.returncode not in codes:
             raise Broken(f"exit code {done.returncode}, expected {codes}: {err[-300:]!r}")
@@ -283,8 +315,17 @@ SURROUNDINGS: dict[str, tuple[dict[str, str], str, tuple[int, ...]]] = {
 """By name: the environment, redirections, and exit codes that may come of a command line that succeeds elsewhere."""
 
 SURFACES = (
-    *(Surface(f"kill -9 of {name}", "processes", 12, _stopped(signal.SIGKILL, name)) for name in COMMANDS),
-    *(Surface(f"SIGINT of {name}", "processes", 12, _stopped(signal.SIGINT, name)) for name in COMMANDS),
-    Surface("full disk", "processes", 30, _full_disk),
-    Surface("surroundings", "processes", 60, _streams),
+    *(
+        Surface(
+            f"{text} of {name}",
+            "processes",
+            12,
+            _stopped(number, name),
+            prepare=functools.partial(_uninterrupted, name),
+        )
+        for text, number in (("kill -9", signal.SIGKILL), ("SIGINT", signal.SIGINT))
+        for name in COMMANDS
+    ),
+    Surface("full disk", "processes", 30, _full_disk, prepare=lambda: [_uninterrupted(name) for name in COMMANDS]),
+    Surface("surroundings", "processes", 60, _streams, prepare=lambda: _uninterrupted("evaluate")),
 )

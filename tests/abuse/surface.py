@@ -72,6 +72,7 @@ class Surface:
         count: tries of a whole run.
         make: a try from a random generator.
         raises: other documented errors.
+        prepare: called once before the tries, outside the bounds: makes samples, and lets machine code be made.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Surface:
     count: int
     make: Callable[[np.random.Generator], Try]
     raises: tuple[type[BaseException], ...] = ()
+    prepare: Callable[[], object] = lambda: None
 
     def number(self, k: int) -> Try:
         """Try number k, the same on every machine."""
@@ -99,6 +101,7 @@ class Tally:
 def try_all(surface: Surface, numbers: range, at: Callable[[int], None] = lambda k: None) -> Tally:
     """Run tries by number; `at` hears of each before it begins."""
     tally = Tally(surface.name)
+    surface.prepare()
     for k in numbers:
         at(k)
         tally.tried += 1

@@ -7,7 +7,7 @@ import decimal
 import fractions
 import math
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -139,7 +139,15 @@ def spoiled(rng: np.random.Generator, valid: Any) -> Any:
 def _near(rng: np.random.Generator, valid: float) -> Any:
     if isinstance(valid, int) and rng.random() < 0.5:
         return valid + int(rng.integers(-3, 4))
-    changed = (-valid, 10.0 * valid, 0.1 * valid, 1e3 * valid, 1e-6 * valid, np.nextafter(float(valid), math.inf), valid + 0.5)
+    changed = (
+        -valid,
+        10.0 * valid,
+        0.1 * valid,
+        1e3 * valid,
+        1e-6 * valid,
+        np.nextafter(float(valid), math.inf),
+        valid + 0.5,
+    )
     return changed[rng.integers(len(changed))]
 
 
@@ -202,7 +210,20 @@ def json_value(rng: np.random.Generator, valid: Any = None) -> Any:
     if kind < 0.25:
         return hostile_text(rng)
     if kind < 0.4:
-        choices: list[Any] = [None, True, False, [], {}, [[]], {"": 0}, [None], _deep(60), [0.0] * 5000, "0x1p9999", "nan"]
+        choices: list[Any] = [
+            None,
+            True,
+            False,
+            [],
+            {},
+            [[]],
+            {"": 0},
+            [None],
+            _deep(60),
+            [0.0] * 5000,
+            "0x1p9999",
+            "nan",
+        ]
         return choices[rng.integers(len(choices))]
     if isinstance(valid, str) and valid.lstrip("-").startswith("0x") and kind < 0.9:  # an exact number
         number = _near(rng, float.fromhex(valid)) if rng.random() < 0.7 else _number(rng)
@@ -230,8 +251,14 @@ def plausible(value: Any, valid: Any) -> bool:
         case str():
             return isinstance(value, str)
         case list() | tuple():
-            ordered = isinstance(value, list | tuple | range) or (isinstance(value, np.ndarray) and value.ndim == 1)
-            return ordered and (not valid or all(plausible(one, valid[0]) for one in list(value)[:100]))
+            if not isinstance(value, Sequence | np.ndarray):  # an iterator, which is used up
+                return isinstance(value, Iterable) and not isinstance(value, Set | Mapping)
+            one = valid[0] if valid else None
+            return not isinstance(value, str | bytes) and all(plausible(entry, one) for entry in value)
         case np.ndarray():
             return np.asarray(value).dtype.kind in "fiu"
-    return value is None or isinstance(value, type(valid)) or any(hasattr(value, name) for name in ("points", "at", "mass"))
+    return (
+        value is None
+        or isinstance(value, type(valid))
+        or any(hasattr(value, name) for name in ("points", "at", "mass"))
+    )
