@@ -14,6 +14,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
+from fuzzyarm.envs.batch.saved_state import checked_arrays
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
 __all__ = ["StableBaselinesVecEnv", "training_envs"]
@@ -102,9 +103,14 @@ class StableBaselinesVecEnv(VecEnv):
         return {**state, "returns": self._returns.copy(), "lengths": self._lengths.copy()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`."""
+        """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`.
+
+        Raises:
+            TypeError, ValueError: the state does not fit, see `FuzzyArmVectorEnv.set_state`; nothing has changed.
+        """
+        own = checked_arrays(state, {"returns": self._returns, "lengths": self._lengths})
         _attribute(self.envs, "set_state")(state)
-        self._returns, self._lengths = state["returns"].copy(), state["lengths"].copy()
+        self._returns, self._lengths = own["returns"], own["lengths"]
 
     def close(self) -> None:
         """Close the environment."""

@@ -19,6 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common.checks import instance, is_real, reals, shown
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -30,6 +31,7 @@ from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (
     CheckpointError,
     as_array,
+    check_like,
     random_state,
     read_checkpoint,
     set_random_state,
@@ -115,15 +117,17 @@ class Training:
                 )
         try:
             training = cls(config, folder, report)
-            training.rows, training.best, training._earlier = found["rows"], found["best"], found["seconds"]
+            training.rows, training.best, training._earlier = _progress(found)
             learner, envs, generators = found["learner"], found["envs"], found["generators"]
-        except (KeyError, TypeError, ValueError) as error:
-            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
+        except (KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+            reason = textwrap.shorten(str(error), width=200)
+            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {reason}; start anew") from None
         try:
+            check_like("learner", learner, training.algorithm.state())
             training.algorithm.set_state(learner)
             training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
             set_random_state(generators)
-        except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError, RuntimeError) as error:
             reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
                 f"the checkpoint does not fit this training ({reason}); start the training anew"
@@ -255,6 +259,18 @@ class Training:
         """Return rows of the curve as text; a column that a row lacks stays empty."""
         columns = ("steps", "episode_reward", "episode_length", "tip_error_mm", *self._spec.columns, *COLUMNS)
         return csv_text(rows, columns, header=header)
+
+
+def _progress(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
+    """Return the curve, the best score and the times [s] of a checkpoint; TypeError or ValueError if they are none."""
+    rows, best = instance("rows", found["rows"], list), found["best"]
+    for row in rows:
+        if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
+            raise ValueError(f"rows holds {shown(row)}")
+    if not is_real(best) or math.isnan(best):
+        raise ValueError(f"best = {shown(best)} is no number")
+    wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
+    return rows, float(best), (wall, cpu)
 
 
 def tensorboard_installed() -> bool:

@@ -10,9 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.common.checks import distinct, real, whole
+from fuzzyarm.common.checks import distinct, instance, reals, whole
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
@@ -50,13 +51,14 @@ class EvaluationConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers before anything runs."""
-        for case in self.cases:
-            find_case(case)
         distinct("policies", self.policies)
         distinct("cases", self.cases)
+        for case in self.cases:
+            find_case(case)
         whole("seeds", self.seeds, low=1)
-        EncoderNoise(*self.encoder_noise)
-        real("control_period", self.control_period, "s", above=0.0)
+        EncoderNoise(*reals("encoder_noise", self.encoder_noise, 2))
+        checked_period("control_period", self.control_period)
+        instance("parameters", self.parameters, ArmParameters)
         if self.seeds > 1 and not any(self.encoder_noise):
             raise ValueError(
                 f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"

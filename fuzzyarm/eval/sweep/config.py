@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import shlex
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, instance, real, whole
+from fuzzyarm.common.checks import choice, distinct, instance, real, shown, texts, whole
 from fuzzyarm.common.documents import record
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
@@ -107,9 +109,8 @@ class SweepConfig:
     def __post_init__(self) -> None:
         """Check everything but the policies, which are checked when they are loaded."""
         for name in ("policies", "cases"):
-            given = getattr(self, name)
-            if not given or len(set(given)) != len(given):
-                raise ValueError(f"{name} = {list(given)} must be one or more different names")
+            distinct(name, getattr(self, name))
+        texts("map", self.map)
         for case in self.cases:
             find_case(case)
         instance("robot", self.robot, ArmParameters)
@@ -117,8 +118,8 @@ class SweepConfig:
             whole(name, getattr(self, name), low=low)
         real("bound", self.bound, "mm", above=0.0)
         choice("distribution", self.distribution, DISTRIBUTIONS)
-        object.__setattr__(self, "ranges", tuple(QuantityRange(*changed) for changed in self.ranges))
-        object.__setattr__(self, "grid", tuple(Axis(*axis) for axis in self.grid))
+        object.__setattr__(self, "ranges", _tuples("ranges", self.ranges, QuantityRange))
+        object.__setattr__(self, "grid", _tuples("grid", self.grid, Axis))
         for name in (*(axis.quantity for axis in self.grid), *(changed.quantity for changed in self.ranges)):
             choice("quantity", name, QUANTITIES)
         self._check_grid()
@@ -235,6 +236,15 @@ class SweepConfig:
         words += ["--chunk", str(self.chunk), "--bound", str(self.bound), "--worst", str(self.worst)]
         words += ["--map", *self.map] if self.map else []
         return shlex.join(words)
+
+
+def _tuples(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
+    """Return rows as records; TypeError unless each has as many entries as the record has fields."""
+    fields = kind._fields  # type: ignore[attr-defined]
+    rows: Any = given if isinstance(given, list | tuple) else [None]
+    if not all(isinstance(row, list | tuple) and len(row) == len(fields) for row in rows):
+        raise TypeError(f"{name} = {shown(given)} must be a tuple of rows ({', '.join(fields)})")
+    return tuple(itertools.starmap(kind, rows))
 
 
 def _as_lists(value: Any) -> Any:

@@ -9,14 +9,13 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.array_files import read_arrays
 from fuzzyarm.common.checks import instance
 from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
@@ -91,7 +90,7 @@ class Store:
                 it was may be named with its path.
 
         Raises:
-            ValueError: there is no sweep; its file is broken or of another format; it was begun with another
+            ValueError: there is no sweep; its file is damaged or of another format; it was begun with another
                 configuration, code, version or policy file; or it names code that the user has not named.
             OSError: a file cannot be read.
         """
@@ -125,7 +124,7 @@ class Store:
             (self.folder / RUN).unlink(missing_ok=True)
 
     def missing(self) -> list[int]:
-        """Return the chunks that are still to be run; ValueError if one that exists is broken or of another sweep."""
+        """Return the chunks that are still to be run; ValueError if one that exists is damaged or of another sweep."""
         return [number for number in range(self.config.chunks) if self.load(number) is None]
 
     def save(self, number: int, results: SweepResults) -> None:
@@ -135,22 +134,24 @@ class Store:
         write_atomically(self._path(number), content.getvalue())
 
     def load(self, number: int) -> SweepResults | None:
-        """Return a chunk; None if it has not been run, ValueError if its file is broken."""
+        """Return a chunk; None if it has not been run, ValueError if its file is damaged."""
         path = self._path(number)
         if not path.exists():
             return None
         try:
-            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-                digest = str(file["digest"])
-                results = SweepResults(**{name: file[name] for name in ("plants", *METRICS)})
-        except (EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-            raise ValueError(f"{path} is broken ({_line(error)}): delete it, and --resume runs it again") from None
+            arrays = read_arrays(path)
+        except ValueError as error:  # it names the file
+            raise ValueError(f"{error}: delete it, and --resume runs it again") from None
+        digest = str(arrays.pop("digest", ""))
+        if set(arrays) != {"plants", *METRICS}:
+            raise ValueError(f"{path} is damaged (an array is missing): delete it, and --resume runs it again")
+        results = SweepResults(**arrays)
         if digest != self.digest:
             raise ValueError(
                 f"{path} is of another sweep than {self.folder / RUN}: delete it, and --resume runs it again"
             )
         if not results.fits(len(self.config.policies), len(self.config.cases), len(self.config.members(number))):
-            raise ValueError(f"{path} is broken (its size is wrong): delete it, and --resume runs it again")
+            raise ValueError(f"{path} is damaged (its size is wrong): delete it, and --resume runs it again")
         return results
 
     def load_all(self) -> SweepResults:

@@ -135,7 +135,7 @@ def test_another_sweep_is_not_mixed_in(folder, capsys, option):
 def test_a_broken_chunk_is_named(folder, capsys, keep):
     path = folder / "chunks" / "000001.npz"
     path.write_bytes(path.read_bytes()[:keep])
-    refused(capsys, folder, ["--resume", "--out", str(folder)], "000001.npz is broken")
+    refused(capsys, folder, ["--resume", "--out", str(folder)], "000001.npz is damaged")
     path.unlink()
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
 
