@@ -161,7 +161,9 @@ def _spoiled_sequence(rng: np.random.Generator, valid: Any) -> Any:
     elif change == 2:
         entries.reverse()
     elif change == 3:
-        return np.array(entries, dtype=object).astype(str) if rng.random() < 0.5 else np.array(entries, dtype=object)
+        array = np.empty(len(entries), dtype=object)
+        array[:] = [str(type(entry)) for entry in entries] if rng.random() < 0.5 else entries
+        return array
     else:
         entries[place] = spoiled(rng, entries[place])
     return entries if rng.random() < 0.2 else tuple(entries)
