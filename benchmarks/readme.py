@@ -114,7 +114,10 @@ def readme_sections() -> dict[str, str]:
 
 def sections() -> dict[str, str]:
     """Return the tables of the documentation from the stored results, by the name that its directive gives them."""
-    stored = {name: _stored(name) for name in ("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse", *SCRIPTS)}
+    stored = {
+        name: _stored(name)
+        for name in ("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse", *SCRIPTS)
+    }
     return {
         "results": f"{markdown_table(stored['evaluate']['results'])}\n\n"
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(stored['evaluate'])}\n\n"

@@ -24,8 +24,10 @@ __all__ = [
     "is_real",
     "listed",
     "real",
+    "real_entries",
     "reals",
     "shown",
+    "texts",
     "truth",
     "whole",
 ]
@@ -33,6 +35,7 @@ __all__ = [
 Choice = TypeVar("Choice")
 
 SHOWN = 80  # characters of a value in a message
+MESSAGE = 300  # characters of a message that quotes a type
 
 
 def real(
@@ -131,10 +134,18 @@ def choice(name: str, value: Any, choices: Collection[Choice]) -> Choice:
     raise ValueError(f"{name} = {shown(value)} is unknown; choose from: {', '.join(map(str, choices))}")
 
 
-def distinct(name: str, values: Sequence[Choice]) -> Sequence[Choice]:
-    """Return one or more values that all differ; ValueError otherwise."""
+def distinct(name: str, values: Sequence[str]) -> Sequence[str]:
+    """Return one or more names that all differ; ValueError otherwise, TypeError if they are no sequence of texts."""
+    texts(name, values)
     if not values or len(set(values)) != len(values):
         raise ValueError(f"{name} = {shown(list(values))} must be one or more different names")
+    return values
+
+
+def texts(name: str, values: Any) -> Sequence[str]:
+    """Return a sequence of texts; TypeError for anything else, a single text included."""
+    if not isinstance(values, list | tuple) or not all(isinstance(value, str) for value in values):
+        raise TypeError(f"{name} = {shown(values)} must be a tuple of names")
     return values
 
 
@@ -155,8 +166,7 @@ def finite_array(
         ValueError: the shape differs, or an entry is not finite or beyond `largest`.
     """
     array = np.asarray(values)
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}")
+    real_entries(name, array, unit)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}; allowed: {shape}")
     result = array.astype(np.float64)
@@ -166,6 +176,12 @@ def finite_array(
         allowed = _allowed(unit, low=-largest, high=largest)
         raise ValueError(f"{name} holds a number of size {np.abs(result).max():g}: out of range; {allowed}")
     return result
+
+
+def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
+    """Raise TypeError for an array of truth values, complex numbers, texts, dates or objects."""
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}"[:MESSAGE])
 
 
 def is_real(value: Any) -> bool:
@@ -181,6 +197,7 @@ def shown(value: Any) -> str:
         text = f"a whole number of {value.bit_length()} bits" if isinstance(value, int) else object.__repr__(value)
     except Exception:  # a class of the user's own
         text = object.__repr__(value)
+    text = " ".join(text.split()) if "\n" in text else text
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 

@@ -3,29 +3,45 @@
 A record is a dataclass; its fields and their types are the schema. A file holds data only: it is parsed and checked
 against the types, and nothing in it is run or imported.
 
-Only regular files are read, no larger than a limit, without duplicate keys, and no deeper than `DEEPEST`.
+Only regular files are read, no larger than a limit, with at most `MOST_VALUES` values, without duplicate keys, and no
+deeper than `DEEPEST`. `read_bytes` and `open_regular` are for files of other formats.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import math
 import os
 import stat
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, BinaryIO, TypeVar, get_type_hints
 
 import msgspec
 
 from fuzzyarm.common.checks import listed
 
-__all__ = ["DEEPEST", "LARGEST", "DocumentError", "check_schema", "parse_json", "read_json", "read_toml", "record"]
+__all__ = [
+    "DEEPEST",
+    "LARGEST",
+    "MOST_VALUES",
+    "DocumentError",
+    "check_schema",
+    "open_regular",
+    "parse_json",
+    "read_bytes",
+    "read_json",
+    "read_toml",
+    "record",
+]
 
 Record = TypeVar("Record")
 
-LARGEST = 64 * 2**20  # bytes of a document, if not said otherwise
+LARGEST = 16 * 2**20  # bytes of a document, if not said otherwise
+LARGEST_TOML = 2**18  # bytes; the parser of TOML is slow
+MOST_VALUES = 500_000  # in a JSON document: an empty list takes fifty times the memory of its two brackets
 DEEPEST = 40  # levels of lists and mappings
 
 
@@ -37,31 +53,71 @@ def read_json(path: Path, *, largest: int = LARGEST) -> Any:
     """Return the content of a JSON file: mappings, lists, texts, finite numbers, truth values and None.
 
     Raises:
-        DocumentError: no regular file, larger than `largest` bytes, or no JSON; or it holds a key twice, a number
-            that is not finite, or is deeper than `DEEPEST`.
+        DocumentError: no regular file, larger than `largest` bytes, or no JSON; or it holds more than `MOST_VALUES`
+            values, a key twice, a number that is not finite or a text that is no Unicode, or is deeper than `DEEPEST`.
         OSError: the file cannot be read.
     """
+    content = read_bytes(path, largest=largest)
     try:
-        return parse_json(_read(path, largest))
+        return parse_json(content)
     except ValueError as error:
         raise DocumentError(f"{path}: {error}") from None
 
 
-def read_toml(path: Path, *, largest: int = LARGEST) -> dict[str, Any]:
+def read_toml(path: Path, *, largest: int = LARGEST_TOML) -> dict[str, Any]:
     """Return the content of a TOML file; errors as for `read_json`."""
+    text = read_bytes(path, largest=largest)
     try:
-        content = tomllib.loads(_read(path, largest).decode("utf-8"))
-        _check_depth(content)
+        content = tomllib.loads(text.decode("utf-8"))
+        _check_values(content, finite=False)  # whose numbers the record checks
     except (ValueError, RecursionError) as error:
         raise DocumentError(f"{path} is not a TOML file: {_brief(error)}") from None
     return content
 
 
+def read_bytes(path: Path, *, largest: int = LARGEST) -> bytes:
+    """Return the content of a regular file.
+
+    Raises:
+        DocumentError: it is no regular file, or larger than `largest` bytes.
+        OSError: the file cannot be read.
+    """
+    with open_regular(path) as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        raise DocumentError(f"{path}: larger than {largest} bytes, the most that is read of such a file")
+    return content
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Return a regular file, opened for reading; the caller closes it.
+
+    Raises:
+        DocumentError: it is a pipe, a device or a socket.
+        OSError: it is a folder, or the file cannot be opened.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):  # opening some devices has consequences
+        raise DocumentError(f"{path}: not a regular file")
+    # The open file is checked too: it may have been exchanged. Without O_NONBLOCK, opening a pipe waits for a writer.
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    file = os.fdopen(handle, "rb")
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        file.close()
+        raise DocumentError(f"{path}: not a regular file")
+    return file
+
+
 def parse_json(text: bytes | str) -> Any:
     """Return the content of a JSON text; ValueError as for `read_json`, without the file."""
     try:
+        text = text.decode("utf-8") if isinstance(text, bytes) else text
+        if text.count(",") + text.count("[") + text.count("{") > MOST_VALUES:
+            raise ValueError(f"more than {MOST_VALUES} values, the most that is read")
         content = json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_no_constant)
-        _check_depth(content)
+        _check_values(content, finite=True)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"not a JSON document: {_brief(error)}") from None
     return content
@@ -101,24 +157,11 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
     return content
 
 
-def _read(path: Path, largest: int) -> bytes:
-    """Return the bytes of a regular file; the open file is checked, so that it cannot be exchanged in between."""
-    # Without O_NONBLOCK, opening a FIFO waits for a writer.
-    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    with os.fdopen(handle, "rb") as file:
-        if not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise ValueError("not a regular file")
-        content = file.read(largest + 1)
-    if len(content) > largest:
-        raise ValueError(f"larger than {largest} bytes, the most that is read of such a file")
-    return content
-
-
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) < len(pairs):
-        names = [name for name, _ in pairs]
-        double = next(name for name in names if names.count(name) > 1)
+        names: set[str] = set()
+        double = next(name for name, _ in pairs if name in names or names.add(name))  # type: ignore[func-returns-value]
         raise ValueError(f"the key {double[:40]!r} stands twice")
     for name, value in pairs:
         if isinstance(value, float) and not math.isfinite(value):  # 1e999 parses as inf
@@ -130,15 +173,27 @@ def _no_constant(name: str) -> Any:
     raise ValueError(f"{name} is no number of JSON")
 
 
-def _check_depth(content: Any) -> None:
-    """Raise ValueError for content deeper than `DEEPEST`; level by level, without recursion."""
+def _check_values(content: Any, *, finite: bool) -> None:
+    """Raise ValueError for content deeper than `DEEPEST`, texts that are no Unicode, and numbers that are not finite.
+
+    Level by level, without recursion.
+    """
     level = [content]
-    for _ in range(DEEPEST + 1):
-        containers = [part for part in level if isinstance(part, dict | list)]
-        if not containers:
-            return
-        level = [entry for part in containers for entry in (part.values() if isinstance(part, dict) else part)]
-    raise ValueError(f"lists and mappings are nested more than {DEEPEST} deep")
+    for depth in range(DEEPEST + 1):
+        below: list[Any] = []
+        for part in level:
+            if isinstance(part, dict | list) and depth == DEEPEST:
+                raise ValueError(f"lists and mappings are nested more than {DEEPEST} deep")
+            if isinstance(part, dict):
+                below.extend(part)
+                below.extend(part.values())
+            elif isinstance(part, list):
+                below.extend(part)
+            elif isinstance(part, str) and not part.isascii():
+                part.encode("utf-8")  # UnicodeEncodeError for half a surrogate pair, which cannot be printed
+            elif finite and isinstance(part, float) and not math.isfinite(part):
+                raise ValueError("a number is not finite")
+        level = below
 
 
 def _brief(error: Exception) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +22,6 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = [
-    "MAX_DEFAULT_SUBSTEP",
     "RESET_OPTIONS",
     "STATE_SIZE",
     "action_space",
@@ -34,35 +32,12 @@ __all__ = [
     "chosen_scenario",
     "initial_state",
     "observation_space",
-    "whole_substeps",
+    "real_numbers",
 ]
 
-MAX_DEFAULT_SUBSTEP = 2e-4  # s; benchmarks/accuracy.py has the error it costs
 STATE_SIZE = size(State)  # numbers in `initial_state`
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
 """What the `options` of `reset` may hold."""
-
-
-def whole_substeps(control_period: float, substep: float | None) -> int:
-    """Return how many sub-steps make a control period; ValueError with both if it is not a whole number.
-
-    Without a sub-step: as many as keep it at `MAX_DEFAULT_SUBSTEP` or below.
-    """
-    if substep is None and 0.0 < control_period <= 0.1:
-        return math.ceil(control_period / MAX_DEFAULT_SUBSTEP - 1e-9)
-    substep = control_period if substep is None else substep
-    if not (math.isfinite(control_period) and math.isfinite(substep) and 0.0 < substep <= control_period <= 0.1):
-        raise ValueError(
-            f"control_period = {control_period!r} s, substep = {substep!r} s; "
-            "allowed: 0 < substep <= control_period <= 0.1 s"
-        )
-    count = round(control_period / substep)
-    if not math.isclose(count * substep, control_period, rel_tol=1e-9):
-        raise ValueError(
-            f"control_period = {control_period:g} s is no multiple of substep = {substep:g} s; "
-            f"use substep = {control_period / max(count, 1):g} s"
-        )
-    return count
 
 
 def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbance:
@@ -70,7 +45,7 @@ def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbanc
     if disturbance is None:
         return find_case(case).disturbance
     checks.instance("disturbance", disturbance, Disturbance)
-    if case != "nominal":
+    if not (isinstance(case, str) and case == "nominal"):
         raise ValueError(f"give either case = {case!r} or a disturbance, not both")
     return disturbance
 
@@ -93,8 +68,8 @@ def checked_arm(parameters: Any) -> ArmParameters:
 
 
 def check_options(options: dict[str, Any]) -> None:
-    """Raise ValueError for a reset option that does not exist."""
-    unknown = sorted(set(options) - set(RESET_OPTIONS))
+    """Raise ValueError for a reset option that does not exist, TypeError for options that are no mapping."""
+    unknown = sorted(set(map(str, checks.instance("options", options, dict))) - set(RESET_OPTIONS))
     if unknown:
         raise ValueError(f"unknown reset option {checks.listed(unknown)}; known: {', '.join(RESET_OPTIONS)}")
 
@@ -112,14 +87,30 @@ def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:
 
 def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
     """Return a given start (8,), angles [rad] and velocities [rad/s], checked against the box (25)."""
-    p, state = parameters, np.array(given, dtype=np.float64)
+    p, state = parameters, real_numbers("initial_state", given)
     high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(STATE_SIZE)
     if state.shape != (STATE_SIZE,) or not np.all(np.abs(state) <= high):
         raise ValueError(
-            f"initial_state = {np.asarray(given).tolist()} must be 8 finite numbers: motor angles, link angles "
-            f"(each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= {p.velocity_limit} rad/s)"
+            f"initial_state = {checks.shown(np.asarray(given).tolist())} must be 8 finite numbers: motor "
+            f"angles, link angles (each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= "
+            f"{p.velocity_limit} rad/s)"
         )
     return state
+
+
+def real_numbers(name: str, given: Any) -> np.ndarray:
+    """Return a new array of float64, of any shape and unit.
+
+    Raises:
+        TypeError: an entry is no real number.
+        ValueError: rows differ in length, or a number is too large.
+    """
+    array = np.asarray(given)
+    if array.dtype.kind == "O":
+        entries = [checks.real(name, entry) if checks.is_real(entry) else entry for entry in array.ravel()]
+        array = np.reshape(np.asarray(entries), array.shape)
+    checks.real_entries(name, array)
+    return np.array(array, dtype=np.float64, order="C")
 
 
 def action_space(parameters: Sequence[ArmParameters]) -> spaces.Box:

@@ -16,20 +16,23 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from numpy import empty
 
+from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
     action_space,
+    checked_arm,
     chosen_disturbance,
     chosen_reference,
     chosen_scenario,
     initial_state,
     observation_space,
-    whole_substeps,
+    real_numbers,
 )
 from fuzzyarm.envs.batch import kernels
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
 from fuzzyarm.envs.film import Film
 from fuzzyarm.envs.observation import JOINTS, SIZE
+from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
@@ -41,6 +44,7 @@ __all__ = ["FuzzyArmEnv"]
 
 # Places of the vectors; plain numbers, for speed.
 _TIP, _TIP_REFERENCE, _Q_MOTOR, _DQ_MOTOR, _Q_LINK, _DQ_LINK, _TORQUE, _FRICTION, _FORCE = range(len(VECTORS))
+_DOUBLE, _SINGLE = np.dtype(np.float64), np.dtype(np.float32)
 _ACTION_SHAPE, _VECTORS_SHAPE = (JOINTS,), (len(VECTORS), PLANAR)
 
 
@@ -129,11 +133,11 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         render_mode: str | None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"unknown render_mode {render_mode!r}; choose 'human', 'rgb_array' or None")
-        self.parameters = parameters or ArmParameters()
-        self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
-        self.substep = control_period / self.substeps
+        if render_mode is not None:
+            checks.choice("render_mode", render_mode, self.metadata["render_modes"])
+        self.parameters = ArmParameters() if parameters is None else checked_arm(parameters)
+        self.control_period, self.substeps = checked_periods(control_period, substep)
+        self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
         drawn = find_randomisation(randomisation, self.parameters)
         self._disturbance = chosen_disturbance(case, disturbance)
@@ -142,7 +146,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             [self.parameters],
             [Scenario(self._disturbance, self._reference)],
             1,
-            control_period=control_period,
+            control_period=self.control_period,
             substeps=self.substeps,
             randomisation=drawn,
         )
@@ -181,11 +185,11 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; `options` as in the class docstring, unknown ones raise ValueError."""
-        seed = int(seed) if isinstance(seed, np.integer) else seed  # Gymnasium takes Python's integers only
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else checks.whole("seed", seed))
         self._ended = True  # until the end of this method: after a reset that raises, step must raise too
         self._film.rewind()
-        scenario, initial = chosen_scenario(options or {}, Scenario(self._disturbance, self._reference)), None
+        own = Scenario(self._disturbance, self._reference)
+        scenario, initial = chosen_scenario({} if options is None else options, own), None
         if options and options.get("initial_state") is not None:
             initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
         # `np_random` belongs to the user; the episodes draw from a stream of their own with the same seed. Gymnasium
@@ -216,7 +220,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         values, clock, table, period, substeps = self._arm
         # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
         try:
-            torque1, torque2 = action.tolist()
+            kind = action.dtype  # compiled code would take texts and dates for numbers
+            torque1, torque2 = action.tolist() if kind is _DOUBLE or kind is _SINGLE else self._two_numbers(action)
             scalars = kernels.advance_one(
                 values, clock, table, period, substeps, torque1, torque2, observation, vectors
             )
@@ -273,9 +278,11 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         array = np.asarray(action)
         if array.shape != _ACTION_SHAPE:
             raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
-        if array.dtype.kind not in "fiub":
-            raise ValueError(f"action = {action!r} must be two real numbers, the motor torques [N m]")
-        return [float(array[0]), float(array[1])]
+        try:
+            numbers: list[float] = real_numbers("action", array).tolist()
+        except TypeError as error:
+            raise ValueError(f"action = {checks.shown(action)} must be two real numbers [N m]: {error}") from None
+        return numbers
 
     def _complete(self, info: dict[str, Any]) -> None:
         """Add what the episode drew, and let the renderer follow."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.arguments import STATE_SIZE, initial_state
+from fuzzyarm.envs.arguments import STATE_SIZE, initial_state, real_numbers
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = ["each_lane", "initial_states", "per_lane", "seeds_of"]
@@ -49,7 +49,7 @@ def initial_states(given: Any, plants: Sequence[ArmParameters], lanes: int) -> n
     Raises:
         ValueError: a start has another shape or is out of the box of its plant.
     """
-    states = np.array(given, dtype=np.float64)
+    states = real_numbers("initial_state", given)
     one, all_lanes = (STATE_SIZE,), (lanes, STATE_SIZE)
     if states.shape not in (one, all_lanes):
         raise ValueError(f"initial_state has shape {states.shape}; allowed: {one} or {all_lanes}")

@@ -19,13 +19,14 @@ from fuzzyarm.envs.arguments import (
     chosen_reference,
     chosen_scenario,
     observation_space,
-    whole_substeps,
+    real_numbers,
 )
 from fuzzyarm.envs.autoreset import RESET_MASK, chosen_mode, masked_lanes
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
 from fuzzyarm.envs.lane_arguments import each_lane, initial_states, per_lane, seeds_of
 from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
@@ -36,6 +37,7 @@ from fuzzyarm.envs.vector_info import final_info, masked, partial_info, reasons,
 __all__ = ["FuzzyArmVectorEnv"]
 
 REWARD, OVER, REASON = map(SCALARS.index, ("reward", "truncated", "reason"))
+MOST_LANES, MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
 _OVER = "over"  # in a state: which lanes have ended and wait for a reset
 
 
@@ -89,11 +91,13 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._mode = chosen_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         if threads is not None:
-            checks.whole("threads", threads, low=1)
+            checks.whole("threads", threads, low=1, high=MOST_THREADS)
         if render_mode is not None:
-            raise ValueError(f"render_mode = {render_mode!r}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)")
-        self.num_envs = checks.whole("num_envs", num_envs, low=1)
-        self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
+            raise ValueError(
+                f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)"
+            )
+        self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
+        self.control_period, self.substeps = checked_periods(control_period, substep)
         arms = self._per_lane("parameters", ArmParameters() if parameters is None else parameters)
         plants = each_lane(checked_arm, arms)
         self._randomisation = find_randomisation(randomisation, plants[0])
@@ -105,7 +109,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             plants,
             each_lane(Scenario, self._disturbances, self._references),
             self.num_envs,
-            control_period=control_period,
+            control_period=self.control_period,
             substeps=self.substeps,
             randomisation=self._randomisation,
             threads=threads,
@@ -125,7 +129,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode in every lane, or in those of a mask; seeds and options as in the class docstring."""
         begun, self._begun = self._begun, False  # until the end: after a reset that raises, step must raise too
-        options = dict(options or {})
+        options = {} if options is None else dict(checks.instance("options", options, dict))
         which = None
         if RESET_MASK in options:
             which = masked_lanes(RESET_MASK, options.pop(RESET_MASK), self.num_envs)
@@ -147,10 +151,11 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Hold the torques `actions` (num_envs, 2) [N m] for one control period."""
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        torque = np.array(actions, dtype=np.float64, order="C")
-        if torque.shape != (self.num_envs, JOINTS):
+        given = np.asarray(actions)
+        if given.shape != (self.num_envs, JOINTS):
             needed = (self.num_envs, JOINTS)
-            raise ValueError(f"actions have shape {torque.shape}; needed: {needed}, motor torques [N m]")
+            raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
+        torque = real_numbers("actions", given)
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
         observation, vectors, scalars = split(self._lanes.step(torque))
@@ -183,7 +188,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Restore a state of an environment with the same arguments; call `step` next, not `reset`.
 
         Raises:
-            ValueError: the state is of an environment made with other arguments.
+            TypeError: the state is no dictionary.
+            ValueError: the state is of an environment made with other arguments, or no state that an episode has. The
+                environment is as before.
         """
         mask = state.get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:

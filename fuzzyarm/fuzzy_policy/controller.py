@@ -33,7 +33,7 @@ OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file wher
 RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
 GAINS = (1e-30, 1e30)  # gamma, in the units of either form
 LARGEST = 1e60  # of any entry of an array
-MAX_BYTES = 64 * 1024 * 1024  # far above the file of the largest model
+MAX_BYTES = 8 * 1024 * 1024  # far above the file of the largest model
 
 
 _ABSENT = "absent"  # no hexadecimal number: a field that the file does not have

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fuzzyarm.common.checks import real
+from fuzzyarm.common.checks import instance, real_entries
 from fuzzyarm.envs.observation import JOINTS, SIZE
+from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
@@ -52,10 +53,11 @@ class Policy(abc.ABC):
         """Keep the robot and the control period T [s].
 
         Raises:
-            TypeError: the control period is no number.
-            ValueError: it is not positive.
+            TypeError: the robot is none, or the control period is no number.
+            ValueError: the control period is out of range.
         """
-        self.parameters, self.control_period = parameters, real("control_period", control_period, "s", above=0.0)
+        self.parameters = instance("parameters", parameters, ArmParameters)
+        self.control_period = checked_period("control_period", control_period)
         self.action_period = self.control_period
         self._torque_limit = np.array(parameters.torque_limit)
 
@@ -93,9 +95,12 @@ class Policy(abc.ABC):
             Torques, (2,) or (lanes, 2), and the state, (memory_size,) or (lanes, memory_size).
 
         Raises:
+            TypeError: an argument holds something else than real numbers.
             ValueError: an argument has a wrong shape.
         """
-        given = np.asarray(observation, dtype=np.float64, order="C")
+        seen = np.asarray(observation)
+        real_entries("observation", seen)
+        given = np.asarray(seen, dtype=np.float64, order="C")
         single = given.ndim == 1
         if not (single or given.ndim == 2) or given.shape[-1] != SIZE:
             raise ValueError(f"observation has shape {given.shape}; allowed: ({SIZE},) or (lanes, {SIZE})")
@@ -104,12 +109,16 @@ class Policy(abc.ABC):
         if state is None:
             memory = np.zeros((lanes, self.memory_size))
         else:
-            memory = np.array(state, dtype=np.float64, ndmin=2)
+            remembered = np.asarray(state)
+            real_entries("state", remembered)
+            memory = np.array(remembered, dtype=np.float64, ndmin=2)
             if memory.shape != (lanes, self.memory_size):
                 allowed = (*given.shape[:-1], self.memory_size)
                 raise ValueError(f"state has shape {np.shape(state)}; allowed: {allowed}")
             if episode_start is not None:
                 starts = np.atleast_1d(episode_start)
+                if starts.dtype.kind not in "biuf":
+                    raise TypeError(f"episode_start holds {starts.dtype}; needed: truth values")
                 if starts.shape != (lanes,):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fuzzyarm.common.checks import listed, whole
-from fuzzyarm.common.documents import check_schema, read_json, record
+from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
 from fuzzyarm.common.files import write_folder_atomically
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.network import Network
@@ -31,6 +31,7 @@ WEIGHTS = "weights.safetensors"
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
+_LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes at the beginning of the file with the weights
 _ACTIVATION = "tanh"
 _SHOWN = 200  # characters of a foreign text in a message
 
@@ -195,13 +196,11 @@ def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:
 def _weights(path: Path) -> bytes:
     """Return the content of the file with the weights."""
     try:
-        with open(path, "rb") as file:
-            content = file.read(_LARGEST_WEIGHTS + 1)
+        return read_bytes(path, largest=_LARGEST_WEIGHTS)
     except OSError as error:
         raise _missing(path, error) from None
-    if len(content) > _LARGEST_WEIGHTS:
-        raise BundleError(f"{path} is larger than {_LARGEST_WEIGHTS} bytes; that is no policy of this package")
-    return content
+    except ValueError as error:
+        raise BundleError(f"{error}; that is no policy of this package") from None
 
 
 def _missing(path: Path, error: OSError) -> BundleError:
@@ -241,7 +240,11 @@ def _tensors(content: bytes) -> dict[str, np.ndarray]:
     from safetensors import SafetensorError
     from safetensors.numpy import load
 
+    length = int.from_bytes(content[:_LENGTH], "little")  # of the header: a mapping as JSON, one entry for each tensor
+    if length > _LARGEST_HEADER:
+        raise ValueError(f"{WEIGHTS} is damaged: a header of {length} bytes; allowed: {_LARGEST_HEADER}")
     try:
+        parse_json(content[_LENGTH : _LENGTH + length])  # refuses what stands twice, which the library does not
         tensors: dict[str, np.ndarray] = load(content)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{WEIGHTS} is damaged: {str(error)[:_SHOWN]}") from None

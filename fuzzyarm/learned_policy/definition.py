@@ -9,6 +9,7 @@ import dataclasses
 import math
 
 from fuzzyarm.common.checks import instance, real, reals, truth, whole
+from fuzzyarm.envs.periods import SHORTEST_PERIOD, checked_period
 
 __all__ = ["ActionDefinition", "FeatureDefinition"]
 
@@ -16,6 +17,7 @@ _JOINTS = 2  # as in `envs.observation`, which loads Numba
 _OF_THE_INSTANT = 5  # features per joint that need no memory: e, ė, q_d, q̇_d, q̈_d
 _MOST_REMEMBERED = 100  # errors or actions
 _LARGEST_SHIFT = 0.5  # rad
+_LONGEST_ACTION, _LONGEST_MEMORY = 1.0, 1e6  # s
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +59,7 @@ class FeatureDefinition:
         """Check every number."""
         whole("past_errors", self.past_errors, high=_MOST_REMEMBERED)
         whole("past_actions", self.past_actions, high=_MOST_REMEMBERED)
-        real("integral_time", self.integral_time, "s", low=0.0)
+        real("integral_time", self.integral_time, "s", low=0.0, high=_LONGEST_MEMORY)
         truth("elastic_target", self.elastic_target)
         for field in dataclasses.fields(self):
             if field.name.endswith("_scale"):
@@ -105,8 +107,8 @@ class ActionDefinition:
             raise ValueError("base = '' must be the name of a policy, or None")
         unit, largest = ("N m", math.inf) if self.base is None else ("rad", _LARGEST_SHIFT)
         reals("scale", instance("scale", self.scale, tuple), _JOINTS, unit, above=0.0, high=largest)
-        real("period", self.period, "s", above=0.0)
-        real("smoothing_time", self.smoothing_time, "s", low=0.0)
+        real("period", self.period, "s", low=SHORTEST_PERIOD, high=_LONGEST_ACTION)
+        real("smoothing_time", self.smoothing_time, "s", low=0.0, high=_LONGEST_MEMORY)
 
     @property
     def smoothing(self) -> float:
@@ -122,6 +124,7 @@ class ActionDefinition:
         Raises:
             ValueError: the action period is not a whole multiple of the control period.
         """
+        checked_period("control_period", control_period)
         calls = round(self.period / control_period)
         if calls < 1 or abs(calls * control_period - self.period) > 1e-9 * self.period:
             raise ValueError(

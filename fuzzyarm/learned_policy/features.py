@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import real
+from fuzzyarm.common.checks import instance, real
 from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -81,7 +81,7 @@ class Features:
             ValueError: the period is not positive.
         """
         self.definition, self.period, d = definition, real("period", period, "s", above=0.0), definition
-        parameters = parameters or ArmParameters()
+        parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
         self.size = d.size
         # The memory: past errors, past actions, integral, past excess torques, u_ff, memory of the elastic target.
         self._counts = d.past_errors, d.past_actions

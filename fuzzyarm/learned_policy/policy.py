@@ -58,7 +58,7 @@ class LearnedPolicy(Policy):
         Raises:
             ValueError: the periods do not fit, or the base is missing, not asked for, or for another period.
         """
-        super().__init__(parameters or ArmParameters(), control_period)
+        super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.bundle, self.base = bundle, base
         self.action_period = bundle.action.period
         self.calls_per_action = bundle.action.calls(control_period)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -100,9 +101,11 @@ class PolicySpec:
                 may not be run here, or fails.
             OSError: the file cannot be read.
         """
+        from fuzzyarm.common import checks
         from fuzzyarm.envs.physics.parameters import ArmParameters
 
-        robot = robot or ArmParameters()
+        robot = ArmParameters() if robot is None else checks.instance("robot", robot, ArmParameters)
+        checks.truth("allow_unproven", allow_unproven)
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import load_code
 
@@ -153,6 +156,8 @@ def resolve(name: str | Path, *, run_code: bool = False) -> PolicySpec:
         run_code: whether the spec may import and run the user's code. Pass True only for a name that the user has
             typed, never for one that was read from a file.
     """
+    if not isinstance(name, str | os.PathLike):
+        raise TypeError(f"a policy's name is a text or a path; {type(name).__name__} was given")
     text = str(name)
     subject = text.removesuffix(TIP)
     tip = subject != text
@@ -167,7 +172,10 @@ def resolve(name: str | Path, *, run_code: bool = False) -> PolicySpec:
 
 
 def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, PolicySpec]:
-    """Return the specs of several names by label; ValueError if two policies have the same label."""
+    """Return the specs of several names by label; ValueError if two have the same label, or one cannot be printed."""
+    for name in names:
+        if not name.isprintable():
+            raise ValueError(f"policy {name!a}: its name holds characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
     if len(specs) < len(names):
         raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file")
@@ -216,7 +224,9 @@ def _is_code(name: str) -> bool:
 
 def _sha256(file: Path) -> str:
     """Return the SHA-256 of a text file, which is the same with the line ends of another system."""
-    return hashlib.sha256(file.read_bytes().replace(b"\r\n", b"\n")).hexdigest()
+    from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
+
+    return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
 
 
 def _trusted_controller(path: Path, robot: ArmParameters, allow_unproven: bool) -> Controller:

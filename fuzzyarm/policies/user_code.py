@@ -147,6 +147,10 @@ class UserPolicy:
                 f"{self.name}: predict returned an action of shape {torque.shape} for observations of shape "
                 f"{observation.shape}; needed: {needed}, the motor torques [N m]"
             )
+        if torque.dtype.kind not in "fiuO":  # the environment looks at objects one by one
+            raise ValueError(
+                f"{self.name}: predict returned {torque.dtype}; the motor torques [N m] must be two real numbers"
+            )
         return torque, after
 
 

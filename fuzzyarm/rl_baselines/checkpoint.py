@@ -1,7 +1,8 @@
 """The checkpoint of a training: one file, replaced as a whole, so that a complete one is always there.
 
 The file is a line, ``fuzzyarm-checkpoint/2 SHA256``, followed by what `torch.save` makes of tensors, numbers and text.
-It is read with ``weights_only=True``: no code in it is run.
+It is read with ``weights_only=True``: no code in it is run. `check_like` compares what it holds with what a new
+training of the same configuration holds, before any of it is used.
 """
 
 from __future__ import annotations
@@ -10,17 +11,22 @@ import hashlib
 import io
 import pickle
 import random
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from fuzzyarm.common.checks import shown, whole
+from fuzzyarm.common.documents import DocumentError, read_bytes
 from fuzzyarm.common.files import write_atomically
 
 __all__ = [
     "CheckpointError",
     "as_array",
+    "check_finite",
+    "check_like",
     "random_state",
     "read_checkpoint",
     "set_random_state",
@@ -28,8 +34,27 @@ __all__ = [
 ]
 
 _SCHEMA = b"fuzzyarm-checkpoint/2"
-_LARGEST = 2**31  # bytes
+_LARGEST = 2**30  # bytes
+_LARGEST_INDEX = 2**26  # bytes of all but the tensors
+_DEEPEST, _MOST_VALUES = 12, 1_000_000
 _SHOWN = 200  # characters of a library's message
+
+
+_UNREADABLE = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    pickle.UnpicklingError,
+    zipfile.BadZipFile,
+)
+"""What reading a crafted archive or pickle raises."""
 
 
 class CheckpointError(ValueError):
@@ -64,8 +89,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         CheckpointError: the file is missing, damaged or not a checkpoint.
     """
     try:
-        with open(path, "rb") as file:
-            content = file.read(_LARGEST + 1)
+        content = read_bytes(path, largest=_LARGEST)
+    except DocumentError as error:
+        raise CheckpointError(f"{error}; start the training anew") from None
     except OSError as error:
         raise CheckpointError(f"{path}: {error.strerror or error}; there is nothing to resume here") from None
     line, _, data = content.partition(b"\n")
@@ -75,8 +101,10 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     if hashlib.sha256(data).hexdigest().encode() != digest:
         raise CheckpointError(f"{path} is damaged (its sha256 differs); start the training anew")
     try:
+        _check_archive(data)
         loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-    except (RuntimeError, pickle.UnpicklingError, EOFError, KeyError) as error:
+        _check_values(loaded, len(data))
+    except _UNREADABLE as error:
         reason = str(error).split("\n", maxsplit=1)[0][:_SHOWN]
         raise CheckpointError(
             f"{path} holds something else than tensors, numbers and text: {reason}; start the training anew"
@@ -84,6 +112,52 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     if not isinstance(loaded, dict):
         raise CheckpointError(f"{path} holds no mapping; start the training anew")
     return loaded
+
+
+def check_like(name: str, found: Any, own: Any) -> None:
+    """Check that a part of a checkpoint is as that of a new training: names, and types and shapes of tensors.
+
+    Lists and empty mappings grow in a training: their content is for who uses it to check.
+
+    Args:
+        name: for the message.
+        found: in the checkpoint.
+        own: of the training, as `write_checkpoint` takes it.
+
+    Raises:
+        ValueError: they differ; the message says where.
+    """
+    own = _as_tensors(own)
+    if isinstance(own, dict) and own:
+        if not isinstance(found, dict) or set(found) != set(own):
+            raise ValueError(f"{name} has other names than this training")
+        for key, value in own.items():
+            check_like(f"{name}.{key}", found[key], value)
+    elif isinstance(own, torch.Tensor):
+        if not isinstance(found, torch.Tensor) or (found.dtype, found.shape) != (own.dtype, own.shape):
+            given = f"{found.dtype} {tuple(found.shape)}" if isinstance(found, torch.Tensor) else shown(found)
+            raise ValueError(f"{name} is {given}; needed: {own.dtype} {tuple(own.shape)}")
+    elif isinstance(own, bool | str | None):
+        if type(found) is not type(own):
+            raise ValueError(f"{name} = {shown(found)} is of another kind than in this training")
+    elif isinstance(own, float | int):
+        kinds = float | int if isinstance(own, float) else int
+        if isinstance(found, bool) or not isinstance(found, kinds):
+            raise ValueError(f"{name} = {shown(found)} must be a number")
+    elif not isinstance(found, type(own)):
+        raise ValueError(f"{name} = {shown(found)} is of another kind than in this training")
+
+
+def check_finite(name: str, found: Any) -> None:
+    """Raise ValueError for a part of a checkpoint that holds a number that is not finite."""
+    if isinstance(found, dict | list | tuple):
+        for value in found.values() if isinstance(found, dict) else found:
+            check_finite(name, value)
+    elif isinstance(found, torch.Tensor):
+        if not bool(torch.isfinite(found).all()):
+            raise ValueError(f"{name} holds a tensor that is not finite")
+    elif isinstance(found, float) and not abs(found) < np.inf:
+        raise ValueError(f"{name} holds the number {found}")
 
 
 def random_state() -> dict[str, Any]:
@@ -103,9 +177,14 @@ def set_random_state(state: dict[str, Any]) -> None:
     Raises:
         KeyError, TypeError, ValueError, RuntimeError: it is no such state.
     """
-    torch.set_rng_state(state["torch"])
+    check_like("generators", state, random_state())
     drawn, python = state["numpy"], state["python"]
-    keys = as_array(drawn["keys"]).astype(np.uint32)
+    keys = as_array(drawn["keys"])
+    if keys.min() < 0 or keys.max() >= 2**32:
+        raise ValueError("generators.numpy.keys are no words of 32 bits")
+    keys = keys.astype(np.uint32)
+    whole("generators.numpy.position", drawn["position"], high=len(keys))  # NumPy reads there without a check
+    torch.set_rng_state(state["torch"])
     np.random.set_state((drawn["kind"], keys, drawn["position"], drawn["has_gauss"], drawn["gauss"]))  # noqa: NPY002
     random.setstate((python["version"], tuple(python["words"]), python["following"]))
 
@@ -113,6 +192,44 @@ def set_random_state(state: dict[str, Any]) -> None:
 def as_array(tensor: torch.Tensor) -> np.ndarray:
     """Return a copy of a tensor as an array of the same shape."""
     return np.array(tensor.numpy())
+
+
+def _check_archive(data: bytes) -> None:
+    """Check that the archive unpacks to no more than it is: `torch.save` compresses nothing."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+    if any(member.compress_type != zipfile.ZIP_STORED for member in members):
+        raise ValueError("it is compressed")
+    if sum(member.file_size for member in members) > len(data):
+        raise ValueError("its members overlap")
+    if sum(member.file_size for member in members if "/data/" not in member.filename) > _LARGEST_INDEX:
+        raise ValueError("its index is too large")
+
+
+def _check_values(loaded: Any, size: int) -> None:
+    """Check that there are plain tensors within the `size` bytes of the file, numbers and text; level by level."""
+    level, count = [loaded], 0
+    for _ in range(_DEEPEST):
+        below: list[Any] = []
+        for part in level:
+            if isinstance(part, dict):
+                below.extend(part)
+                below.extend(part.values())
+            elif isinstance(part, list | tuple):
+                below.extend(part)
+            elif isinstance(part, torch.Tensor):
+                if part.layout != torch.strided or part.is_quantized or part.device.type != "cpu" or part.is_complex():
+                    raise ValueError("a tensor is not a plain one")
+                if part.untyped_storage().nbytes() > size or part.numel() * part.element_size() > size:
+                    raise ValueError("a tensor is larger than the file")
+            elif not isinstance(part, str | bool | int | float | None):
+                raise ValueError(f"{type(part).__name__}")
+            if count + len(below) > _MOST_VALUES:
+                raise ValueError("too many values")
+        if not below:
+            return
+        level, count = below, count + len(below)
+    raise ValueError(f"it is nested more than {_DEEPEST} deep")
 
 
 def _as_tensors(content: Any) -> Any:

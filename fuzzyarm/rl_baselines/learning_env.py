@@ -11,6 +11,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
+from fuzzyarm.envs.batch.saved_state import checked_arrays
 from fuzzyarm.envs.observation import JOINTS, SIZE, observed
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.randomisation import find_randomisation, reference_family
@@ -127,10 +128,15 @@ class LearningEnvs(VecEnvWrapper):
         return {**state, **{name: getattr(self, f"_{name}").copy() for name in _OWN_STATE}}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Continue from what `get_state` returned; `step` comes next, not `reset`."""
+        """Continue from what `get_state` returned; `step` comes next, not `reset`.
+
+        Raises:
+            TypeError, ValueError: the state does not fit, see `FuzzyArmVectorEnv.set_state`; nothing has changed.
+        """
+        own = checked_arrays(state, {name: getattr(self, f"_{name}") for name in _OWN_STATE})
         self.venv.set_state(state)
-        for name in _OWN_STATE:
-            setattr(self, f"_{name}", state[name].copy())
+        for name, array in own.items():
+            setattr(self, f"_{name}", array)
 
     def _seen(self) -> np.ndarray:
         features = np.empty((self.num_envs, self._features.size))

@@ -200,6 +200,9 @@ class PPOAlgorithm:
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what `state` returned, see `Algorithm.set_state`."""
+        from fuzzyarm.rl_baselines.ppo_state import check_ppo_state
+
+        check_ppo_state(state, self.state(), list(self.model.policy.parameters()))
         model, moments = self.model, state["normaliser"]
         model.policy.load_state_dict(state["policy"])
         model.policy.optimizer.load_state_dict(state["optimizer"])

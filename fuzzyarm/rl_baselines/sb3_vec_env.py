@@ -14,6 +14,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
+from fuzzyarm.envs.batch.saved_state import checked_arrays
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
 __all__ = ["StableBaselinesVecEnv", "training_envs"]
@@ -21,6 +22,9 @@ __all__ = ["StableBaselinesVecEnv", "training_envs"]
 
 def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
     """Return ``FuzzyArm-v0`` in `num_envs` lanes with actions in [-1, 1], for stable-baselines3.
+
+    Call ``torch.set_num_threads(1)`` before learning: by default torch takes a thread per core, and for networks of a
+    few hundred weights a layer the threads wait for each other much longer than they compute.
 
     Args:
         num_envs: number of lanes.
@@ -99,9 +103,14 @@ class StableBaselinesVecEnv(VecEnv):
         return {**state, "returns": self._returns.copy(), "lengths": self._lengths.copy()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`."""
+        """Continue from the state of an environment made with the same arguments; `step` comes next, not `reset`.
+
+        Raises:
+            TypeError, ValueError: the state does not fit, see `FuzzyArmVectorEnv.set_state`; nothing has changed.
+        """
+        own = checked_arrays(state, {"returns": self._returns, "lengths": self._lengths})
         _attribute(self.envs, "set_state")(state)
-        self._returns, self._lengths = state["returns"].copy(), state["lengths"].copy()
+        self._returns, self._lengths = own["returns"], own["lengths"]
 
     def close(self) -> None:
         """Close the environment."""

@@ -15,18 +15,19 @@ from torch import Tensor
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
     action_space,
+    checked_arm,
     chosen_disturbance,
     chosen_reference,
     observation_space,
-    whole_substeps,
 )
 from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import check_reference
 from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.dynamics import plant_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -47,6 +48,8 @@ from fuzzyarm.rl_baselines.torch_step import (
 )
 
 __all__ = ["TorchFuzzyArm"]
+
+MOST_LANES = 2**26  # a lane takes about 100 bytes
 
 
 class TorchFuzzyArm:
@@ -117,11 +120,11 @@ class TorchFuzzyArm:
         randomisation: str | DomainRandomisation = "nominal",
     ) -> None:
         """Build the tables; arguments as in the class docstring."""
-        self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1), _dtype(dtype)
-        self.device, self.compiled = torch.device(device), compiled
-        self.parameters = parameters or ArmParameters()
-        self.control_period, self.substeps = control_period, whole_substeps(control_period, substep)
-        self.substep = control_period / self.substeps
+        self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), _dtype(dtype)
+        self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
+        self.parameters = ArmParameters() if parameters is None else checked_arm(parameters)
+        self.control_period, self.substeps = checked_periods(control_period, substep)
+        self.substep = self.control_period / self.substeps
         self.randomisation = find_randomisation(randomisation, self.parameters)
         self.single_action_space = action_space([self.parameters])
         self.single_observation_space = observation_space([self.parameters])
@@ -175,7 +178,7 @@ class TorchFuzzyArm:
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        action = torch.as_tensor(action, dtype=self.dtype, device=self.device)
+        action = torch.as_tensor(_real(action), dtype=self.dtype, device=self.device)
         if action.shape != (self.num_envs, JOINTS):
             needed = (self.num_envs, JOINTS)
             raise ValueError(f"action has shape {tuple(action.shape)}; needed: {needed}, motor torques [N m]")
@@ -210,8 +213,8 @@ class TorchFuzzyArm:
         like = torch.empty(0, dtype=self.dtype, device=self.device)
         return Shared(
             plant=plant,
-            payload=payload.mass,
-            payload_radius=payload.radius(self.parameters),
+            payload=checks.real("payload mass", payload.mass, "kg", low=0.0, high=LARGEST),
+            payload_radius=checks.real("payload radius", payload.radius(self.parameters), "m", low=0.0, high=LARGEST),
             noise=Noise(0.0, 0.0) if noise is None else Noise(noise.position, noise.velocity),
             ranges=tuple((float(low), float(high)) for low, high in self.randomisation.ranges),
             period=self.control_period,
@@ -223,7 +226,26 @@ class TorchFuzzyArm:
         )
 
 
+def _device(device: str | torch.device) -> torch.device:
+    try:
+        found = torch.device(device)
+        torch.empty(0, device=found)
+    except (AssertionError, NotImplementedError, RuntimeError, TypeError, ValueError) as error:
+        reason = str(error).split("\n", maxsplit=1)[0]
+        raise ValueError(f"device = {checks.shown(device)} cannot be used: {reason[:100]}") from None
+    return found
+
+
+def _real(action: Any) -> Any:
+    """Return an action; TypeError unless its numbers are real."""
+    if not isinstance(action, Tensor):
+        checks.real_entries("action", np.asarray(action), "N m")
+    elif action.is_complex() or action.dtype == torch.bool:
+        raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
+    return action
+
+
 def _dtype(dtype: torch.dtype) -> torch.dtype:
-    if dtype not in (torch.float32, torch.float64):
-        raise ValueError(f"dtype = {dtype!r} is unknown; choose torch.float32 or torch.float64")
+    if not isinstance(dtype, torch.dtype) or dtype not in (torch.float32, torch.float64):
+        raise ValueError(f"dtype = {checks.shown(dtype)} is unknown; choose torch.float32 or torch.float64")
     return dtype

@@ -7,9 +7,8 @@ form in which it is shipped. A training that was killed and resumed gives the sa
 
 from __future__ import annotations
 
-import csv
+import dataclasses
 import importlib.util
-import io
 import json
 import math
 import shutil
@@ -20,7 +19,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.checks import instance, is_real, reals, shown
+from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
@@ -31,6 +31,7 @@ from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (
     CheckpointError,
     as_array,
+    check_like,
     random_state,
     read_checkpoint,
     set_random_state,
@@ -86,25 +87,47 @@ class Training:
         self._shipped_policy()  # refuses before the training what could not be shipped after it
 
     @classmethod
-    def resume(cls, folder: Path, report: Callable[[dict[str, Any]], None] | None = None) -> Training:
+    def resume(
+        cls, folder: Path, report: Callable[[dict[str, Any]], None] | None = None, total_timesteps: int | None = None
+    ) -> Training:
         """Return the training of a folder as it was at its last checkpoint.
+
+        Args:
+            folder: of the training.
+            report: called after every update with the row of the curve.
+            total_timesteps: environment steps to go on to, also of a training that has reached its end; None: as many
+                as it was configured for. What is done keeps its bits. A schedule over the training, such as the
+                learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
 
         Raises:
             CheckpointError: there is no checkpoint, it is damaged, or it does not fit.
+            ValueError: more steps than `total_timesteps` are done already.
         """
         found = read_checkpoint(folder / CHECKPOINT)
         try:
-            config = find_algorithm(found["algorithm"]).config.from_dict(found["config"])
-            training = cls(config, folder, report)
-            training.rows, training.best, training._earlier = found["rows"], found["best"], found["seconds"]
-            learner, envs, generators = found["learner"], found["envs"], found["generators"]
+            config, done = find_algorithm(found["algorithm"]).config.from_dict(found["config"]), found["steps"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
+        if total_timesteps is not None:
+            config = dataclasses.replace(config, total_timesteps=total_timesteps)
+            if total_timesteps < done:
+                raise ValueError(
+                    f"total_timesteps = {total_timesteps} is below the {done} steps that {folder} has done already; "
+                    "give a larger number, or start another training"
+                )
         try:
+            training = cls(config, folder, report)
+            training.rows, training.best, training._earlier = _progress(found)
+            learner, envs, generators = found["learner"], found["envs"], found["generators"]
+        except (KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+            reason = textwrap.shorten(str(error), width=200)
+            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {reason}; start anew") from None
+        try:
+            check_like("learner", learner, training.algorithm.state())
             training.algorithm.set_state(learner)
             training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
             set_random_state(generators)
-        except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError, RuntimeError) as error:
             reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
                 f"the checkpoint does not fit this training ({reason}); start the training anew"
@@ -235,12 +258,19 @@ class Training:
     def _csv(self, rows: Sequence[dict[str, Any]], header: bool = False) -> str:
         """Return rows of the curve as text; a column that a row lacks stays empty."""
         columns = ("steps", "episode_reward", "episode_length", "tip_error_mm", *self._spec.columns, *COLUMNS)
-        text = io.StringIO()
-        writer = csv.DictWriter(text, fieldnames=columns, lineterminator="\n")
-        if header:
-            writer.writeheader()
-        writer.writerows(rows)
-        return text.getvalue()
+        return csv_text(rows, columns, header=header)
+
+
+def _progress(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
+    """Return the curve, the best score and the times [s] of a checkpoint; TypeError or ValueError if they are none."""
+    rows, best = instance("rows", found["rows"], list), found["best"]
+    for row in rows:
+        if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
+            raise ValueError(f"rows holds {shown(row)}")
+    if not is_real(best) or math.isnan(best):
+        raise ValueError(f"best = {shown(best)} is no number")
+    wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
+    return rows, float(best), (wall, cpu)
 
 
 def tensorboard_installed() -> bool:

@@ -8,6 +8,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
@@ -56,7 +57,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     Raises:
         DesignFailed: no point was found whose proof goes through.
     """
-    parameters = parameters or ArmParameters()
+    parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
     model = TSModel(parameters, specification.kept)
     begin = time.perf_counter()
     best = best_solution(model, specification)

@@ -158,13 +158,13 @@ def test_tensors_go_in_and_come_out():
 def test_videos_are_recorded(tmp_path):
     pytest.importorskip("moviepy")
     env = wrappers.RecordVideo(
-        gym.make("FuzzyArm-v0", reference=SHORT, render_mode="rgb_array"), str(tmp_path), disable_logger=True
+        gym.make("FuzzyArm-v0", reference=SHORT, render_mode="rgb_array"), str(tmp_path / "videos"), disable_logger=True
     )
     env.reset(seed=0)
     for _ in range(50):
         *_, truncated, _ = env.step(HOLDING)
     env.close()
-    (video,) = tmp_path.glob("*.mp4")
+    (video,) = (tmp_path / "videos").glob("*.mp4")
     assert truncated and video.stat().st_size > 10_000
 
 

@@ -86,7 +86,7 @@ DAMAGES = {
     "truncated weights": (lambda f: os.truncate(f / "weights.safetensors", 300), "sha256 differs"),
     "truncated description": (lambda f: os.truncate(f / "policy.json", 300), "policy.json: not a JSON document"),
     "no text": (lambda f: (f / "policy.json").write_bytes(b"\xff\xfe\x00"), "policy.json: not a JSON document"),
-    "deep": (lambda f: (f / "policy.json").write_text("[" * 10**6), "policy.json: .*nested too deeply"),
+    "deep": (lambda f: (f / "policy.json").write_text("[" * 10**5), "policy.json: .*nested too deeply"),
     "a list": (lambda f: (f / "policy.json").write_text("[]"), "the schema is 'None', this version reads"),
     "another schema": (
         lambda f: edited(f, lambda d: d.update(schema="x/2")),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.batch.block import assess_block, clip, gather, gather_target, observe, report, write_at_rest
+from fuzzyarm.envs.batch.block import assess_block, clip, gather, gather_target, inside, observe, report, write_at_rest
 from fuzzyarm.envs.batch.layout import CLOCK, Lane, Results, Start, Work, parts
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, RANDOMISATION, draw, uniform
 from fuzzyarm.envs.batch.schedule import ReferenceRow
@@ -69,11 +69,11 @@ def begin(
         now = _drawn(key, ranges, numbers)
         if drawn.shape[1] > 0:
             drawn[:, lane] = numbers[0]
-        place = start_of[position]
+        place = inside(start_of[position], len(starts))
         if _read_start(starts, place).family > 0.0:
-            place += np.int64(now.reference)
+            place = inside(place + np.int64(now.reference), len(starts))
         start, nominal = _read_start(starts, place), _read_plant(plants, plant_of[lane])
-        first = np.int64(start.first)
+        first = inside(np.int64(start.first), len(table))
         clock[CLOCK.row, lane], clock[CLOCK.first, lane] = first, first
         clock[CLOCK.last, lane] = np.int64(start.last)
         arm = _loaded(nominal, now, start.payload, radius_of[position])

@@ -41,6 +41,7 @@ __all__ = [
     "clip",
     "gather",
     "gather_target",
+    "inside",
     "observe",
     "report",
     "write_at_rest",
@@ -90,7 +91,7 @@ def advance_block(
     """Advance the `lanes` <= BLOCK lanes from `first` on, whose commands are in `work`; arguments as in `advance`."""
     gather(work, lanes, values, first)
     for i in range(lanes):
-        at = clock[CLOCK.row, first + i]
+        at = inside(clock[CLOCK.row, first + i], len(table) - 1)
         now, factor = _row(table, at), values[LANE.force_factor, first + i]
         mean, change = now.force.mean, now.force.change
         _write_force(
@@ -106,6 +107,15 @@ def advance_block(
     report(work, lanes, clock, first, period, results, first)
     for i in range(lanes):
         observe(values, clock, table, first + i, results, first + i)
+
+
+@register_jitable(forceinline=True)
+def inside(row: int, rows: int) -> int:
+    """Return a row of a table: the given one, except where several threads use an environment, which is for one only.
+
+    Its results are wrong then, but nothing beyond the table is read.
+    """
+    return min(max(row, 0), rows - 1)
 
 
 @register_jitable(forceinline=True)
@@ -233,7 +243,7 @@ def report(
 @register_jitable(forceinline=True)
 def observe(values: np.ndarray, clock: np.ndarray, table: np.ndarray, lane: int, results: Results, place: int) -> None:
     """Write the motor readings, with noise if there is any, within the observation space; and the reference."""
-    observation, row, to = results.observation, clock[CLOCK.row, lane], SIZE * place
+    observation, row, to = results.observation, inside(clock[CLOCK.row, lane], len(table)), SIZE * place
     state, limits, noise = _lane_state(values, lane), _lane_limits(values, lane), _lane_noise(values, lane)
     angles, velocities = motor_angles(state), motor_velocities(state)
     if noise.angle > 0.0 or noise.velocity > 0.0:

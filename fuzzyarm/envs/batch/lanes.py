@@ -7,17 +7,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.beginning import begin
 from fuzzyarm.envs.batch.kernels import advance, observe_again, prepare
 from fuzzyarm.envs.batch.layout import CLOCK, LANE, START, WIDTH, Clock, Lane, split
-from fuzzyarm.envs.batch.randomness import key_of
+from fuzzyarm.envs.batch.randomness import key_before, key_of
+from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, check_reference, distinct
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.compiled import announced_compilation
 from fuzzyarm.envs.physics.dynamics import State, plant_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import size
+from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.records import JOINTS, size
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Draw, by_quantity
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
@@ -88,9 +90,16 @@ class Lanes:
             which: (n,) the lanes, in ascending order; None: all of them.
 
         Raises:
-            ValueError: a reference does not fit the plant of its lane.
+            ValueError: a reference does not fit the plant of its lane, or there is not one entry per lane.
         """
         lanes = np.arange(self.count) if which is None else which
+        if seeds is not None and len(seeds) != len(lanes):
+            raise ValueError(f"{len(seeds)} seeds for {len(lanes)} lanes; give one per lane")
+        if initial is not None:
+            needed = len(lanes), size(State)
+            initial = np.array(initial, dtype=np.float64, order="C")
+            if initial.shape != needed:
+                raise ValueError(f"initial has shape {initial.shape}; needed: {needed}")
         if scenarios is None:
             self._leave(lanes)
         else:
@@ -108,7 +117,14 @@ class Lanes:
             return self._begin(lanes, initial)
 
     def restart(self, which: np.ndarray) -> np.ndarray:
-        """Begin an episode in the lanes `which` (n,), each in its own scenario; return their results (WIDTH n,)."""
+        """Begin an episode in the lanes `which` (n,), each in its own scenario; return their results (WIDTH n,).
+
+        Raises:
+            IndexError: there is no such lane.
+            ValueError: `which` is no row of whole numbers.
+        """
+        if which.dtype != np.int64 or which.ndim != 1:
+            raise ValueError(f"lanes of {which.dtype} {which.shape}; needed: a row of whole numbers")
         self._start_of[which], self._radius_of[which] = self._own_start_of[which], self._own_radius_of[which]
         return self._begin(which)
 
@@ -127,7 +143,7 @@ class Lanes:
         self._workers.close()
 
     def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
-        results = np.empty(WIDTH * len(which))
+        results, tables = np.empty(WIDTH * len(which)), self._tables
         if initial is None:
             initial = np.full((len(which), size(State)), np.nan)
         self.drawn = self.drawn.copy()  # infos returned earlier keep the old array
@@ -135,7 +151,7 @@ class Lanes:
             which,
             self._plants,
             self._plant_of,
-            self._tables.starts,
+            tables.starts,
             self._start_of[which],
             self._radius_of[which],
             self._ranges,
@@ -143,7 +159,7 @@ class Lanes:
             self.values,
             self.clock,
             self.drawn,
-            self._tables.table,
+            tables.table,
             self.period,
             results,
         )
@@ -160,6 +176,8 @@ class Lanes:
         Raises:
             ValueError: a torque is not finite; no lane has moved then.
         """
+        if action.shape != (self.count, JOINTS):
+            raise ValueError(f"action has shape {action.shape}; needed: {(self.count, JOINTS)}")
         results = np.empty(WIDTH * self.count)
         arrays = self.arrays
         if self.threads == 1:
@@ -226,17 +244,42 @@ class Lanes:
         """Restore a state that `get_state` returned for these lanes or for lanes with the same configuration.
 
         Raises:
-            ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes.
+            TypeError: the state is no dictionary.
+            ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes; or an
+                array is of another type or shape, or not such as an episode of these lanes has. Nothing has changed.
         """
-        if not np.array_equal(state["made_of"], self._digest()):
+        own = {"values": self.values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}
+        made_of = checks.instance("state", state, dict).get("made_of")
+        if not (isinstance(made_of, np.ndarray) and np.array_equal(made_of, own["made_of"])):
             raise ValueError(
                 "the state is of lanes with other plants, scenarios, randomisation, periods or another number"
             )
+        arrays = checked_arrays(state, own)
+        check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]))
         self._return_to_own()
-        self.values, self.clock = state["values"].copy(), state["clock"].copy()
-        self.drawn = state["drawn"].copy()
+        self.values, self.clock, self.drawn = arrays["values"], arrays["clock"], arrays["drawn"]
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn)
+
+    def _begun_with(self, keys: np.ndarray) -> dict[str, np.ndarray]:
+        """Return ``values``, ``clock`` and ``drawn`` where the lanes' own episodes with these keys (count,) begin."""
+        begun = {"values": self.values.copy(), "clock": self.clock.copy(), "drawn": self.drawn.copy()}
+        begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
+        begin(
+            np.arange(self.count),
+            self._plants,
+            self._plant_of,
+            self._own.starts,
+            self._own_start_of,
+            self._own_radius_of,
+            self._ranges,
+            np.full((self.count, size(State)), np.nan),
+            *begun.values(),
+            self._own.table,
+            self.period,
+            np.empty(WIDTH * self.count),
+        )
+        return begun
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
@@ -256,9 +299,13 @@ class Lanes:
                     check_reference(member, self.parameters[plant])
         tables = Tables.build(kinds, self.randomisation.references, self.period)
         payloads = [disturbance.payload for disturbance, _ in kinds]
-        places = zip(scenario_of.tolist(), plant_of.tolist(), strict=True)
-        radius = [payloads[number].radius(self.parameters[plant]) for number, plant in places]
-        return tables, tables.firsts[scenario_of], np.array(radius)
+        places = list(zip(scenario_of.tolist(), plant_of.tolist(), strict=True))
+        known: dict[tuple[int, int], float] = {}
+        for place in places:
+            if place not in known:
+                distance = payloads[place[0]].radius(self.parameters[place[1]])
+                known[place] = checks.real("payload radius", distance, "m", low=0.0, high=LARGEST)
+        return tables, tables.firsts[scenario_of], np.array([known[place] for place in places])
 
     def _leave(self, lanes: np.ndarray) -> None:
         """Put these lanes into their own scenarios, and drop the tables that no lane is in any longer."""

@@ -17,10 +17,22 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 
-__all__ = ["NEXT_KEY", "NOISE", "NOISE_NUMBERS", "RANDOMISATION", "draw", "key_of", "mix", "normal_pair", "uniform"]
+__all__ = [
+    "NEXT_KEY",
+    "NOISE",
+    "NOISE_NUMBERS",
+    "RANDOMISATION",
+    "draw",
+    "key_before",
+    "key_of",
+    "mix",
+    "normal_pair",
+    "uniform",
+]
 
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+FIRST_INVERSE, SECOND_INVERSE = (np.uint64(pow(int(factor), -1, 2**64)) for factor in (FIRST, SECOND))
 S27, S30, S31, S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
 RESOLUTION = 2.0**-53
 NEXT_KEY, RANDOMISATION, NOISE = np.uint64(0), np.uint64(1), np.uint64(32)  # counters, see above
@@ -40,6 +52,15 @@ def mix(word: Any) -> Any:
 def draw(key: Any, counter: Any) -> Any:
     """Return word number `counter` (uint64) of the stream `key` (uint64)."""
     return mix(key + (counter + np.uint64(1)) * GAMMA)
+
+
+def key_before(key: np.ndarray) -> np.ndarray:
+    """Return the keys (lanes,) uint64 whose streams have `key` (lanes,) as number `NEXT_KEY`: the inverse of `draw`."""
+    word = key ^ (key >> S31) ^ (key >> np.uint64(62))
+    word = word * SECOND_INVERSE
+    word = (word ^ (word >> S27) ^ (word >> np.uint64(54))) * FIRST_INVERSE
+    word = word ^ (word >> S30) ^ (word >> np.uint64(60))
+    return np.asarray(word - (NEXT_KEY + np.uint64(1)) * GAMMA)
 
 
 @register_jitable

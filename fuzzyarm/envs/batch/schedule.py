@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fuzzyarm.common import checks
+from fuzzyarm.envs.periods import MOST_STEPS
 from fuzzyarm.envs.physics.integrator import ForceLine
 from fuzzyarm.envs.physics.records import PerJoint, columns, size
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
@@ -97,6 +99,11 @@ class Schedule:
         """Sample a reference and a disturbance every `control_period` [s]."""
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
+        if steps > MOST_STEPS:
+            raise ValueError(
+                f"a reference of {reference.duration:g} s has {steps} control periods of {control_period:g} s; "
+                f"allowed: {MOST_STEPS}. Shorten the reference or lengthen the period"
+            )
         times = control_period * np.arange(steps + 1)
         sample = reference.sample(times)
         table = np.zeros((steps + 1, size(Row)))
@@ -119,6 +126,7 @@ def _force_lines(tip_force: TipForce, reference: JointReference, starts: np.ndar
         raise ValueError(
             f"tip_force.at gave shape {np.shape(force)} for {len(times)} times; it must be ({len(times)}, 2)"
         )
+    force = checks.finite_array("tip_force.at", force, (len(times), 2), "N")
     samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, 2)), shares - 0.5
     return np.concatenate([samples.mean(axis=1), np.einsum("j,kja->ka", lever, samples) / (lever @ lever)], axis=-1)
 

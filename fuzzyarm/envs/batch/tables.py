@@ -8,9 +8,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.layout import START, Noise, Start
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
@@ -48,12 +49,13 @@ class Tables:
         starts, firsts, row = [], [], 0
         for disturbance, reference in scenarios:
             firsts.append(len(schedules))
+            mass = checks.real("payload mass", disturbance.payload.mass, "kg", low=0.0, high=LARGEST)
             given = disturbance.encoder_noise
             noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
             for member in family if reference is None else (reference,):
                 schedule = Schedule.build(member, disturbance, control_period)
                 last = row + schedule.steps
-                start = Start(row, last, disturbance.payload.mass, noise, float(reference is None))
+                start = Start(row, last, mass, noise, float(reference is None))
                 starts.append(np.hstack(start))
                 references.append(member)
                 schedules.append(schedule)
@@ -92,7 +94,12 @@ def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]
     """Return the distinct items, by identity, and the number (count,) of each lane's among them.
 
     A single item is for all lanes.
+
+    Raises:
+        ValueError: there are neither one nor `count` items.
     """
+    if len(items) not in (1, count):
+        raise ValueError(f"{len(items)} entries for {count} lanes; give one, or one per lane")
     if len(items) == 1:
         return list(items), np.zeros(count, dtype=np.int64)
     places: dict[object, int] = {}

@@ -13,7 +13,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, in_list, reader
 
 __all__ = [
@@ -58,7 +58,7 @@ class Payload:
 
     def __post_init__(self) -> None:
         """Check the mass and the place."""
-        checks.real("payload mass", self.mass, "kg", low=0.0)
+        object.__setattr__(self, "mass", checks.real("payload mass", self.mass, "kg", low=0.0, high=LARGEST))
         checks.choice("payload at", self.at, PLACES)
 
     def radius(self, parameters: ArmParameters) -> float:

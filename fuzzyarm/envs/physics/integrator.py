@@ -179,6 +179,7 @@ _read_state, _write_state = reader(State, in_block, _AT.state), writer(State, in
 _state_of, _store_state = reader(State, in_rows), writer(State, in_rows)
 _arm_of, _torque_of, _force_of = reader(Arm, in_rows), reader(PerJoint, in_rows), reader(ForceLine, in_rows)
 _SIZE, _FORCE_ROWS = size(Hold), size(ForceLine)
+_STATE_ROWS, _TORQUE_ROWS, _ARM_ROWS = size(State), size(PerJoint), size(Arm)
 
 
 @register_jitable
@@ -218,17 +219,20 @@ def hold(state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarr
         substeps: number of sub-steps.
 
     Raises:
-        ValueError: `force` has not four rows (the other shapes are not checked).
+        ValueError: an array has another shape.
     """
-    if force.shape[0] != _FORCE_ROWS:
-        raise ValueError("force must have four rows: x, y, change of x, change of y")
+    lanes = state.shape[1]
+    if force.shape != (_FORCE_ROWS, lanes):
+        raise ValueError("force must have four rows: x, y, change of x, change of y; and a column for each lane")
+    if state.shape[0] != _STATE_ROWS or torque.shape != (_TORQUE_ROWS, lanes) or arm.shape != (_ARM_ROWS, lanes):
+        raise ValueError("state, torque and arm must have 8, 2 and 20 rows, and a column for each lane")
     work = np.empty(_SIZE * BLOCK)
-    for start in range(0, state.shape[1], BLOCK):
-        lanes = min(BLOCK, state.shape[1] - start)
-        for lane in range(lanes):
+    for start in range(0, lanes, BLOCK):
+        count = min(BLOCK, lanes - start)
+        for lane in range(count):
             at = start + lane
             whole = Hold(_state_of(state, at), _arm_of(arm, at), _torque_of(torque, at), _force_of(force, at))
             _write_hold(work, lane, whole)
-        hold_block(work, lanes, h, substeps)
-        for lane in range(lanes):
+        hold_block(work, count, h, substeps)
+        for lane in range(count):
             _store_state(state, start + lane, _read_state(work, lane))

@@ -11,12 +11,13 @@ from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_toml
 from fuzzyarm.common.files import write_atomically
 
-__all__ = ["ArmParameters"]
+__all__ = ["LARGEST", "ArmParameters"]
 
 Pair = tuple[float, float]
 
-# Largest value of any constant in its unit: far above real arms, and products of constants do not overflow
 LARGEST = 1e12
+"""Largest value of any constant in its unit: far above real arms, and products of constants do not overflow."""
+
 # The mass matrix counts as singular if its determinant is below this share of the product of its diagonal
 SINGULAR_SHARE = 1e-6
 
@@ -104,9 +105,14 @@ class ArmParameters:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> ArmParameters:
-        """Build an arm from a mapping of field names; unknown names raise ValueError with the known ones."""
+        """Build an arm from a mapping of field names; unknown names raise ValueError with the known ones.
+
+        Raises:
+            TypeError: `values` is no dictionary.
+            ValueError: a name is unknown, or a value is out of range.
+        """
         known = [field.name for field in dataclasses.fields(cls)]
-        unknown = sorted(set(values) - set(known))
+        unknown = set(map(str, checks.instance("values", values, dict))) - set(known)
         _require(not unknown, f"unknown arm field {checks.listed(unknown)}; known: {', '.join(known)}")
         arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         return cls(**arguments)

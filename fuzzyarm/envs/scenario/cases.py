@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from fuzzyarm.common.checks import instance
+from fuzzyarm.common.checks import instance, shown
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce
 
@@ -54,6 +54,6 @@ def add_case(case: Case) -> None:
 
 def find_case(name: str) -> Case:
     """Return the case called `name`; ValueError names the choices."""
-    if name not in CASES:
-        raise ValueError(f"unknown case {name!r}; choose from: {', '.join(CASES)}")
+    if not isinstance(name, str) or name not in CASES:
+        raise ValueError(f"unknown case {shown(name)}; choose from: {', '.join(CASES)}")
     return CASES[name]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import LARGEST
 from fuzzyarm.envs.physics.records import JOINTS
 
 __all__ = [
@@ -54,10 +55,14 @@ class MachiningForce:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        checks.real("MachiningForce.base", self.base, "N")
-        checks.real("MachiningForce.swing", self.swing, "N")
-        checks.real("MachiningForce.duration", self.duration, "s", above=0.0)
-        checks.real("MachiningForce.fade_speed", self.fade_speed, "m/s", above=0.0)
+        for name in ("base", "swing"):
+            _keep(
+                self, name, checks.real(f"MachiningForce.{name}", getattr(self, name), "N", low=-LARGEST, high=LARGEST)
+            )
+        for name, unit in (("duration", "s"), ("fade_speed", "m/s")):
+            shortest = 1.0 / LARGEST
+            number = checks.real(f"MachiningForce.{name}", getattr(self, name), unit, low=shortest, high=LARGEST)
+            _keep(self, name, number)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., 2) [N] at times (...) [s] for reference tip velocities (..., 2) [m/s]."""
@@ -78,8 +83,8 @@ class ConstantForce:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        checks.reals("ConstantForce.force", self.force, 2, "N")
-        _interval("ConstantForce", self.start, self.stop)
+        _keep(self, "force", checks.reals("ConstantForce.force", self.force, 2, "N", low=-LARGEST, high=LARGEST))
+        _keep_interval(self)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
         """Return the force (..., 2) [N] at times (...) [s]; it does not depend on the tip velocity."""
@@ -96,8 +101,8 @@ class TorqueBias:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        checks.reals("TorqueBias.torque", self.torque, JOINTS, "N m")
-        _interval("TorqueBias", self.start, self.stop)
+        _keep(self, "torque", checks.reals("TorqueBias.torque", self.torque, JOINTS, "N m", low=-LARGEST, high=LARGEST))
+        _keep_interval(self)
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Return the bias (..., 2) [N m] at times (...) [s]."""
@@ -113,8 +118,9 @@ class EncoderNoise:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        checks.real("EncoderNoise.position", self.position, "rad", low=0.0)
-        checks.real("EncoderNoise.velocity", self.velocity, "rad/s", low=0.0)
+        for name, unit in (("position", "rad"), ("velocity", "rad/s")):
+            number = checks.real(f"EncoderNoise.{name}", getattr(self, name), unit, low=0.0)
+            _keep(self, name, number)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,13 +142,16 @@ class Disturbance:
         for name, kind in (("torque_bias", TorqueBias), ("encoder_noise", EncoderNoise)):
             part = getattr(self, name)
             if not isinstance(part, kind | None):
-                raise ValueError(f"Disturbance.{name} = {part!r} must be a {kind.__name__}")
+                raise ValueError(f"Disturbance.{name} = {checks.shown(part)} must be a {kind.__name__}")
         if not (hasattr(self.payload, "mass") and hasattr(self.payload, "radius")):
             raise ValueError(
-                f"Disturbance.payload = {self.payload!r} must have mass and radius(parameters), as Payload has"
+                f"Disturbance.payload = {checks.shown(self.payload)} must have mass and radius(parameters), as "
+                "Payload has"
             )
         if self.tip_force is not None and not hasattr(self.tip_force, "at"):
-            raise ValueError(f"Disturbance.tip_force = {self.tip_force!r} must have a method at(time, tip_velocity)")
+            raise ValueError(
+                f"Disturbance.tip_force = {checks.shown(self.tip_force)} must have a method at(time, tip_velocity)"
+            )
 
 
 def _while_active(vector: tuple[float, float], time: np.ndarray, start: float, stop: float) -> np.ndarray:
@@ -152,7 +161,17 @@ def _while_active(vector: tuple[float, float], time: np.ndarray, start: float, s
     return active[..., np.newaxis] * np.array(vector, dtype=np.float64)
 
 
-def _interval(name: str, start: float, stop: float) -> None:
-    checks.real(f"{name}.start", start, "s", low=0.0)
-    if not (checks.is_real(stop) and stop > start):  # it may be infinite
-        raise ValueError(f"{name}: start = {start!r} s and stop = {stop!r} s; allowed: 0 <= start < stop")
+def _keep_interval(part: ConstantForce | TorqueBias) -> None:
+    """Check and keep the start and the stop of a disturbance [s]; the stop may be infinite."""
+    name, start, stop = type(part).__name__, part.start, part.stop
+    _keep(part, "start", checks.real(f"{name}.start", start, "s", low=0.0))
+    if not (checks.is_real(stop) and stop > start):
+        raise ValueError(
+            f"{name}: start = {checks.shown(start)} s and stop = {checks.shown(stop)} s; allowed: 0 <= start < stop"
+        )
+    _keep(part, "stop", math.inf if stop == math.inf else checks.real(f"{name}.stop", stop, "s"))
+
+
+def _keep(part: object, name: str, number: Any) -> None:
+    """Put a checked number into a frozen record, as float whatever kind of number was given."""
+    object.__setattr__(part, name, number)

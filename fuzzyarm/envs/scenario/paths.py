@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
-import numbers
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from fuzzyarm.common import checks
 
 __all__ = ["Circle", "Lemniscate", "Line", "Point", "Spline", "TipPath"]
 
@@ -26,6 +29,10 @@ Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 # Neighbouring points of a line or spline closer than this [m] give a curve without a direction.
 MINIMUM_SPACING = 1e-6
+
+MOST_WAYPOINTS = 10_000
+FEWEST_TURNS = 1e-6  # of a circle, below which it has no direction
+LARGEST = 1e6  # m, rad or turns: far above need, and squares do not overflow
 
 
 @runtime_checkable
@@ -74,8 +81,8 @@ class Circle:
         _set(self, "radius", _positive("radius", self.radius))
         _set(self, "start_angle", _finite("start_angle", self.start_angle, "rad"))
         _set(self, "turns", _finite("turns", self.turns, "turns"))
-        if self.turns == 0.0:
-            raise ValueError("turns = 0.0 is out of range; allowed: any finite number but 0")
+        if abs(self.turns) < FEWEST_TURNS:
+            raise ValueError(f"turns = {self.turns} is out of range; allowed: ±[{FEWEST_TURNS:g}, {LARGEST:g}]")
 
     def points(self, s: ArrayLike) -> Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
@@ -174,13 +181,17 @@ class Spline:
     def __post_init__(self) -> None:
         """Check the values."""
         try:
-            given = list(self.waypoints)
+            given = list(itertools.islice(self.waypoints, MOST_WAYPOINTS + 1))
         except TypeError:
-            raise ValueError(f"waypoints = {self.waypoints!r} must be a sequence of points (x, y) [m]") from None
+            raise ValueError(
+                f"waypoints = {checks.shown(self.waypoints)} must be a sequence of points (x, y) [m]"
+            ) from None
         points = tuple(_point(f"waypoints[{k}]", point) for k, point in enumerate(given))
-        if len(points) < 2:
-            raise ValueError(f"waypoints holds {len(points)} point(s); allowed: 2 or more distinct points")
+        if not 2 <= len(points) <= MOST_WAYPOINTS:
+            found = f"{len(points)} point(s)" if len(points) < 2 else f"more than {MOST_WAYPOINTS} points"
+            raise ValueError(f"waypoints holds {found}; allowed: 2 or more distinct points, at most {MOST_WAYPOINTS}")
         _set(self, "waypoints", points)
+        checks.truth("closed", self.closed)
         last = len(points) if self.closed else len(points) - 1
         for k in range(last):
             after = (k + 1) % len(points)
@@ -217,23 +228,28 @@ def _set(path: object, name: str, value: Any) -> None:
 
 
 def _finite(name: str, value: Any, unit: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
-        raise ValueError(f"{name} = {value!r} must be a finite number [{unit}]; allowed: (-inf, inf)")
-    return float(value)
+    try:
+        number = float(value) if checks.is_real(value) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"{name} = {checks.shown(value)} must be a finite number [{unit}]; allowed: ±{LARGEST:g}")
+    if abs(number) > LARGEST:
+        raise ValueError(f"{name} = {number} {unit} is out of range; allowed: ±{LARGEST:g} {unit}")
+    return number
 
 
 def _positive(name: str, value: Any) -> float:
     number = _finite(name, value, "m")
-    if number <= 0.0:
-        raise ValueError(f"{name} = {number} m is out of range; allowed: (0, inf) m")
+    if number < MINIMUM_SPACING:
+        raise ValueError(f"{name} = {number} m is out of range; allowed: [{MINIMUM_SPACING:g}, {LARGEST:g}] m")
     return number
 
 
 def _point(name: str, value: Any) -> Point:
-    try:
-        x, y = value
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} = {value!r} must be a pair (x, y) of finite numbers [m]") from None
+    if not (isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and len(value) == 2):
+        raise ValueError(f"{name} = {checks.shown(value)} must be a pair (x, y) of finite numbers [m]")
+    x, y = value
     return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m")
 
 

@@ -123,7 +123,11 @@ class DomainRandomisation:
     def __post_init__(self) -> None:
         """Check every range."""
         for name, (low, high, unit) in ALLOWED.items():
-            checks.interval(f"DomainRandomisation.{name}", getattr(self, name), unit, low=low, high=high)
+            given = checks.interval(f"DomainRandomisation.{name}", getattr(self, name), unit, low=low, high=high)
+            object.__setattr__(self, name, given)
+        if not isinstance(self.references, tuple | list):
+            raise TypeError(f"DomainRandomisation.references = {checks.shown(self.references)} must be a tuple")
+        object.__setattr__(self, "references", tuple(self.references))
         for reference in self.references:
             checks.instance("DomainRandomisation.references: entry", reference, JointReference)
 
@@ -240,9 +244,9 @@ def find_randomisation(randomisation: str | DomainRandomisation, parameters: Arm
     """Return the randomisation itself, or the named one for this arm; ValueError names the choices."""
     if isinstance(randomisation, DomainRandomisation):
         return randomisation
-    if randomisation not in RANDOMISATIONS:
+    if not isinstance(randomisation, str) or randomisation not in RANDOMISATIONS:
         raise ValueError(
-            f"unknown randomisation {randomisation!r}; choose from: {', '.join(RANDOMISATIONS)}, "
+            f"unknown randomisation {checks.shown(randomisation)}; choose from: {', '.join(RANDOMISATIONS)}, "
             "or give a DomainRandomisation"
         )
     return RANDOMISATIONS[randomisation](parameters)

@@ -33,6 +33,8 @@ __all__ = [
 # The whole path must keep |q2| in [margin, π - margin] rad: det J = L1 L2 sin q2 vanishes at 0 and π.
 SINGULARITY_MARGIN = 0.05
 
+SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
+
 # Instants, evenly spaced over the duration, at which a new reference is checked.
 CHECKED_INSTANTS = 2001
 
@@ -61,7 +63,7 @@ class JointReference:
 
     Attributes:
         path: tip curve (`paths`).
-        duration: T [s], > 0.
+        duration: T [s], 1e-6 to 1e6.
         elbow_sign: sign of q2 along the whole path: +1 (the paper's motion) or -1, the mirrored elbow.
         parameters: the arm; its lengths, joint limits and velocity limits are used.
 
@@ -85,11 +87,16 @@ class JointReference:
         """Check the values, then the whole motion at `CHECKED_INSTANTS` instants."""
         if not isinstance(self.path, TipPath):
             raise TypeError(
-                f"path = {self.path!r} must have a method points(s), see fuzzyarm.envs.scenario.paths.TipPath"
+                f"path = {checks.shown(self.path)} must have a method points(s), see "
+                "fuzzyarm.envs.scenario.paths.TipPath"
             )
-        checks.real("duration", self.duration, "s", above=0.0)
-        if isinstance(self.elbow_sign, bool) or self.elbow_sign not in (1, -1):
-            raise ValueError(f"elbow_sign = {self.elbow_sign!r} is out of range; allowed: 1 (q2 > 0) or -1 (q2 < 0)")
+        duration = checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST)
+        object.__setattr__(self, "duration", duration)  # as float, whatever kind of number was given
+        checks.instance("parameters", self.parameters, ArmParameters)
+        if not checks.is_real(self.elbow_sign) or self.elbow_sign not in (1, -1):
+            raise ValueError(
+                f"elbow_sign = {checks.shown(self.elbow_sign)} is out of range; allowed: 1 (q2 > 0) or -1 (q2 < 0)"
+            )
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         _check_reach(t, self.tip(t).position, self.parameters.length)
         motion = self.sample(t)

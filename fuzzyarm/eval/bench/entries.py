@@ -21,8 +21,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from fuzzyarm.envs.arguments import MAX_DEFAULT_SUBSTEP, whole_substeps
 from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
+from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP, whole_substeps
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 from fuzzyarm.policies import load_policy

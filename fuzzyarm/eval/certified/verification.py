@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common.console import escaped
 from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
@@ -49,7 +50,7 @@ class Verification:
         )
         pole = "" if c.fastest_pole is None else f", fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
         lines = [
-            f"{self.path}: {'PROVEN' if not failed else 'NOT PROVEN'}",
+            f"{escaped(str(self.path))}: {'PROVEN' if not failed else 'NOT PROVEN'}",
             f"  {c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
             f"{'with' if c.integral else 'without'} integral; alpha = {at_least(c.alpha, 6)} 1/s, "
             f"gamma = {at_most(c.gamma, 6)}{pole}",

@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import io
-import zipfile
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.array_files import read_arrays
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.rollout import Rollout
 
@@ -20,6 +20,16 @@ __all__ = ["NAME", "digest", "read_rollouts", "write_rollouts"]
 NAME = "rollouts.npz"
 """Name of the file in an evaluation's folder."""
 _FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
+_SINGLE = {
+    "policy": "U",
+    "case": "U",
+    "seed": "i",
+    "control_period": "f",
+    "completed": "b",
+    "reason": "U",
+    "step_time": "f",
+}
+_ONE_NUMBER = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
 
 
 def digest(rollouts: Sequence[Rollout]) -> str:
@@ -52,12 +62,25 @@ def read_rollouts(path: Path) -> list[Rollout]:
         ValueError: the file is damaged or holds something else.
         OSError: it cannot be read.
     """
+    arrays = read_arrays(path)
+    count = len(arrays) // len(_FIELDS)
+    if set(arrays) != {f"{k}.{name}" for k in range(count) for name in _FIELDS}:
+        raise ValueError(f"{path} is damaged (it does not hold the fields of {count} rollouts)")
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            rollouts: list[Rollout] = []
-            while f"{len(rollouts)}.policy" in file:
-                values = {name: file[f"{len(rollouts)}.{name}"] for name in _FIELDS}
-                rollouts.append(Rollout(**{k: v.item() if v.ndim == 0 else v for k, v in values.items()}))
-            return rollouts
-    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        return [_rollout({name: arrays[f"{k}.{name}"] for name in _FIELDS}) for k in range(count)]
+    except ValueError as error:
         raise ValueError(f"{path} is damaged ({error})") from None
+
+
+def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
+    """Return a rollout whose fields are of the types and shapes that `Rollout` says; ValueError otherwise."""
+    steps = len(np.atleast_1d(arrays["time"]))
+    values: dict[str, Any] = {}
+    for name, array in arrays.items():
+        kind, shape = _SINGLE.get(name, "f"), () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, 2)
+        if array.dtype.kind != kind or array.shape != shape or steps == 0:
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
+        if kind == "f" and name != "step_time" and not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite")
+        values[name] = array.item() if name in _SINGLE else array
+    return Rollout(**values)

@@ -36,7 +36,7 @@ def headline(standings: Sequence[Standing]) -> str:
         errors = {standing.policy: standing.rms[case] for standing in standings}
         held = {policy: error for policy, error in errors.items() if error is not None}
         if held:
-            won = f"in {_title(case)} with {_length(min(held.values()))} rms"
+            won = f"in {_title(case)} with {_length(min(held.values()))}\u00a0rms"
             wins.setdefault(_winners(held), []).append(won)
         else:
             nobody.append(_title(case))
@@ -108,7 +108,7 @@ def _title(case: str) -> str:
 
 
 def _length(millimetres: float) -> str:
-    return f"{digits(millimetres)} mm"
+    return f"{digits(millimetres)}\u00a0mm"
 
 
 def _episodes(count: int) -> str:

@@ -20,8 +20,8 @@ from typing import Protocol
 
 import numpy as np
 
-from fuzzyarm.envs.arguments import whole_substeps
 from fuzzyarm.envs.observation import JOINTS, SIZE, START
+from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload, State, arm_constants
 from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -229,7 +229,7 @@ class _FrozenArm:
         """Return the plant states `duration` [s] later, (lanes, states)."""
         state, torque = np.split(plant_and_torque.T.copy(), [_STATES])
         arm, no_force = np.tile(self.arm, state.shape[1]), np.zeros((4, state.shape[1]))  # see `hold`
-        substeps = whole_substeps(duration, None)
+        substeps = default_substeps(duration)
         hold(state, torque, no_force, arm, duration / substeps, substeps)
         return np.transpose(state)
 

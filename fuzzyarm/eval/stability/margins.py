@@ -28,7 +28,7 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
 from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies import NAMES, PolicySpec, resolve_all
+from fuzzyarm.policies import NAMES, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.user_code import UserPolicy
 
 __all__ = [
@@ -122,12 +122,12 @@ class MarginsConfig:
             instance("robot", self.robot, Path)
 
     def command(self) -> str:
-        """Return the command line of this configuration."""
+        """Return the command line of this configuration, with the last part of absolute paths."""
         words = ["fuzzyarm", "margins"]
         if self.policies != NAMES:
-            words += [word for policy in self.policies for word in ("--policy", policy)]
+            words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
         if self.robot is not None:
-            words += ["--robot", str(self.robot)]
+            words += ["--robot", recorded(str(self.robot))]
         return shlex.join(words)
 
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import shlex
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, instance, real, whole
+from fuzzyarm.common.checks import choice, distinct, instance, real, shown, texts, whole
 from fuzzyarm.common.documents import record
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, Distribution
 from fuzzyarm.eval.sweep.quantities import COLUMNS, QUANTITIES
-from fuzzyarm.policies import resolve
+from fuzzyarm.policies import recorded, resolve
 
 __all__ = ["POLICIES", "SHOWN", "Axis", "QuantityRange", "SweepConfig"]
 
@@ -107,9 +109,8 @@ class SweepConfig:
     def __post_init__(self) -> None:
         """Check everything but the policies, which are checked when they are loaded."""
         for name in ("policies", "cases"):
-            given = getattr(self, name)
-            if not given or len(set(given)) != len(given):
-                raise ValueError(f"{name} = {list(given)} must be one or more different names")
+            distinct(name, getattr(self, name))
+        texts("map", self.map)
         for case in self.cases:
             find_case(case)
         instance("robot", self.robot, ArmParameters)
@@ -117,8 +118,8 @@ class SweepConfig:
             whole(name, getattr(self, name), low=low)
         real("bound", self.bound, "mm", above=0.0)
         choice("distribution", self.distribution, DISTRIBUTIONS)
-        object.__setattr__(self, "ranges", tuple(QuantityRange(*changed) for changed in self.ranges))
-        object.__setattr__(self, "grid", tuple(Axis(*axis) for axis in self.grid))
+        object.__setattr__(self, "ranges", _tuples("ranges", self.ranges, QuantityRange))
+        object.__setattr__(self, "grid", _tuples("grid", self.grid, Axis))
         for name in (*(axis.quantity for axis in self.grid), *(changed.quantity for changed in self.ranges)):
             choice("quantity", name, QUANTITIES)
         self._check_grid()
@@ -197,9 +198,12 @@ class SweepConfig:
         return self.map or (_MAP if set(_MAP) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields as JSON has them."""
+        """Return all fields as JSON has them; of a policy's absolute path the last part, see `policies.recorded`."""
         plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: _as_lists(value) for name, value in plain.items()} | {"robot": self.robot.to_dict()}
+        return {name: _as_lists(value) for name, value in plain.items()} | {
+            "policies": list(map(recorded, self.policies)),
+            "robot": self.robot.to_dict(),
+        }
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> SweepConfig:
@@ -224,7 +228,7 @@ class SweepConfig:
         if self.robot != ArmParameters():
             return None
         words = ["fuzzyarm", "sweep"]
-        words += [word for policy in self.policies for word in ("--policy", policy)]
+        words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
         words += [word for case in self.cases for word in ("--case", case)]
         words += ["--plants", str(self.plants), "--seed", str(self.seed), "--distribution", self.distribution]
         words += [word for changed in self.ranges for word in ("--range", *map(str, changed))]
@@ -232,6 +236,15 @@ class SweepConfig:
         words += ["--chunk", str(self.chunk), "--bound", str(self.bound), "--worst", str(self.worst)]
         words += ["--map", *self.map] if self.map else []
         return shlex.join(words)
+
+
+def _tuples(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
+    """Return rows as records; TypeError unless each has as many entries as the record has fields."""
+    fields = kind._fields  # type: ignore[attr-defined]
+    rows: Any = given if isinstance(given, list | tuple) else [None]
+    if not all(isinstance(row, list | tuple) and len(row) == len(fields) for row in rows):
+        raise TypeError(f"{name} = {shown(given)} must be a tuple of rows ({', '.join(fields)})")
+    return tuple(itertools.starmap(kind, rows))
 
 
 def _as_lists(value: Any) -> Any:

@@ -52,6 +52,7 @@ class SweepResults:
             self.plants.dtype == PLANT
             and self.plants.shape == (plants,)
             and all(getattr(self, name).shape == shape for name in METRICS)
+            and all(getattr(self, name).dtype == (bool if name == "completed" else float) for name in METRICS)
         )
 
     @property

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from fuzzyarm.common.documents import read_bytes
 from fuzzyarm.policies import Kind, PolicySpec
 
 __all__ = ["module_files", "module_sources"]
@@ -38,7 +39,7 @@ def module_files(spec: PolicySpec) -> dict[str, str]:
     if source is None:
         return {}
     files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
-    return {file.relative_to(source.parent).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    return {file.relative_to(source.parent).as_posix(): hashlib.sha256(read_bytes(file)).hexdigest() for file in files}
 
 
 def _source(spec: PolicySpec) -> Path | None:

@@ -43,7 +43,7 @@ class ComputedTorquePolicy(Policy):
             TypeError: a number is none.
             ValueError: the control period or the bandwidth is not positive.
         """
-        super().__init__(parameters or ArmParameters(), control_period)
+        super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.bandwidth = real("bandwidth", bandwidth, "rad/s", above=0.0)
         self._arm = np.array(arm_constants(self.parameters))
 

@@ -24,8 +24,8 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.envs.arguments import whole_substeps
 from fuzzyarm.envs.observation import JOINTS, observed
+from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import Arm, State, arm_constants, arm_in, gravity_torque
 from fuzzyarm.envs.physics.elementwise import sine_cosine
@@ -81,7 +81,7 @@ class ElasticObserverPolicy(Policy):
         Raises:
             ValueError: the control period is out of range, or there are no gains for these arguments.
         """
-        super().__init__(parameters or ArmParameters(), control_period)
+        super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.weights, self._substeps = weights or ObserverWeights(), whole_substeps(control_period, None)
         self.feedback, self.observer = gain_tables(self.parameters, control_period, self.weights)
         self._know(self.parameters)

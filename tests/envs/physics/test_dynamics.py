@@ -244,7 +244,7 @@ def test_constants_broadcast_over_lanes():
 
 @pytest.mark.parametrize("mass", [-1.0, np.nan, np.inf])
 def test_bad_payload_mass_is_named(mass):
-    with pytest.raises(ValueError, match=rf"payload mass = {mass} kg is out of range; allowed: \[0, inf\) kg"):
+    with pytest.raises(ValueError, match=rf"payload mass = {mass} kg is out of range; allowed: \[0, 1e\+12\] kg"):
         Payload(mass)
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.arguments import MAX_DEFAULT_SUBSTEP
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 
 

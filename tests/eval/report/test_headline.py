@@ -21,7 +21,7 @@ def standing(policy, lost=0, score=None, **rms):
 
 
 def words(*standings):
-    return re.sub(r"</?strong>", "", headline(standings))
+    return re.sub(r"</?strong>", "", headline(standings)).replace("\u00a0", " ")
 
 
 def test_one_policy_wins_overall_and_others_their_cases():
@@ -88,6 +88,8 @@ def test_the_winner_leads_the_leaderboard_and_stands_on_the_page(folder):
     standings = standings_of(stored.config, stored.rows, stored.certificates)
     first = rank_policies([folder]).standings[0]
     text = headline(standings)
-    assert text.startswith(f"<strong>{first.policy}</strong> wins overall with a score of {first.score.mean:#.3g} mm")
+    assert text.startswith(
+        f"<strong>{first.policy}</strong> wins overall with a score of {first.score.mean:#.3g}\u00a0mm"
+    )
     page = (folder / "report.html").read_text()
     assert f'<p id="headline">{text}</p>' in page and rule(standings) in page

@@ -1,0 +1,149 @@
+"""Reading of NumPy's archives of arrays, ``.npz``, from files that nobody vouches for.
+
+Before memory is taken, the sizes that the archive states are compared with a limit, and those of each array with its
+header. Arrays hold truth values, whole and real numbers, texts, or records of these; nothing is unpickled.
+"""
+
+from __future__ import annotations
+
+import errno
+import math
+import struct
+import tokenize
+import warnings
+import zipfile
+import zlib
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from fuzzyarm.common.documents import DocumentError, open_regular
+
+__all__ = ["LARGEST_ARRAYS", "MOST_COMPRESSED", "read_arrays"]
+
+LARGEST_ARRAYS = 4 * 2**30  # bytes of all arrays of a file together, if not said otherwise
+MOST_COMPRESSED = 100  # times smaller than its arrays a file may be; 20 times is seen where a signal is zero throughout
+
+_ENDING = ".npy"
+_KINDS = "biufU"  # truth values, numbers, texts
+_LARGEST_DIRECTORY = 8 * 2**20  # bytes of the list of members, of which each takes about 50
+_END, _END64 = struct.Struct("<4s4H2LH"), struct.Struct("<4sQ2H2L4Q")  # the last records of a zip archive
+_LOCATOR = 20  # bytes of the record between the two
+_ENCRYPTED = 0x1
+_SLACK = 2**20  # bytes that a file may always unpack to
+_BROKEN = (
+    ArithmeticError,
+    AttributeError,
+    EOFError,
+    KeyError,
+    LookupError,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    UserWarning,
+    ValueError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zipfile.LargeZipFile,
+    zlib.error,
+)
+
+
+def read_arrays(path: Path, *, largest: int = LARGEST_ARRAYS) -> dict[str, np.ndarray]:
+    """Return the arrays of a file by name.
+
+    Raises:
+        DocumentError: no regular file, no archive of arrays, damaged, or of more than `largest` bytes unpacked; the
+            message is one line and names the file.
+        OSError: the file cannot be read.
+    """
+    with open_regular(path) as file:
+        try:
+            size = file.seek(0, 2)
+            _check_directory(file, size)
+            with zipfile.ZipFile(file) as archive:
+                members = archive.infolist()
+                _check_members(members, min(largest, MOST_COMPRESSED * size) + _SLACK)
+                return {member.filename.removesuffix(_ENDING): _array(archive, member) for member in members}
+        except (*_BROKEN, OSError) as error:
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # of a place before the beginning
+                raise
+            reason = " ".join(str(error).split())[:160] or type(error).__name__
+            raise DocumentError(f"{path} is damaged ({reason})") from None
+
+
+def _check_directory(file: BinaryIO, size: int) -> None:
+    """Check the size of the list of members, which `zipfile` reads as a whole."""
+    file.seek(max(size - _END.size, 0))
+    content = file.read(_END.size)
+    if len(content) < _END.size:
+        raise ValueError("it is too short")
+    signature, *_, length, _, comment = _END.unpack(content)
+    if signature != b"PK\x05\x06" or comment:
+        raise ValueError("it does not end like a zip archive")
+    before = size - _END.size - _LOCATOR - _END64.size
+    if before >= 0:
+        file.seek(before)
+        wide = _END64.unpack(file.read(_END64.size))
+        if wide[0] == b"PK\x06\x06":
+            length = max(length, wide[8])
+    if length > _LARGEST_DIRECTORY:
+        raise ValueError(f"its list of members takes {length} bytes; allowed: {_LARGEST_DIRECTORY}")
+
+
+def _check_members(members: list[zipfile.ZipInfo], most: int) -> None:
+    names = {member.filename for member in members}
+    if len(names) < len(members):
+        raise ValueError("a name stands twice")
+    for member in members:
+        if not member.filename.endswith(_ENDING):
+            raise ValueError(f"{member.filename[:40]!r} is no array")
+        if member.flag_bits & _ENCRYPTED:
+            raise ValueError(f"{member.filename[:40]!r} is encrypted")
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise ValueError(f"{member.filename[:40]!r} has the unknown compression {member.compress_type}")
+    total = sum(member.file_size for member in members)
+    if total > most:
+        raise ValueError(f"it unpacks to {total} bytes; allowed for this file: {most}")
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """Return an array, whose bytes must be exactly those that its header asks for."""
+    with archive.open(member) as stream:
+        if np.lib.format.read_magic(stream) != (1, 0):
+            raise ValueError(f"{member.filename[:40]!r} has another version of the format")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # about headers of Python 2
+            shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
+        _check_type(dtype)
+        needed, left = math.prod(shape) * dtype.itemsize, member.file_size - stream.tell()
+        if min(shape, default=0) < 0 or needed != left:
+            raise ValueError(f"{member.filename[:40]!r} has {left} bytes for the shape {shape} of {dtype}"[:160])
+        array = np.empty(shape, dtype, order="F" if by_columns else "C")
+        content = stream.read(needed + 1)  # with the limit: `read()` would unpack more than the stated size
+        if len(content) != needed:
+            raise ValueError(f"{member.filename[:40]!r} unpacks to {len(content)} bytes in place of {needed}")
+        if needed:
+            array.reshape(-1, order="A").view(np.uint8)[:] = np.frombuffer(content, dtype=np.uint8)
+    _check_values(member.filename, array)
+    return array
+
+
+def _check_type(dtype: np.dtype) -> None:
+    fields = [dtype] if dtype.names is None else [dtype[name].base for name in dtype.names]
+    if any(field.kind not in _KINDS or field.names is not None for field in fields):
+        raise ValueError(f"arrays of {dtype} are not read"[:160])
+
+
+def _check_values(name: str, array: np.ndarray) -> None:
+    """Check texts and truth values, of which not every pattern of bits is one."""
+    if array.dtype.kind == "U":
+        points = np.frombuffer(array.astype(array.dtype.newbyteorder("<")).tobytes(), dtype="<u4")
+        if np.any((points > 0x10FFFF) | ((points >= 0xD800) & (points <= 0xDFFF))):
+            raise ValueError(f"{name[:40]!r} holds a text that is no Unicode")
+    if array.dtype.kind == "b" and np.any(np.frombuffer(array.tobytes(), dtype=np.uint8) > 1):
+        raise ValueError(f"{name[:40]!r} holds a truth value that is neither true nor false")

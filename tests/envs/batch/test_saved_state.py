@@ -1,0 +1,122 @@
+"""A state of a batch is taken as a whole or refused as a whole; nothing that kernels index by is taken unchecked."""
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.batch.layout import CLOCK, Lane
+from fuzzyarm.envs.batch.randomness import NEXT_KEY, draw, key_before
+from fuzzyarm.envs.physics.records import columns
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+
+LANES = 3
+
+
+@pytest.fixture
+def envs():
+    envs = FuzzyArmVectorEnv(LANES, randomisation="robust")
+    envs.reset(seed=5)
+    for _ in range(20):
+        envs.step(np.full((LANES, 2), 30.0))
+    return envs
+
+
+def changed(name, place, value):
+    def change(state):
+        state[name][place] = value
+
+    return change
+
+
+def replaced(name, value):
+    return lambda state: state.update({name: value})
+
+
+BAD = {
+    "far row": (changed("clock", (CLOCK.row, 1), 10**12), r"lane 1 at row 1000000000020 of"),
+    "a row before the first": (changed("clock", (CLOCK.row, 0), -1), "lane 0 at row -1 of"),
+    "the last row": (
+        lambda state: state["clock"].__setitem__(CLOCK.row, state["clock"][CLOCK.last]),
+        "at row [0-9]+ of",
+    ),
+    "other first": (changed("clock", (CLOCK.first, 0), 1), "lane 0 at row"),
+    "other last": (changed("clock", (CLOCK.last, 2), 10**9), "lane 2 at row"),
+    "another key": (changed("clock", (CLOCK.key, 0), 7), "state"),
+    "not drawn": (changed("drawn", (0, 0), 0.5), "is not what the keys of its episodes draw"),
+    "far reference": (changed("drawn", (-1, 0), 1e12), "is not what the keys of its episodes draw"),
+    "no reference": (changed("drawn", (-1, 0), np.nan), "not finite"),
+    "a state of nan": (changed("values", (0, 0), np.nan), "not finite"),
+    "another arm": (changed("values", (12, 0), 1.0), "holds other arms"),
+    "few lanes": (lambda state: state.update(values=state["values"][:, :1]), "needed: an array float64"),
+    "float clock": (lambda state: state.update(clock=state["clock"].astype(float)), "needed: an array int64"),
+    "single": (lambda state: state.update(values=state["values"].astype(np.float32)), "needed: an array float64"),
+    "big endian": (lambda state: state.update(values=state["values"].astype(">f8")), "needed: an array float64"),
+    "a list": (lambda state: state.update(drawn=state["drawn"].tolist()), "needed: an array float64"),
+    "missing": (lambda state: state.pop("clock"), r"state\['clock'\] is None"),
+    "no digest": (lambda state: state.pop("made_of"), "other plants"),
+    "another digest": (replaced("made_of", np.zeros(32, dtype=np.uint8)), "other plants"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_state_is_refused_and_changes_nothing(envs, name):
+    change, message = BAD[name]
+    before = envs.get_state()
+    state = envs.get_state()
+    change(state)
+    if name == "far row":
+        state["clock"][CLOCK.row, 1] += 20
+    with pytest.raises(ValueError, match=message):
+        envs.set_state(state)
+    assert all(np.array_equal(before[key], value) for key, value in envs.get_state().items())
+    action = np.full((LANES, 2), -20.0)
+    expected = envs.step(action)[0]
+    envs.set_state(before)
+    assert np.array_equal(envs.step(action)[0], expected)
+
+
+@pytest.mark.parametrize("state", [None, 1, [], "state", np.zeros(3)])
+def test_a_state_is_a_dictionary(envs, state):
+    with pytest.raises(TypeError, match="state = "):
+        envs.set_state(state)
+
+
+def test_a_thousand_random_changes_are_refused_or_harmless(envs):
+    generator = np.random.default_rng(0)
+    good = envs.get_state()
+    own_state = columns(Lane).state
+    refused = 0
+    for _ in range(1000):
+        state = {name: array.copy() for name, array in good.items()}
+        name = generator.choice(["values", "clock", "drawn"])
+        flat = state[name].reshape(-1).view(np.uint8)
+        for place in generator.integers(0, len(flat), generator.integers(1, 4)):
+            flat[place] ^= np.uint8(1 << generator.integers(8))
+        try:
+            envs.set_state(state)
+        except ValueError:
+            refused += 1
+            continue
+        same = [np.array_equal(state[key], good[key]) for key in ("clock", "drawn")]
+        assert np.array_equal(state["values"][own_state.stop :], good["values"][own_state.stop :])
+        assert all(same) or np.array_equal(state["clock"][CLOCK.first], good["clock"][CLOCK.first])
+        for _ in range(3):
+            envs.step(np.zeros((LANES, 2)))
+    assert refused > 500
+
+
+def test_an_episode_that_is_not_random_keeps_its_state():
+    envs = FuzzyArmVectorEnv(2, case=["machining", "payload"])
+    envs.reset(seed=1, options={"initial_state": [0.1, 0.2, 0.1, 0.2, 0.0, 0.0, 0.0, 0.0]})
+    envs.step(np.zeros((2, 2)))
+    state = envs.get_state()
+    expected = envs.step(np.ones((2, 2)))[0]
+    other = FuzzyArmVectorEnv(2, case=["machining", "payload"])
+    other.set_state(state)  # never reset
+    assert np.array_equal(other.step(np.ones((2, 2)))[0], expected)
+
+
+def test_the_key_before_is_the_one_that_draws_this_key():
+    keys = np.random.default_rng(3).integers(0, 2**64, 1000, dtype=np.uint64)
+    before = key_before(keys)
+    with np.errstate(over="ignore"):
+        assert all(draw(one, NEXT_KEY) == key for one, key in zip(before, keys, strict=True))

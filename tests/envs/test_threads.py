@@ -1,0 +1,52 @@
+"""An environment is for one thread. Where several use one all the same, results are wrong, but nothing crashes."""
+
+import subprocess
+import sys
+
+import pytest
+
+ABUSE = """
+import threading, time
+import numpy as np
+from gymnasium.error import ResetNeeded
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+
+short = JointReference(duration=1.0)
+references = (short, JointReference())
+{make}
+env.reset(seed=0)
+end = time.monotonic() + 3.0
+
+def use(number):
+    generator = np.random.default_rng(number)
+    while time.monotonic() < end:
+        try:
+            if generator.random() < 0.02:
+                env.reset(options={{"reference": short}} if generator.random() < 0.5 and own else None)
+            for _ in range(200):
+                env.step(action)
+        except (ResetNeeded, ValueError, IndexError, KeyError):
+            pass
+
+threads = [threading.Thread(target=use, args=(number,)) for number in range(4)]
+[thread.start() for thread in threads]
+[thread.join() for thread in threads]
+print("survived")
+"""
+KINDS = {
+    "single": "env, action, own = FuzzyArmEnv(control_period=0.02), np.zeros(2), True",
+    "family": "env, action, own = FuzzyArmEnv(control_period=0.02, randomisation=DomainRandomisation("
+    "references=references)), np.zeros(2), False",
+    "batch": "env, action, own = FuzzyArmVectorEnv(3, control_period=0.02), np.zeros((3, 2)), True",
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_environment_used_by_several_threads_does_not_crash(kind):
+    script = ABUSE.format(make=KINDS[kind])
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "survived" in done.stdout
