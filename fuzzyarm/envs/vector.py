@@ -192,7 +192,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ValueError: the state is of an environment made with other arguments, or no state that an episode has. The
                 environment is as before.
         """
-        mask = state.get(_OVER)
+        mask = checks.instance("state", state, dict).get(_OVER)
         if mask is not None and self._mode is AutoresetMode.SAME_STEP:
             raise ValueError(
                 "lanes of this state wait for a reset; make the environment with the autoreset_mode that it had"

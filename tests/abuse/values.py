@@ -255,8 +255,8 @@ def plausible(value: Any, valid: Any) -> bool:
         case list() | tuple():
             if not isinstance(value, Sequence | np.ndarray):  # an iterator, which is used up
                 return isinstance(value, Iterable) and not isinstance(value, Set | Mapping)
-            one = valid[0] if valid else None
-            return not isinstance(value, str | bytes) and all(plausible(entry, one) for entry in value)
+            alike = valid if len(value) == len(valid) else (valid or [None])[:1] * min(len(value), 10**5)
+            return not isinstance(value, str | bytes) and all(map(plausible, value, alike))
         case np.ndarray():
             return np.asarray(value).dtype.kind in "fiu"
     return (
