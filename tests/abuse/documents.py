@@ -84,7 +84,7 @@ def file_of(
         sign: puts the digest right; None if there is none.
         count: tries of a whole run.
         same: called with the document before and after, and whether it is signed, if it was accepted.
-    """  # fmt: skip
+    """
 
     def attempt(rng: np.random.Generator) -> Try:
         good = (source() / target).read_bytes()
@@ -152,7 +152,8 @@ def _check_claim(controller: Controller) -> None:
     slow, gains = pole_rate(F).min(), [gain_at(F, G, np.full(400, 1j * w)).max() for w in (0.0, 1.0, 10.0, 100.0)]
     if slow < controller.alpha * (1.0 - 1e-6) or max(gains) > controller.gamma * (1.0 + 1e-6):
         raise Broken(
-            f"PROVEN, but the rate is {slow:g} (alpha {controller.alpha:g}), the gain {max(gains):g} (gamma {controller.gamma:g})"
+            f"PROVEN, but the rate is {slow:g} (alpha {controller.alpha:g}), the gain {max(gains):g} "
+            f"(gamma {controller.gamma:g})"
         )
     fastest = -np.linalg.eigvals(F).real.min()
     if controller.fastest_pole is not None and fastest > controller.fastest_pole * (1.0 + 1e-6):
@@ -298,9 +299,18 @@ class _Payload:
 
 def _arrays(rng: np.random.Generator, good: np.ndarray) -> np.ndarray:
     others: list[Any] = [
-        np.array([_Payload(), None], dtype=object), np.array("x"), np.zeros(0), np.array(1j), good[np.newaxis], good.astype(str),
-        np.full(good.shape, np.nan), np.full(good.shape, 1e300), np.array(True), np.zeros(3, dtype="f4,i8"), np.array(-1),
-    ]  # fmt: skip
+        np.array([_Payload(), None], dtype=object),
+        np.array("x"),
+        np.zeros(0),
+        np.array(1j),
+        good[np.newaxis],
+        good.astype(str),
+        np.full(good.shape, np.nan),
+        np.full(good.shape, 1e300),
+        np.array(True),
+        np.zeros(3, dtype="f4,i8"),
+        np.array(-1),
+    ]
     return np.asarray(others[rng.integers(len(others))])
 
 
@@ -434,8 +444,15 @@ def _expected_folder() -> Path:
 
 SURFACES = (
     *(
-        file_of(f"controller {name}", functools.partial(_controller, name), "controller.json", _verified, _signed_controller,
-                count=500 if name.startswith("fuzzy") else 400, same=_same_controller)
+        file_of(
+            f"controller {name}",
+            functools.partial(_controller, name),
+            "controller.json",
+            _verified,
+            _signed_controller,
+            count=500 if name.startswith("fuzzy") else 400,
+            same=_same_controller,
+        )
         for name in CLAIMED
     ),
     Surface("robot TOML", "files", 1500, _robot, prepare=prepared),
@@ -446,6 +463,13 @@ SURFACES = (
     file_of("run.json", sweep, "run.json", _resumed_sweep, _signed_run, count=600),
     _archive("chunk", sweep, "chunks/000000.npz", _resumed_sweep, 500),
     Surface("checkpoint", "files", 300, _checkpoint, prepare=prepared),
-    file_of("expected.json", _expected_folder, "expected.json", lambda folder: load_expected(folder / "expected.json"), None, count=400),
+    file_of(
+        "expected.json",
+        _expected_folder,
+        "expected.json",
+        lambda folder: load_expected(folder / "expected.json"),
+        None,
+        count=400,
+    ),
     Surface("in place of a file", "files", 240, _in_place_of_a_file, prepare=prepared),
-)  # fmt: skip
+)

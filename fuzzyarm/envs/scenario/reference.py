@@ -182,7 +182,8 @@ def _check_points(path: TipPath, s: np.ndarray) -> None:
     for name, part in zip(("p", "dp/ds", "d²p/ds²"), parts, strict=True):
         if np.shape(part) != (*s.shape, 2):
             raise ValueError(
-                f"path.points(s) gave shape {np.shape(part)} for {name} and s of shape {s.shape}; allowed: {(*s.shape, 2)}"
+                f"path.points(s) gave shape {np.shape(part)} for {name} and s of shape {s.shape}; allowed: "
+                f"{(*s.shape, 2)}"
             )
         if np.asarray(part).dtype.kind not in "fiu":
             raise TypeError(f"path.points(s) gave {name} = {checks.shown(part)}; needed: real numbers [m]")
