@@ -34,6 +34,7 @@ __all__ = [
 
 Choice = TypeVar("Choice")
 
+_NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # although classes of numbers are among their bases
 SHOWN = 80  # characters of a value in a message
 MESSAGE = 300  # characters of a message that quotes a type
 
@@ -83,7 +84,7 @@ def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> in
         ValueError: it is out of range.
     """
     allowed = f"allowed: {low}, {low + 1}, {low + 2}, ..." if high is None else f"allowed: {low} to {high}"
-    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
+    if isinstance(value, _NO_NUMBERS) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} = {shown(value)} must be a whole number; {allowed}")
     number = int(value)
     if number < low or (high is not None and number > high):
@@ -185,8 +186,8 @@ def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
 
 
 def is_real(value: Any) -> bool:
-    """Return whether a value is a real number: no boolean, no complex number, no text."""
-    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
+    """Return whether a value is a real number: no boolean, no complex number, no text, no time."""
+    return isinstance(value, numbers.Real) and not isinstance(value, _NO_NUMBERS)
 
 
 def shown(value: Any) -> str:

@@ -46,7 +46,7 @@ def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbanc
         return find_case(case).disturbance
     checks.instance("disturbance", disturbance, Disturbance)
     if not (isinstance(case, str) and case == "nominal"):
-        raise ValueError(f"give either case = {case!r} or a disturbance, not both")
+        raise ValueError(f"give either case = {checks.shown(case)} or a disturbance, not both")
     return disturbance
 
 

@@ -108,7 +108,7 @@ class TrainingConfig:
     @property
     def action(self) -> ActionDefinition:
         """What the policy's action means."""
-        base = None if self.base == "none" else self.base
+        base = None if instance("base", self.base, str) == "none" else self.base
         return ActionDefinition(
             scale=self.scale, period=self.action_period, base=base, smoothing_time=self.smoothing_time
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from fuzzyarm.common.checks import choice, real, truth
+from fuzzyarm.common.checks import choice, real, texts, truth
 from fuzzyarm.fuzzy_policy.controller import FORMS, GAINS, RATES
 from fuzzyarm.fuzzy_policy.ts_model import DEFAULT_KEPT
 
@@ -49,6 +49,7 @@ class Specification:
 
     def __post_init__(self) -> None:
         """Check the numbers, each and together."""
+        texts("kept", self.kept)
         choice("form", self.form, FORMS)
         truth("integral", self.integral)
         truth("common_multiplier", self.common_multiplier)

@@ -92,7 +92,7 @@ def construction(
                 raise Broken("was taken without a word")
             check(made)
 
-        return Try(f"{name}({field}={described(value)})", run, () if unknown else names_of(field, value))
+        return Try(f"{name}({field}={described(value)})", run, () if unknown else (*names_of(field, value), *valid))
 
     return Surface(name, "arguments", count, attempt, prepare=lambda: check(make(**valid)))
 

@@ -184,7 +184,7 @@ def described(value: Any) -> str:
         text = shown(value)
     except Exception:
         text = object.__repr__(value)
-    return f"{type(value).__name__} {text[:100]!r}"
+    return f"{type(value).__name__} {text[:100]}"
 
 
 @contextlib.contextmanager

@@ -161,7 +161,9 @@ def _spoiled_sequence(rng: np.random.Generator, valid: Any) -> Any:
     elif change == 2:
         entries.reverse()
     elif change == 3:
-        return np.array(entries, dtype=object).astype(str) if rng.random() < 0.5 else np.array(entries, dtype=object)
+        array = np.empty(len(entries), dtype=object)
+        array[:] = [str(type(entry)) for entry in entries] if rng.random() < 0.5 else entries
+        return array
     else:
         entries[place] = spoiled(rng, entries[place])
     return entries if rng.random() < 0.2 else tuple(entries)
@@ -253,8 +255,8 @@ def plausible(value: Any, valid: Any) -> bool:
         case list() | tuple():
             if not isinstance(value, Sequence | np.ndarray):  # an iterator, which is used up
                 return isinstance(value, Iterable) and not isinstance(value, Set | Mapping)
-            one = valid[0] if valid else None
-            return not isinstance(value, str | bytes) and all(plausible(entry, one) for entry in value)
+            alike = valid if len(value) == len(valid) else (valid or [None])[:1] * min(len(value), 10**5)
+            return not isinstance(value, str | bytes) and all(map(plausible, value, alike))
         case np.ndarray():
             return np.asarray(value).dtype.kind in "fiu"
     return (

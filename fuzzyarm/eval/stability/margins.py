@@ -18,7 +18,7 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.checks import distinct
+from fuzzyarm.common.checks import distinct, instance
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -118,6 +118,8 @@ class MarginsConfig:
     def __post_init__(self) -> None:
         """Check the names before anything runs."""
         distinct("policies", self.policies)
+        if self.robot is not None:
+            instance("robot", self.robot, Path)
 
     def command(self) -> str:
         """Return the command line of this configuration, with the last part of absolute paths."""
