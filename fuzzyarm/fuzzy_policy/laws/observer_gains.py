@@ -16,7 +16,7 @@ from scipy.linalg import expm, solve_discrete_are
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = [
@@ -102,13 +102,15 @@ class ObserverWeights:
             real(f"ObserverWeights.{field.name}", getattr(self, field.name), low=low, high=high)
 
 
-def sampled_arm(parameters: ArmParameters, control_period: float, cos2: float) -> tuple[np.ndarray, np.ndarray]:
+def sampled_arm(
+    parameters: ArmParameters, control_period: float, cos2: float, payload: Payload | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return A (10, 10) and B (10, 2) of (x, d)⁺ = A (x, d) + B u over one control period [s], u held, d constant.
 
-    At rest, without gravity and dry friction, at cos q2 = `cos2`:
+    At rest, without gravity and dry friction, at cos q2 = `cos2`, with a payload if there is one:
     I_a θ̈ = u - Γ_t - f_v θ̇,  M_b q̈ = Γ_t + d,  Γ_t = K_t (θ - q) + B_t (θ̇ - q̇).
     """
-    m11, m12, m22 = mass_matrix(cos2, arm_constants(parameters))
+    m11, m12, m22 = mass_matrix(cos2, arm_constants(parameters, payload))
     links = np.linalg.inv([[m11, m12], [m12, m22]])
     motors = np.diag(1.0 / np.array(parameters.motor_inertia))
     stiffness, damping = np.diag(parameters.stiffness), np.diag(parameters.damping)
