@@ -21,7 +21,7 @@ def constants_at(p, first, base, slopes, constants):
 
 
 @register_jitable
-def correct(z, P, measured, places, variances, gate, column):
+def correct(z, P, measured, places, variances, gate, floor, learned, column):
     """Update by what is measured, one number after the other; return the mean squared standardised innovation."""
     surprise = 0.0
     N = len(z)
@@ -35,11 +35,21 @@ def correct(z, P, measured, places, variances, gate, column):
         for i in range(N):
             column[i] = P[at, i]
         share = innovation / spread
-        for i in range(N):
+        # Constants learn only from what the sensor's noise does not explain: a partial update after Schmidt.
+        learning = max(0.0, 1.0 - floor * variances[k] / (square + 1e-300))
+        kept = 1.0 - (1.0 - learning) * (1.0 - learning)
+        for i in range(learned):
             z[i] += column[i] * share
             factor = column[i] / spread
             for j in range(N):
                 P[i, j] -= factor * column[j]
+        for i in range(learned, N):
+            z[i] += column[i] * share * learning
+            factor = column[i] / spread
+            for j in range(learned):
+                P[i, j] -= factor * column[j]
+            for j in range(learned, N):
+                P[i, j] -= factor * column[j] * kept
     return surprise / len(measured)
 
 

@@ -61,7 +61,7 @@ class AdaptiveObserverPolicy(Policy):
             np.full(JOINTS, w.encoder_velocity), np.full(JOINTS, w.encoder_velocity), first_spread(parameters, w)])
         low, high = allowed(parameters, LONGEST - 1)
         self._arguments = (self.feedback, base, slopes, noise, steps, variances, places, spread, first_guess(), low, high,
-                           w.gate, limit, self.control_period / self._substeps, self._substeps, sum(parameters.mass))
+                           w.gate, w.floor, limit, self.control_period / self._substeps, self._substeps, sum(parameters.mass))
 
     def act(self, observation, memory, torque):
         _act(observation, memory, torque, *self._arguments)
@@ -69,7 +69,7 @@ class AdaptiveObserverPolicy(Policy):
 
 @kernel
 def _act(observation, memory, torque, feedback, base, slopes, noise, steps, variances, places, spread, first, low, high,
-         gate, limit, h, substeps, mass):
+         gate, floor, limit, h, substeps, mass):
     o = observed(observation)
     T = h * substeps
     lanes = N + JOINTS + 1
@@ -97,9 +97,16 @@ def _act(observation, memory, torque, feedback, base, slopes, noise, steps, vari
             _begin(o.q_motor[lane], o.dq_motor[lane], z, P, spread, first, base)
         for j in range(JOINTS):
             measured[j], measured[JOINTS + j] = o.q_motor[lane, j], o.dq_motor[lane, j]
-        m[1] = correct(z, P, measured, places, variances, gate, column)
+        m[1] = correct(z, P, measured, places, variances, gate, floor, STATES + 2 + SPACE, column)
         for j in range(len(p)):
-            p[j] = min(max(p[j], low[j]), high[j])
+            at = STATES + j
+            move = min(max(p[j], low[j]), high[j]) - p[j]
+            if move != 0.0:
+                if P[at, at] > 0.0:
+                    share = move / P[at, at]
+                    for i in range(N):
+                        z[i] += P[i, at] * share
+                p[j] = min(max(p[j], low[j]), high[j])
         constants_at(p, first, base, slopes, constants)
         # references
         for k in range(PAST - 1, 0, -1):

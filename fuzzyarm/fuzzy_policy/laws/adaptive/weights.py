@@ -61,6 +61,7 @@ class AdaptiveWeights:
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
     gate: float = 4.0
+    floor: float = 4.0
 
     def __post_init__(self) -> None:
         """Check the weights."""
