@@ -21,7 +21,7 @@ def constants_at(p, first, base, slopes, constants):
 
 
 @register_jitable
-def correct(z, P, measured, places, variances, gate, floor, learned, column):
+def correct(z, P, measured, places, variances, gate, thresholds, cautious, column):
     """Update by what is measured, one number after the other; return the mean squared standardised innovation."""
     surprise = 0.0
     N = len(z)
@@ -36,20 +36,14 @@ def correct(z, P, measured, places, variances, gate, floor, learned, column):
             column[i] = P[at, i]
         share = innovation / spread
         # Constants learn only from what the sensor's noise does not explain: a partial update after Schmidt.
-        learning = max(0.0, 1.0 - floor * variances[k] / (square + 1e-300))
+        learning = max(0.0, 1.0 - thresholds[k] / (square + 1e-300))
         kept = 1.0 - (1.0 - learning) * (1.0 - learning)
-        for i in range(learned):
-            z[i] += column[i] * share
+        for i in range(N):
+            part = learning if cautious[i] else 1.0
+            z[i] += column[i] * share * part
             factor = column[i] / spread
             for j in range(N):
-                P[i, j] -= factor * column[j]
-        for i in range(learned, N):
-            z[i] += column[i] * share * learning
-            factor = column[i] / spread
-            for j in range(learned):
-                P[i, j] -= factor * column[j]
-            for j in range(learned, N):
-                P[i, j] -= factor * column[j] * kept
+                P[i, j] -= factor * column[j] * (kept if cautious[i] and cautious[j] else 1.0)
     return surprise / len(measured)
 
 

@@ -25,12 +25,12 @@ STATES = 4 * JOINTS
 N = STATES + BELIEFS
 LONGEST = 4
 PAST = 5
-_STARTED, _SURPRISE, _Z, _P, _COMMANDS, _REFERENCES = consecutive(1, 1, N, N * N, (LONGEST + 1) * JOINTS, PAST * 3 * JOINTS)
+_STARTED, _SURPRISE, _Z, _P, _COMMANDS, _REFERENCES, _READ, _ROUGH = consecutive(1, 1, N, N * N, (LONGEST + 1) * JOINTS, PAST * 3 * JOINTS, 3 * JOINTS, JOINTS)
 STATICS_STEPS = 20
 
 
 class AdaptiveObserverPolicy(Policy):
-    memory_size = _REFERENCES.stop
+    memory_size = _ROUGH.stop
 
     def __init__(self, parameters=None, control_period=1e-3, weights=None):
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
@@ -59,9 +59,11 @@ class AdaptiveObserverPolicy(Policy):
         spread = np.concatenate([
             np.full(JOINTS, w.encoder_angle), np.full(JOINTS, w.first_link_angle),
             np.full(JOINTS, w.encoder_velocity), np.full(JOINTS, w.encoder_velocity), first_spread(parameters, w)])
+        cautious = np.zeros(N, dtype=np.bool_)
+        cautious[STATES + BELIEF.stiffness.start:] = True
         low, high = allowed(parameters, LONGEST - 1)
         self._arguments = (self.feedback, base, slopes, noise, steps, variances, places, spread, first_guess(), low, high,
-                           w.gate, w.floor, limit, self.control_period / self._substeps, self._substeps, sum(parameters.mass))
+                           w.gate, w.floor, cautious, limit, self.control_period / self._substeps, self._substeps, sum(parameters.mass))
 
     def act(self, observation, memory, torque):
         _act(observation, memory, torque, *self._arguments)
@@ -69,12 +71,14 @@ class AdaptiveObserverPolicy(Policy):
 
 @kernel
 def _act(observation, memory, torque, feedback, base, slopes, noise, steps, variances, places, spread, first, low, high,
-         gate, floor, limit, h, substeps, mass):
+         gate, floor, cautious, limit, h, substeps, mass):
     o = observed(observation)
     T = h * substeps
     lanes = N + JOINTS + 1
     work = (np.empty((STATES, lanes)), np.empty((JOINTS, lanes)), np.empty((FORCE_ROWS, lanes)), np.empty((len(base), lanes)),
             np.empty((STATES, N)), np.empty((STATES, N)), np.empty(JOINTS))
+    thresholds = np.empty(2 * JOINTS)
+    memory_rate = 0.03
     column, constants, measured = np.empty(N), np.empty(len(base)), np.empty(2 * JOINTS)
     directions = np.zeros((FORCE_ROWS, 1 + SPACE))
     for i in range(SPACE):
@@ -97,7 +101,18 @@ def _act(observation, memory, torque, feedback, base, slopes, noise, steps, vari
             _begin(o.q_motor[lane], o.dq_motor[lane], z, P, spread, first, base)
         for j in range(JOINTS):
             measured[j], measured[JOINTS + j] = o.q_motor[lane, j], o.dq_motor[lane, j]
-        m[1] = correct(z, P, measured, places, variances, gate, floor, STATES + 2 + SPACE, column)
+        read, rough = m[_READ].reshape(3, JOINTS), m[_ROUGH]
+        for j in range(JOINTS):
+            if begins:
+                rough[j] = 4.0 * variances[j]
+                for k in range(3):
+                    read[k, j] = measured[j]
+            change = measured[j] - 3.0 * read[0, j] + 3.0 * read[1, j] - read[2, j]
+            rough[j] += memory_rate * (change * change / 20.0 - rough[j])
+            read[2, j], read[1, j], read[0, j] = read[1, j], read[0, j], measured[j]
+            thresholds[j] = floor * rough[j]
+            thresholds[JOINTS + j] = floor * rough[j] * variances[JOINTS + j] / variances[j]
+        m[1] = correct(z, P, measured, places, variances, gate, thresholds, cautious, column)
         for j in range(len(p)):
             at = STATES + j
             move = min(max(p[j], low[j]), high[j]) - p[j]
@@ -185,6 +200,8 @@ def _act(observation, memory, torque, feedback, base, slopes, noise, steps, vari
         for k in range(LONGEST, 0, -1):
             commands[k] = commands[k - 1]
         for j in range(JOINTS):
+            if not np.isfinite(torque[lane, j]):
+                torque[lane, j] = 0.0
             commands[0, j] = min(max(torque[lane, j], -limit[j]), limit[j])
         if begins:
             m[0] = 1.0
