@@ -35,17 +35,19 @@ class Belief(NamedTuple):
     force: Any
     payload: Any
     stiffness: Any
+    damping: Any
     friction: Any
     mass: Any
     motor_inertia: Any
     lateness: Any
 
 
-BELIEF = Belief(*consecutive(1, SPACE, 1, JOINTS, JOINTS, JOINTS, JOINTS, 1))
+BELIEF = Belief(*consecutive(1, SPACE, 1, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, 1))
 BELIEFS = BELIEF.lateness.stop
-_FACTORS = ("stiffness", "friction", "mass", "motor_inertia")
+_FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")
 _FIELDS = {
     "stiffness": ("stiffness",),
+    "damping": ("damping",),
     "friction": ("static_friction", "coulomb_friction"),
     "mass": ("mass", "inertia"),
     "motor_inertia": ("motor_inertia",),
@@ -68,6 +70,7 @@ def first_spread(parameters: ArmParameters, weights: AdaptiveWeights) -> np.ndar
         force,
         payload,
         weights.first_stiffness,
+        weights.first_damping,
         weights.first_friction,
         weights.first_inertia,
         weights.first_inertia,
@@ -79,8 +82,8 @@ def first_spread(parameters: ArmParameters, weights: AdaptiveWeights) -> np.ndar
 def allowed(parameters: ArmParameters, longest: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and the highest p (13,)."""
     force, payload = 4.0 * unit_force(parameters), sum(parameters.mass)
-    low = Belief(-force, -force, -0.1 * payload, 0.3, 0.0, 0.5, 0.4, 0.0)
-    high = Belief(force, force, 2.0 * payload, 3.0, 4.0, 2.0, 2.5, float(longest))
+    low = Belief(-force, -force, -0.1 * payload, 0.3, 0.0, 0.0, 0.5, 0.4, 0.0)
+    high = Belief(force, force, 2.0 * payload, 3.0, 4.0, 4.0, 2.0, 2.5, float(longest))
     return _filled(low), _filled(high)
 
 

@@ -56,12 +56,13 @@ class AdaptiveWeights:
     first_force: float = 2e-3
     first_payload: float = 0.125
     first_stiffness: float = 0.12
+    first_damping: float = 0.3
     first_friction: float = 0.3
     first_inertia: float = 0.06
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
     gate: float = 4.0
-    floor: float = 4.0
+    floor: float = 16.0
 
     def __post_init__(self) -> None:
         """Check the weights."""
