@@ -1,12 +1,12 @@
-"""What the adaptive observer estimates beside the arm's state: load, parameters of the arm, lateness.
+"""What the adaptive observer estimates beside the arm's state: load, constants of the arm, lateness.
 
-    p = (f_t, F, m_p, k, φ, μ, ι, d)
+    p = (f_t, F, m_p, k, β, φ, μ, ι, d)
 
-The load is a force f_t along the reference's tip velocity, a free force F at the tip and a payload m_p there. k, φ, μ
-and ι are factors, one for each joint, of stiffness, dry friction, link mass and inertia, and motor inertia. d is the
-time from a command to the motors, in control periods.
+The load is a force f_t along the reference's tip velocity, a free force F at the tip and a payload m_p there. k, β, φ,
+μ and ι are factors, one for each joint, of stiffness, damping, dry friction, link mass and inertia, and motor inertia.
+d is the time from a command to the motors, in control periods.
 
-The constants of the equations of motion are affine in (m_p, k, φ, μ, ι): a = a_0 + S (p - p_0).
+The constants of the equations of motion are affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0).
 """
 
 from __future__ import annotations
@@ -23,13 +23,38 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import Point
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, unit_force
 
-__all__ = ["BELIEF", "BELIEFS", "Belief", "affine_constants", "allowed", "first_guess", "first_spread"]
+__all__ = [
+    "BELIEF",
+    "BELIEFS",
+    "CAUTIOUS",
+    "FORCES",
+    "SPACE",
+    "Belief",
+    "affine_constants",
+    "allowed",
+    "first_guess",
+    "first_spread",
+    "walks",
+]
 
 SPACE = len(Point._fields)
+"""Components of a force at the tip."""
 
 
 class Belief(NamedTuple):
-    """The parts of p, or where they lie in an array."""
+    """The parts of p, or where they lie in an array; the letters are those of the module's docstring.
+
+    Attributes:
+        travel_force: f_t [N].
+        force: F [N].
+        payload: m_p [kg].
+        stiffness: k.
+        damping: β.
+        friction: φ.
+        mass: μ.
+        motor_inertia: ι.
+        lateness: d [control periods].
+    """
 
     travel_force: Any
     force: Any
@@ -42,9 +67,16 @@ class Belief(NamedTuple):
     lateness: Any
 
 
-BELIEF = Belief(*consecutive(1, SPACE, 1, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, 1))
-BELIEFS = BELIEF.lateness.stop
-_FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")
+BELIEF = Belief(*consecutive(1, SPACE, 1, *[JOINTS] * 5, 1))
+"""Where the parts of p lie."""
+BELIEFS: int = BELIEF.lateness.stop
+"""How many numbers p has."""
+FORCES: int = BELIEF.force.stop
+"""How many of them are forces; they come first."""
+CAUTIOUS = slice(BELIEF.stiffness.start, BELIEF.lateness.stop)
+"""What learns only from what the noise of the sensors does not explain."""
+
+# The fields of `ArmParameters` that a factor multiplies.
 _FIELDS = {
     "stiffness": ("stiffness",),
     "damping": ("damping",),
@@ -52,66 +84,81 @@ _FIELDS = {
     "mass": ("mass", "inertia"),
     "motor_inertia": ("motor_inertia",),
 }
+_LARGEST_FORCE = 4.0  # in unit forces
+_LIGHTEST, _HEAVIEST = -0.1, 2.0  # payload, in masses of the links; below zero: links lighter than known
+_FACTOR_RANGE = {
+    "stiffness": (0.3, 3.0),
+    "damping": (0.0, 4.0),
+    "friction": (0.0, 4.0),
+    "mass": (0.5, 2.0),
+    "motor_inertia": (0.4, 2.5),
+}
 
 
 def first_guess() -> np.ndarray:
-    """Return p_0 (13,): no load, the known arm, no lateness."""
-    p = np.zeros(BELIEFS)
-    for name in _FACTORS:
-        p[getattr(BELIEF, name)] = 1.0
-    return p
+    """Return p_0: no load, the known arm, no lateness."""
+    guess = np.zeros(BELIEFS)
+    for name in _FIELDS:
+        guess[getattr(BELIEF, name)] = 1.0
+    return guess
 
 
 def first_spread(parameters: ArmParameters, weights: AdaptiveWeights) -> np.ndarray:
-    """Return the standard deviations (13,) of p when an episode begins."""
-    force, payload = weights.first_force * unit_force(parameters), weights.first_payload * sum(parameters.mass)
-    parts = Belief(
-        force,
-        force,
-        payload,
-        weights.first_stiffness,
-        weights.first_damping,
-        weights.first_friction,
-        weights.first_inertia,
-        weights.first_inertia,
-        weights.first_lateness,
+    """Return the standard deviations of p when an episode begins."""
+    force = weights.first_force * unit_force(parameters)
+    return _filled(
+        Belief(
+            force,
+            force,
+            weights.first_payload * sum(parameters.mass),
+            weights.first_stiffness,
+            weights.first_damping,
+            weights.first_friction,
+            weights.first_inertia,
+            weights.first_inertia,
+            weights.first_lateness,
+        )
     )
-    return _filled(parts)
 
 
-def allowed(parameters: ArmParameters, longest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest p (13,)."""
-    force, payload = 4.0 * unit_force(parameters), sum(parameters.mass)
-    low = Belief(-force, -force, -0.1 * payload, 0.3, 0.0, 0.0, 0.5, 0.4, 0.0)
-    high = Belief(force, force, 2.0 * payload, 3.0, 4.0, 4.0, 2.0, 2.5, float(longest))
-    return _filled(low), _filled(high)
+def walks(parameters: ArmParameters, weights: AdaptiveWeights) -> np.ndarray:
+    """Return how fast each number of p walks, in its unit per √s."""
+    force, still = unit_force(parameters), dict.fromkeys(_FIELDS, 0.0)
+    return _filled(Belief(weights.travel_walk * force, weights.force_walk * force, 0.0, **still, lateness=0.0))
+
+
+def allowed(parameters: ArmParameters, longest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest p; `longest` is the highest lateness [control periods]."""
+    force, mass = _LARGEST_FORCE * unit_force(parameters), sum(parameters.mass)
+    low, high = ({name: ends[side] for name, ends in _FACTOR_RANGE.items()} for side in range(2))
+    return (
+        _filled(Belief(-force, -force, _LIGHTEST * mass, **low, lateness=0.0)),
+        _filled(Belief(force, force, _HEAVIEST * mass, **high, lateness=longest)),
+    )
 
 
 def affine_constants(parameters: ArmParameters) -> tuple[np.ndarray, np.ndarray]:
-    """Return a_0 (20,) and S (20, 13)."""
+    """Return a_0, the constants of `Arm`, and S (constants, numbers of p)."""
     base = np.array(arm_constants(parameters))
     slopes = np.zeros((len(base), BELIEFS))
     slopes[:, BELIEF.payload] = (np.array(arm_constants(parameters, Payload(1.0))) - base)[:, np.newaxis]
-    for name in _FACTORS:
+    for name, fields in _FIELDS.items():
         for joint in range(JOINTS):
-            slopes[:, getattr(BELIEF, name).start + joint] = _share(parameters, name, joint, base)
+            doubled = dataclasses.replace(
+                parameters,
+                **{field: _doubled(getattr(parameters, field), joint) for field in fields},  # type: ignore[arg-type]
+            )
+            slopes[:, getattr(BELIEF, name).start + joint] = np.array(arm_constants(doubled)) - base
     return base, slopes
 
 
-def _share(parameters: ArmParameters, name: str, joint: int, base: np.ndarray) -> np.ndarray:
-    """Return the change of the constants when a factor of one joint goes from 1 to 2."""
-    changed: dict[str, Any] = {}
-    for field in _FIELDS[name]:
-        values = list(getattr(parameters, field))
-        values[joint] *= 2.0
-        changed[field] = tuple(values)
-    if name == "friction":
-        pass
-    return np.array(arm_constants(dataclasses.replace(parameters, **changed))) - base
+def _doubled(values: tuple[float, ...], joint: int) -> tuple[float, ...]:
+    return tuple(2.0 * value if j == joint else value for j, value in enumerate(values))
 
 
 def _filled(parts: Belief) -> np.ndarray:
-    p = np.empty(BELIEFS)
+    """Return an array with these numbers, each repeated over its part."""
+    array = np.empty(BELIEFS)
     for where, value in zip(BELIEF, parts, strict=True):
-        p[where] = value
-    return p
+        array[where] = value
+    return array

@@ -16,7 +16,7 @@ __all__ = ["AdaptiveWeights", "unit_force"]
 
 
 def unit_force(parameters: ArmParameters) -> float:
-    """Return the force [N] at the end of the stretched arm that takes the whole torque of the first motor."""
+    """Return the force [N] at the tip of the stretched arm that takes the whole torque of the first motor."""
     return parameters.torque_limit[0] / sum(parameters.length)
 
 
@@ -30,26 +30,28 @@ class AdaptiveWeights:
         motor_torque: white noise of the motor torque, share of the torque limit times √s.
         travel_walk: random walk of the force along the path, share of the unit force per √s.
         force_walk: random walk of each component of the free force, likewise.
-        encoder_angle: standard deviation of the measured angle [rad].
-        encoder_velocity: standard deviation of the measured velocity [rad/s].
-        first_force: standard deviation of every force when an episode begins, share of the unit force.
+        encoder_angle: standard deviation of a measured angle [rad].
+        encoder_velocity: standard deviation of a measured velocity [rad/s].
+        first_force: standard deviation of each force when an episode begins, share of the unit force.
         first_payload: of the payload at the tip, share of the mass of all links.
         first_stiffness: of the factors of joint stiffness.
+        first_damping: of the factors of joint damping.
         first_friction: of the factors of dry friction.
         first_inertia: of the factors of link masses and of motor inertias.
         first_lateness: of the lateness [control periods].
         first_link_angle: of the link angles [rad].
         gate: squared standardised innovation above which a sample counts less.
+        dead_zone: squared innovation, in variances of the noise that is read, below which constants do not learn.
 
     Raises:
         TypeError: a weight is no number.
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
-    link_angle: float = 0.0218
+    link_angle: float = 0.005
     link_velocity: float = 1.57
     motor_torque: float = 6e-4
-    travel_walk: float = 0.8
+    travel_walk: float = 1.0
     force_walk: float = 0.2
     encoder_angle: float = 2e-5
     encoder_velocity: float = 2e-3
@@ -62,7 +64,7 @@ class AdaptiveWeights:
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
     gate: float = 4.0
-    floor: float = 16.0
+    dead_zone: float = 12.0
 
     def __post_init__(self) -> None:
         """Check the weights."""
