@@ -41,8 +41,9 @@ def _environment():
 
 def test_an_edit_of_a_source_changes_the_name_of_its_machine_code():
     """Numba caches by file: the digest in the kernel's name is what keeps stale code out."""
+    from support.two_joints import hold
+
     from fuzzyarm.envs.physics.compiled import _digest
-    from fuzzyarm.envs.physics.integrator import hold
     from fuzzyarm.fuzzy_policy.laws.fuzzy import _fuzzy_law
 
     physics, laws = ("common", "envs"), ("common", "envs", "fuzzy_policy")

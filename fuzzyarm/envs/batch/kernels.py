@@ -133,7 +133,8 @@ def advance_one_of(layout: Layout) -> Any:
     advance_block, parts, longest = advance_block_of(layout), layout.parts, layout.longest
     work_size, width, observed = size(layout.Work) * BLOCK, layout.width, layout.observed
     PerJoint = layout.physics.PerJoint
-    write_command, all_finite = writer(PerJoint, in_block, layout.WORK.command), over_joints(np.isfinite, PerJoint, 1, "&")
+    write_command = writer(PerJoint, in_block, layout.WORK.command)
+    all_finite = over_joints(np.isfinite, PerJoint, 1, "&")
     read_torque = reader(PerJoint, in_list)
 
     @kernel_for(layout.physics.digest)

@@ -116,7 +116,7 @@ class Lanes:
             return self._begin(lanes, initial)
 
     def restart(self, which: np.ndarray) -> np.ndarray:
-        """Begin an episode in the lanes `which` (n,), each in its own scenario; return their results (`layout.width` n,).
+        """Begin an episode in the lanes `which` (n,), each in its own scenario; return results (`layout.width` n,).
 
         Raises:
             IndexError: there is no such lane.
@@ -215,7 +215,7 @@ class Lanes:
         return self.layout.split(results)[0]
 
     def randomisation_info(self) -> dict[str, np.ndarray]:
-        """Return what the episodes drew, by quantity: (count, joints) for one value per joint, else (count,); read-only."""
+        """Return what the episodes drew, by quantity: (count, joints) for one per joint, else (count,); read-only."""
         return self._drawn_info
 
     def schedule(self, lane: int) -> tuple[JointReference, Schedule]:

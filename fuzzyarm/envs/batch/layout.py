@@ -211,9 +211,7 @@ class Layout:
 def layout_of(physics: Physics) -> Layout:
     """Return the layout for arms with these equations."""
     Hold, PerJoint, State = hold_record(physics), physics.PerJoint, physics.State
-    Lane = record_type(
-        "Lane", state=State, arm=physics.Arm, limits=physics.Limits, force_factor=Any, noise=Noise
-    )
+    Lane = record_type("Lane", state=State, arm=physics.Arm, limits=physics.Limits, force_factor=Any, noise=Noise)
     Work = record_type(
         "Work",
         hold=Hold,

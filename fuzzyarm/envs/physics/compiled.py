@@ -46,7 +46,7 @@ def kernel_for(made_for: str) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
-class _CacheByName(FunctionCache):
+class _CacheByName(FunctionCache):  # type: ignore[misc]
     """Numba's cache, for functions whose name says all that they are made from.
 
     Numba would tell functions made by the same lines from each other by what they refer to, pickled: that takes long,

@@ -1,4 +1,4 @@
-"""The equations of one kind of arm, as the environment uses them; everything that is stepped is made from such an object.
+"""The equations of one kind of arm, as the environment uses them: everything that is stepped is made from them.
 
 `two_joints` has the equations of the paper's arm, written by hand.
 """
@@ -66,17 +66,17 @@ class Physics:
     varied: Callable[..., Any]
 
     @property
-    def PerJoint(self) -> Any:  # noqa: N802  the name of the record
+    def PerJoint(self) -> Any:
         """The record of one number for each joint."""
         return per_joint(self.joints)
 
     @property
-    def Point(self) -> Any:  # noqa: N802
+    def Point(self) -> Any:
         """The record of a vector in the tip's space."""
         return point(self.axes)
 
     @property
-    def State(self) -> Any:  # noqa: N802
+    def State(self) -> Any:
         """The record of the state, `records.State`."""
         return state_record(self.joints)
 

@@ -83,12 +83,12 @@ class State(NamedTuple):
 
 def record_type(name: str, **fields: Any) -> Any:
     """Return a record with these fields, each a number (``Any``) or a record."""
-    return NamedTuple(name, list(fields.items()))  # type: ignore[misc]
+    return NamedTuple(name, list(fields.items()))
 
 
 @functools.cache
 def per_joint(joints: int) -> Any:
-    """Return the record of one number for each joint, joint1, joint2, ...; always the same class, for two `PerJoint`."""
+    """Return the record of one number for each joint, joint1, joint2, ...; always the same, `PerJoint` for two."""
     if joints == len(PerJoint._fields):
         return PerJoint
     return record_type("PerJoint", **{f"joint{k + 1}": Any for k in range(joints)})

@@ -9,11 +9,10 @@ import sys
 
 import numpy as np
 import pytest
+from support.two_joints import KERNELS, split
 
-from fuzzyarm.envs.batch import kernels
-from fuzzyarm.envs.batch.beginning import begin
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, split
+from fuzzyarm.envs.batch.layout import SCALARS, VECTORS
 from fuzzyarm.envs.batch.tables import distinct
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -365,11 +364,10 @@ def test_a_copy_in_the_middle_of_an_episode_goes_on_bit_for_bit(duplicate, rando
 ELSEWHERE = """
 import pickle, sys
 import numpy as np
-from fuzzyarm.envs.batch import kernels
 env = pickle.loads(sys.stdin.buffer.read())
 for action in (np.array([80, 20]), np.array([80.5, 20.0], np.float32), np.array([-1.25, 0.5])):
     print(env.step(action)[0].tolist(), file=sys.stderr)
-print(hasattr(kernels.advance_one, "signatures"))
+print(hasattr(env._kernels.advance_one, "signatures"))
 """
 
 
@@ -406,8 +404,8 @@ def test_copies_of_a_batch_with_threads_go_on_bit_for_bit():
 
 def assert_compiled_once():
     """No kernel has been compiled for a second kind of arguments; that of the single arm is machine code by now."""
-    assert len(begin.signatures) == 1 and len(kernels.advance.signatures) <= 1
-    assert not hasattr(kernels.advance_one, "signatures")
+    assert len(KERNELS.begin.signatures) == 1 and len(KERNELS.advance.signatures) <= 1
+    assert not hasattr(KERNELS.advance_one, "signatures")
 
 
 def read_only(torque):
