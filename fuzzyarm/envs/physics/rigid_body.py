@@ -28,6 +28,7 @@ from fuzzyarm.envs.physics.robot import Robot
 __all__ = [
     "Frames",
     "bias",
+    "directions",
     "frames",
     "gravity",
     "inverse_dynamics",
@@ -61,13 +62,20 @@ def frames(robot: Robot, q: Any) -> Frames:
     return Frames(np.stack(rotations, axis=-3), np.stack(origins, axis=-2))
 
 
+def directions(robot: Robot, links: Frames) -> np.ndarray:
+    """Return the direction z_i = R_i u_i of each axis in the base, shape (..., n, 3)."""
+    found: np.ndarray = np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis)
+    return found
+
+
 def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
     """Return M(q) [kg m²], shape (..., n, n); the rotors are not part of it."""
     links = frames(robot, q)
     axes, inertia = _axes(robot, links), _inertias(robot, links)
     composite = np.flip(np.cumsum(np.flip(inertia, axis=-3), axis=-3), axis=-3)
     upper = np.triu(axes @ np.swapaxes(_times(composite, axes), -1, -2))
-    return upper + np.swapaxes(np.triu(upper, 1), -1, -2)
+    whole: np.ndarray = upper + np.swapaxes(np.triu(upper, 1), -1, -2)
+    return whole
 
 
 def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
@@ -87,7 +95,8 @@ def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
     acceleration[..., _LINEAR] -= robot.arrays.gravity
     force = _times(inertia, acceleration) + _cross_force(velocity, _times(inertia, velocity))
     outer = np.flip(np.cumsum(np.flip(force, axis=-2), axis=-2), axis=-2)
-    return np.sum(axes * outer, axis=-1)
+    torque: np.ndarray = np.sum(axes * outer, axis=-1)
+    return torque
 
 
 def bias(robot: Robot, q: Any, dq: Any) -> np.ndarray:
@@ -103,29 +112,29 @@ def gravity(robot: Robot, q: Any) -> np.ndarray:
 
 def tip_position(robot: Robot, q: Any) -> np.ndarray:
     """Return the tip p_n + R_n tip [m] in the base frame, shape (..., 3)."""
-    links = frames(robot, q)
-    return links.origin[..., -1, :] + links.rotation[..., -1, :, :] @ robot.arrays.tip
+    return _tip(robot, frames(robot, q))
 
 
 def tip_jacobian(robot: Robot, q: Any) -> np.ndarray:
     """Return J = ∂tip/∂q [m], shape (..., 3, n): column i is z_i × (tip - p_i)."""
     links = frames(robot, q)
-    tip = links.origin[..., -1, :] + links.rotation[..., -1, :, :] @ robot.arrays.tip
-    columns = _cross(_directions(robot, links), tip[..., np.newaxis, :] - links.origin)
+    columns = _cross(directions(robot, links), _tip(robot, links)[..., np.newaxis, :] - links.origin)
     return np.swapaxes(columns, -1, -2)
 
 
 def kinetic_energy(robot: Robot, q: Any, dq: Any) -> np.ndarray:
     """Return q̇ᵀ M(q) q̇ / 2 [J], shape (...), at velocities [rad/s] of shape (..., n)."""
     rate = _motion(robot, dq)
-    return 0.5 * np.einsum("...i,...ij,...j->...", rate, mass_matrix(robot, q), rate)
+    energy: np.ndarray = 0.5 * np.einsum("...i,...ij,...j->...", rate, mass_matrix(robot, q), rate)
+    return energy
 
 
 def potential_energy(robot: Robot, q: Any) -> np.ndarray:
     """Return -Σ m_i gᵀ (p_i + R_i c_i) [J], shape (...), whose gradient is g(q)."""
     links, now = frames(robot, q), robot.arrays
     centers = links.origin + np.einsum("...kij,kj->...ki", links.rotation, now.center)
-    return -np.einsum("k,...kj,j->...", now.mass, centers, now.gravity)
+    energy: np.ndarray = -np.einsum("k,...kj,j->...", now.mass, centers, now.gravity)
+    return energy
 
 
 def _motion(robot: Robot, values: Any) -> np.ndarray:
@@ -143,7 +152,8 @@ def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Return exp([u]× q) = 1 + sin q [u]× + (1 - cos q) [u]×² (Rodrigues), shape (..., 3, 3)."""
     across = _skew(axis)
     sine, cosine = np.sin(angle)[..., np.newaxis, np.newaxis], np.cos(angle)[..., np.newaxis, np.newaxis]
-    return np.eye(DIMENSIONS) + sine * across + (1.0 - cosine) * (across @ across)
+    turn: np.ndarray = np.eye(DIMENSIONS) + sine * across + (1.0 - cosine) * (across @ across)
+    return turn
 
 
 def _skew(vectors: np.ndarray) -> np.ndarray:
@@ -158,17 +168,19 @@ def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return (matrices @ vectors[..., np.newaxis])[..., 0]
+    product: np.ndarray = (matrices @ vectors[..., np.newaxis])[..., 0]
+    return product
 
 
-def _directions(robot: Robot, links: Frames) -> np.ndarray:
-    """Return the direction z_i = R_i u_i of each axis in the base, shape (..., n, 3)."""
-    return np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis)
+def _tip(robot: Robot, links: Frames) -> np.ndarray:
+    """Return p_n + R_n tip [m], shape (..., 3)."""
+    tip: np.ndarray = links.origin[..., -1, :] + links.rotation[..., -1, :, :] @ robot.arrays.tip
+    return tip
 
 
 def _axes(robot: Robot, links: Frames) -> np.ndarray:
     """Return s_i = (z_i, p_i × z_i), shape (..., n, 6)."""
-    directions = _directions(robot, links)
+    directions = directions(robot, links)
     return np.concatenate([directions, _cross(links.origin, directions)], axis=-1)
 
 
