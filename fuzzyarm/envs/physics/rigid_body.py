@@ -180,8 +180,8 @@ def _tip(robot: Robot, links: Frames) -> np.ndarray:
 
 def _axes(robot: Robot, links: Frames) -> np.ndarray:
     """Return s_i = (z_i, p_i × z_i), shape (..., n, 6)."""
-    directions = directions(robot, links)
-    return np.concatenate([directions, _cross(links.origin, directions)], axis=-1)
+    along = directions(robot, links)
+    return np.concatenate([along, _cross(links.origin, along)], axis=-1)
 
 
 def _inertias(robot: Robot, links: Frames) -> np.ndarray:
