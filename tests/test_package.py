@@ -101,8 +101,8 @@ def test_what_docstrings_refer_to_exists(path):
 
 
 def test_a_reference_to_something_that_does_not_exist_is_found():
-    assert found("layout.Work") and found("fuzzyarm.load_policy") and found("policies.registry.add_policy")
-    assert found("layout.Wrok") is False and found("fuzzyarm.learned_polices") is False
+    assert found("layout.Layout") and found("fuzzyarm.load_policy") and found("policies.registry.add_policy")
+    assert found("layout.Layuot") is False and found("fuzzyarm.learned_polices") is False
     assert found("gym.make") is None
 
 

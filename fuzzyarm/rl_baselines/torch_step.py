@@ -20,7 +20,7 @@ from fuzzyarm.envs.batch.reporting import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
 from fuzzyarm.envs.physics.hold import held
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_list, reader, size
+from fuzzyarm.envs.physics.records import flat, in_list, reader, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess_of, clipped, finite_of
 from fuzzyarm.envs.termination import reason_of
@@ -204,7 +204,7 @@ def _state(shared: Shared, numbers: tuple[Tensor, ...]) -> Any:
 
 def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
     """Return what `_state` was made of; the dtype is lost on the way if torch's default dtype is a longer one."""
-    parts = [number for part in state for number in part]
+    parts = flat(state)
     values = [part.value if isinstance(part, Angle) else part for part in parts]
     rests = [part.rest for part in parts if isinstance(part, Angle)]
     return tuple(part.to(dtype) for part in (*values, *rests))

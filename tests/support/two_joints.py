@@ -20,8 +20,3 @@ _read_state = reader(State, in_list)
 def state_of(numbers):
     """The state from its eight numbers or rows."""
     return _read_state(numbers, 0)
-
-
-def numbers_of(state):
-    """The eight numbers or rows of a state."""
-    return [number for part in state for number in part]

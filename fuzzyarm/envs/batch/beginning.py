@@ -52,7 +52,7 @@ def begin_of(layout: Layout) -> Any:
     - drawn: (numbers of `draw_record`, lanes), written; or with no lanes, not written.
     - table: (rows, numbers of a row).
     - period: control period [s].
-    - out: (`layout.width` n,), the results of these lanes, see `Layout.split`; written.
+    - out: (`Layout.width` n,), the results of these lanes, see `Layout.split`; written.
     """
     physics, Lane, parts = layout.physics, layout.Lane, layout.parts
     read_plant, read_state = reader(physics.Plant, in_columns), reader(physics.State, in_columns)

@@ -48,7 +48,7 @@ def advance_block_of(layout: Layout) -> Any:
     """Return ``advance_block(work, lanes, values, clock, table, period, substeps, first, results)``.
 
     It advances the `lanes` <= BLOCK lanes from `first` on, whose commands are in `work`; arguments as in
-    `kernels.Kernels.advance`.
+    `kernels.advance_of`.
     """
     gather, copy_back = gather_of(layout)
     load, clip, assess_block = loads_of(layout).load, clip_of(layout), assess_block_of(layout)

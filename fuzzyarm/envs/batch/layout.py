@@ -120,7 +120,11 @@ class Results(NamedTuple):
 
 
 CLOCK, START = places(Clock), places(Start)
+"""Where each number of the records `Clock` and `Start` lies in its array."""
+
 VECTORS, SCALARS = Vectors._fields, Scalars._fields
+"""Names of the results."""
+
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
 
@@ -148,6 +152,10 @@ class Layout:
     Work: Any
     LANE: Any
     WORK: Any
+
+    def __reduce__(self) -> tuple[Any, tuple[Physics]]:
+        """Leave the records behind."""
+        return layout_of, (self.physics,)
 
     @functools.cached_property
     def observed(self) -> int:

@@ -37,7 +37,7 @@ def kernel_for(made_for: str) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        function.__qualname__ = "_".join([function.__qualname__, _digest(_rooms(function)), made_for])
+        function.__qualname__ = "_".join([function.__qualname__, made_for, _digest(_rooms(function))])
         dispatcher = njit(error_model="numpy", nogil=True)(function)
         with contextlib.suppress(RuntimeError):
             dispatcher._cache = _CacheByName(function)

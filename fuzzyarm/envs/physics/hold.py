@@ -13,6 +13,7 @@ from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import (
     BLOCK,
+    flat,
     in_block,
     in_list,
     in_rows,
@@ -67,10 +68,10 @@ def hold_numpy(
     h: float,
     substeps: int,
 ) -> np.ndarray:
-    """Plain NumPy twin of `hold_of`, same units: the reference back end of the tests. Return the new states."""
+    """Return the new states (numbers of the state, lanes): the plain NumPy twin of `hold_of`, same shapes and units."""
     before, constants = reader(physics.State, in_list)(state, 0), reader(physics.Arm, in_list)(arm, 0)
     after = held(physics, before, tuple(torque), tuple(force), constants, h, substeps)
-    return np.concatenate([np.stack(part) for part in after])
+    return np.stack(flat(after))
 
 
 @functools.cache

@@ -34,6 +34,7 @@ __all__ = [
     "Point",
     "State",
     "columns",
+    "flat",
     "in_block",
     "in_columns",
     "in_list",
@@ -150,6 +151,11 @@ def _defined_for(source: str, arguments: int, names: dict[str, Any]) -> Any:
 def size(kind: Any) -> int:
     """Return how many numbers a record has."""
     return sum(size(part) if _is_record(part) else 1 for _, part in _fields(kind))
+
+
+def flat(record: Any) -> list[Any]:
+    """Return the numbers of a record, in order."""
+    return [number for part in record for number in (flat(part) if isinstance(part, tuple) else [part])]
 
 
 def places(record: type, first: int = 0) -> Any:

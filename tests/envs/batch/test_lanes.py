@@ -292,14 +292,14 @@ def test_lanes_with_the_same_scenario_share_its_table():
             substeps=SUBSTEPS,
             randomisation=DomainRandomisation(mass=(0.9, 1.1)),
         )
-        assert lanes._tables.table.shape == (rows, 19)
+        assert lanes._assigned.tables.table.shape == (rows, 19)
         assert [lanes.schedule(k)[0] for k in range(9)] == [own[k % len(own)][1] for k in range(9)]
 
 
 def test_a_family_is_tabulated_once_per_disturbance():
     own = [(DISTURBANCES[k % 2], None) for k in range(20)]
     lanes = Lanes([TABLE_1], own, 20, control_period=PERIOD, substeps=SUBSTEPS, randomisation=ALL_VARY)
-    assert lanes._tables.table.shape == (2 * 4 * 101, 19)
+    assert lanes._assigned.tables.table.shape == (2 * 4 * 101, 19)
     lanes.reset(range(20))
     for lane in range(20):
         reference, episode = lanes.schedule(lane)

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.two_joints import PHYSICS, hold, numbers_of, state_of
+from support.two_joints import PHYSICS, hold, state_of
 
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
@@ -19,6 +19,7 @@ from fuzzyarm.envs.physics.dynamics import (
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.hold import held, hold_numpy
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 
 TABLE_1 = ArmParameters()
 FRICTIONLESS = dataclasses.replace(
@@ -167,7 +168,7 @@ def test_torch_is_numpy_to_the_last_digits():
     lanes, constants = state_of(torch.tensor(state)), Arm(*torch.tensor(arms))
     lanes = held(PHYSICS, lanes, torch.tensor(torque), torch.tensor(force), constants, 1e-4, 10)
     hold(state, torque, force, arms, 1e-4, 10)
-    np.testing.assert_allclose(torch.stack(numbers_of(lanes)).numpy(), state, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(torch.stack(flat(lanes)).numpy(), state, rtol=0.0, atol=1e-12)
 
 
 def test_numpy_back_end_leaves_its_arguments_alone():

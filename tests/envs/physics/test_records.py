@@ -15,6 +15,7 @@ from fuzzyarm.envs.physics.records import (
     PerJoint,
     Point,
     columns,
+    flat,
     in_block,
     in_columns,
     in_list,
@@ -42,11 +43,6 @@ class Pair(NamedTuple):
 
 
 RECORDS = (Load, Pair, Plant, Draw, Row, Start, LAYOUT.Lane, LAYOUT.Work)
-
-
-def flat(record):
-    """The numbers of a record, in order."""
-    return [number for part in record for number in (flat(part) if isinstance(part, tuple) else [part])]
 
 
 def test_places_and_columns_of_a_nested_record():
