@@ -1,10 +1,11 @@
 """The motion that a robot makes if no other is asked of it.
 
-The two-joint arm has the paper's circle. Any other robot draws a circle that begins and ends in its home posture, at
-the circle's lowest point: in the plane of a planar robot; otherwise upright and facing the base, across the horizontal
-direction from the base to the tip. Its radius is the largest of `SIZES` that the robot can follow with the orientation
-of its last link kept. Its duration is the shortest multiple of 0.1 s from 1.5 s on for which every joint turns at no
-more than half of its velocity limit, and every motor, on the rigid robot, needs no more than half of its torque limit.
+The two-joint arm has the paper's circle, as a `Robot` too. Any other robot draws a circle that begins and ends in its
+home posture, at the circle's lowest point: in the plane of a planar robot; otherwise upright and facing the base,
+across the horizontal direction from the base to the tip. Its radius is the largest of `SIZES` that the robot can follow
+with the orientation of its last link kept. Its duration is the shortest multiple of 0.1 s from 1.5 s on for which every
+joint turns at no more than half of its velocity limit, and every motor, on the rigid robot, needs no more than half of
+its torque limit.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from fuzzyarm.envs.scenario.inverse_kinematics import freedom
 from fuzzyarm.envs.scenario.kinematics import chain, reach, velocity_limits
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.placed import Placed
-from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference, Reference
-from fuzzyarm.envs.scenario.tip_reference import TipReference
+from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference, Reference, joint_angles
+from fuzzyarm.envs.scenario.tip_reference import EXACT, TipReference
 
 __all__ = ["default_reference"]
 
@@ -38,7 +39,24 @@ def default_reference(robot: Robot | ArmParameters) -> Reference:
     Raises:
         ValueError: the robot can follow none of the circles, or not even slowly.
     """
-    return JointReference(parameters=robot) if isinstance(robot, ArmParameters) else _circle(robot)
+    if isinstance(robot, ArmParameters):
+        return JointReference(parameters=robot)
+    return _papers_circle(robot) or _circle(robot)
+
+
+@functools.lru_cache(maxsize=64)
+def _papers_circle(robot: Robot) -> TipReference | None:
+    """Return the paper's motion for a robot with the joint frames of `Robot.of`; None for any other."""
+    if len(robot) != len(ArmParameters().length):
+        return None
+    lengths = float(np.linalg.norm(robot.arrays.position[1])), float(np.linalg.norm(robot.arrays.tip))
+    paper = JointReference()
+    path = Placed(paper.path, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    start = path.points(0.0)[0]
+    posture = joint_angles(start[:2], lengths, paper.elbow_sign)
+    if not np.abs(chain(robot, posture).tip - start).max() <= EXACT:  # nan: out of reach
+        return None
+    return TipReference(path, paper.duration, robot, tuple(posture.tolist()))
 
 
 @functools.lru_cache(maxsize=64)
@@ -84,14 +102,20 @@ def _timed(slow: TipReference) -> TipReference:
     weight = inverse_dynamics(robot, q, np.zeros_like(dq), np.zeros_like(dq))
     moving = inverse_dynamics(robot, q, dq, ddq) - weight + robot.drive("motor_inertia") * ddq
     speed = float(np.max(np.abs(dq) / velocity_limits(robot)))
+    held = np.max(np.abs(weight) / torque_limit, axis=0)
+    if held.max() > SHARE:
+        joint = robot.joints[int(np.argmax(held))].name
+        raise ValueError(
+            f"{robot.name} needs {100.0 * held.max():.3g} % of the torque limit of {joint} "
+            f"to hold its weight; allowed: {100.0 * SHARE:g} %. Raise the torque_limit, or give a reference="
+        )
     for number in range(round(SHORTEST / STEP), round(LONGEST / STEP) + 1):
         duration = number * STEP
         faster = slow.duration / duration  # velocities grow with it, inertial and centrifugal torques with its square
         torque = np.abs(weight + faster**2 * moving) / torque_limit
         if faster * speed <= SHARE and torque.max() <= SHARE:
             return TipReference(slow.path, round(duration, 1), robot)
-    worst = robot.joints[int(np.argmax(np.max(np.abs(weight) / torque_limit, axis=0)))].name
     raise ValueError(
-        f"{robot.name} needs more than half of a torque limit to hold its home posture, most at {worst}: raise its "
-        f"torque_limit, or give a reference= ({math.floor(LONGEST)} s was tried)"
+        f"{robot.name} passes half of a torque or velocity limit even in {LONGEST:g} s: raise torque_limit or "
+        "velocity_limit, or give a reference="
     )

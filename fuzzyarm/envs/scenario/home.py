@@ -13,7 +13,6 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from scipy.optimize import minimize
 
 from fuzzyarm.envs.physics.rigid_body import gravity
 from fuzzyarm.envs.physics.robot import Robot
@@ -32,6 +31,8 @@ SINGULAR = 1e-300  # stands for a determinant of zero
 @functools.lru_cache(maxsize=64)
 def home_posture(robot: Robot) -> tuple[float, ...]:
     """Return the angles (n,) [rad] of the module's rule."""
+    from scipy.optimize import minimize  # SciPy is only needed here
+
     low, high = angle_ranges(robot)
     middle, half = 0.5 * (low + high), np.minimum(0.5 * (high - low), np.pi)
     limit, can, length = robot.drive("torque_limit"), freedom(robot), reach(robot)

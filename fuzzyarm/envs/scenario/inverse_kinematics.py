@@ -18,8 +18,6 @@ import dataclasses
 import functools
 
 import numpy as np
-from scipy.linalg import null_space
-from scipy.optimize import least_squares
 
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import (
@@ -91,7 +89,7 @@ class TipTask:
     def frozen(self) -> np.ndarray:
         """Nᵀ (n - rows of P and O, n)."""
         rows = self._moving(chain(self.robot, self.start))
-        return np.asarray(null_space(rows, rcond=NEGLIGIBLE).T)[: len(self.start) - len(rows)]
+        return np.linalg.svd(rows)[2][len(rows) :]
 
     def residual(self, q: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Return f (..., n), in m and rad, at angles (..., n) for points (..., 3) [m]."""
@@ -146,6 +144,8 @@ def start_posture(
     It is found by bounded least squares from `near` (n,), whose rotation of the last link it has if it keeps the
     orientation; the tip is to be at `point` (3,) [m].
     """
+    from scipy.optimize import least_squares  # SciPy is only needed here
+
     task = TipTask(robot, near, keeps_orientation)
     moving = len(task.motion) + len(task.turning)
     low, high = angle_ranges(robot)

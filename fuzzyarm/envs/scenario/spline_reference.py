@@ -11,11 +11,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.robot import Robot
@@ -25,6 +24,9 @@ from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, Reference, Refere
 from fuzzyarm.envs.scenario.robot_limits import check_angles, check_velocities, checked_angles
 from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law
 from fuzzyarm.envs.scenario.tip_reference import upward_normals
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["MINIMUM_TURN", "SplineReference"]
 

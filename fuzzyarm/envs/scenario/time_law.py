@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["LONGEST", "SHORTEST", "Curve", "along", "corner_times", "quintic_time_law"]
+__all__ = ["LONGEST", "SHORTEST", "Curve", "along", "corner_times", "quintic_time_law", "time_at"]
 
 SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
 
@@ -44,9 +44,13 @@ def along(curve: Curve, t: ArrayLike, duration: float) -> tuple[np.ndarray, np.n
 
 
 def corner_times(corners: ArrayLike, duration: float) -> np.ndarray:
-    """Return the times [s] at which p̈ has a corner, ascending: the ends, and where the curve has some, given as s."""
+    """Return the times (k,) [s] at which p̈ has a corner, ascending: the ends, and the curve's own, s (...,)."""
+    return np.unique([0.0, *time_at(corners, duration), duration])
+
+
+def time_at(s: ArrayLike, duration: float) -> np.ndarray:
+    """Return the times [s], shape (...,), at which s(t) has values of shape (...,) in [0, 1]."""
     from scipy.special import betaincinv
 
-    # s(x) of the time law is the regularised incomplete beta function I_x(3, 3).
-    inner = duration * betaincinv(3.0, 3.0, np.asarray(corners, dtype=float))
-    return np.unique([0.0, *inner, duration])
+    # s(x) is the regularised incomplete beta function I_x(3, 3).
+    return np.asarray(duration * betaincinv(3.0, 3.0, np.asarray(s, dtype=float)))

@@ -2,19 +2,18 @@
 
     f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
 
-with f and A of `inverse_kinematics`. The branch is followed once, from node to node of s; between the nodes, Newton's
-method corrects an interpolation to the last digit, so that every value depends on its own t alone.
+with f and A of `inverse_kinematics`. The branch is followed once, in steps of s; after that, Newton's method corrects
+an interpolation to the last digit, so that every value depends on its own t alone.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.robot import Robot
@@ -31,15 +30,19 @@ from fuzzyarm.envs.scenario.reference import (
     check_points,
 )
 from fuzzyarm.envs.scenario.robot_limits import check_angles, check_velocities, checked_angles
-from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law
+from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law, time_at
 
-__all__ = ["SHARPEST", "TipReference", "upward_normals"]
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
 
-NODES = np.linspace(0.0, 1.0, 201)  # of s, between which the posture is interpolated before it is corrected
-ROUNDS = 2  # of Newton's method between nodes; the first leaves less than 1e-12 rad
-TRIES = 8  # rounds from one node to the next, before the path counts as lost
+__all__ = ["EXACT", "SHARPEST", "TipReference", "upward_normals"]
+
+STEPS = np.linspace(0.0, 1.0, 81)  # of s, from one to the next of which the branch is followed
+NODES = np.linspace(0.0, 1.0, 321)  # of s, between which the posture is interpolated before it is corrected
+ROUNDS = 2  # of Newton's method between nodes
+TRIES = 8  # rounds from one step to the next, before the path counts as lost
 EXACT = 1e-10  # m or rad that an inverse may miss
-LONGEST_STEP = 0.5  # rad that a joint may move from node to node
+LONGEST_STEP = 0.5  # rad that a joint may move in a step
 
 SHARPEST = 0.01
 """Smallest singular value that A may have along a path, lengths in reaches of the robot; it is 0 where A is singular.
@@ -155,47 +158,50 @@ class TipReference(Reference):
 
     @functools.cached_property
     def _followed(self) -> CubicHermiteSpline:
-        """The posture over s, exact at `NODES`."""
-        points, tangents, _ = self.path.points(NODES)
-        task, q = self._task, self._task.start
-        nodes, slopes = [], []
-        for k, point in enumerate(points):
-            if k:
-                q = q + (NODES[k] - NODES[k - 1]) * slopes[-1]  # along the tangent, then Newton's method
-            q = self._corrected(k, q, nodes[-1] if nodes else q, point)
-            slope = solved(task.matrix(chain(self.robot, q)), task.moved(tangents[k]))
-            if not np.abs(slope).max() * NODES[1] <= LONGEST_STEP:
-                self._refuse(k, point, q, f"there {self._joint(slope)} would have to turn too far for so small a step")
-            nodes.append(q)
-            slopes.append(slope)
-        return CubicHermiteSpline(NODES, np.array(nodes), np.array(slopes))
+        """The posture over s, exact at `NODES`: followed over `STEPS`, then made fine."""
+        from scipy.interpolate import CubicHermiteSpline  # SciPy is only needed here
 
-    def _corrected(self, k: int, guess: np.ndarray, before: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Return the posture (n,) at node k, near the guess and the node before (n,)."""
-        q = guess
+        points, tangents, _ = self.path.points(STEPS)
+        postures, slopes = [self._task.start], [self._slope(self._task.start, tangents[0])]
+        for k in range(1, len(STEPS)):
+            step = (STEPS[k] - STEPS[k - 1]) * slopes[-1]
+            if not np.abs(step).max() <= LONGEST_STEP:
+                self._refuse(k - 1, postures[-1], f"there {self._joint(step)} would have to turn without end")
+            postures.append(self._corrected(k, postures[-1], step, points[k]))
+            slopes.append(self._slope(postures[-1], tangents[k]))
+        coarse = CubicHermiteSpline(STEPS, np.array(postures), np.array(slopes))
+        points, tangents, _ = self.path.points(NODES)
+        nodes = self._task.refined(coarse(NODES), points, ROUNDS)
+        return CubicHermiteSpline(NODES, nodes, self._slope(nodes, tangents))
+
+    def _slope(self, q: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+        """Return dq/ds (..., n) at postures (..., n) where dp/ds is the tangent (..., 3)."""
+        return solved(self._task.matrix(chain(self.robot, q)), self._task.moved(tangent))
+
+    def _corrected(self, k: int, before: np.ndarray, step: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Return the posture (n,) for the point (3,) of step k, from the one before (n,) and the step to it (n,)."""
+        q = before + step
         for _ in range(TRIES):
             with np.errstate(all="ignore"):
                 try:
-                    q = self._task.refined(q, point, 1)
+                    after = self._task.refined(q, point, 1)
                 except np.linalg.LinAlgError:
                     break
-            if not np.abs(q - before).max() <= 2.0 * LONGEST_STEP:
+            if not np.abs(after - before).max() <= 2.0 * LONGEST_STEP:
                 break
-            if np.abs(self._task.residual(q, point)).max() <= 1e-3 * EXACT:
-                return q
-        missed = np.linalg.norm(chain(self.robot, before).tip - point)
-        self._refuse(k, point, before, f"the arm gets no closer than {missed:.3g} m on its branch")
+            if np.abs(after - q).max() <= EXACT:
+                return after
+            q = after
+        self._refuse(k, before, f"from the point {_shown(chain(self.robot, before).tip)} m no posture leads there")
         raise AssertionError  # not reached
 
-    def _refuse(self, k: int, point: np.ndarray, q: np.ndarray, reason: str) -> None:
-        """Raise the error of a path that cannot be followed at node k."""
-        from scipy.special import betaincinv
-
-        time = self.duration * float(betaincinv(3.0, 3.0, NODES[k]))
+    def _refuse(self, k: int, q: np.ndarray, reason: str) -> None:
+        """Raise the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
+        time, point = float(time_at(STEPS[k], self.duration)), self.path.points(STEPS[k])[0]
         sharp = float(self._task.sharpness(chain(self.robot, q)))
         raise ValueError(
-            f"the path cannot be followed beyond t = {time:.4g} s, point {_shown(point)} m: {reason} (smallest "
-            f"singular value {sharp:.2g}). Move or shrink the path, start from another posture={self._or_free}"
+            f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (smallest singular "
+            f"value {sharp:.2g}). Move or shrink the path, start from another posture={self._or_free}"
         )
 
     @property
@@ -247,7 +253,7 @@ def upward_normals(tangents: np.ndarray, robot: Robot) -> np.ndarray:
         across = wanted - np.sum(along_curve * wanted, axis=-1, keepdims=True) * along_curve
         normals.append((across, np.linalg.norm(across, axis=-1, keepdims=True)))
     (upward, size), (sideways, other) = normals
-    return np.where(size > 1e-6, upward / np.maximum(size, 1e-6), sideways / np.maximum(other, 1e-6))
+    return np.asarray(np.where(size > 1e-6, upward / np.maximum(size, 1e-6), sideways / np.maximum(other, 1e-6)))
 
 
 def _shown(values: Any) -> str:
