@@ -189,6 +189,7 @@ class Expression:
 
 
 Number = Expression | float
+"""What arithmetic with expressions takes."""
 
 
 def used_by(results: Sequence[Expression], known: Collection[int] = ()) -> list[int]:
