@@ -1,8 +1,9 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as a tuple,
-the block `Layout.Work` in the kernel `Kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that
-`Physics.step`, for two joints `integrator.step`, advances. The results go back through the block into the observation and the dictionary `info`.
+An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as a tuple, the
+block `Layout.Work` in the kernel `Kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that `Physics.step`
+advances: for two joints `integrator.step`. The results go back through the block into the observation and the
+dictionary `info`.
 """
 
 from __future__ import annotations

@@ -37,7 +37,10 @@ class Angle:
 
     @classmethod
     def __torch_function__(cls, function: Any, types: Any, arguments: Any = (), options: Any = None) -> Any:
-        """Return tensor + angle, which is also what torch.compile makes of angle + tensor."""
+        """Return tensor + angle, or compare them, which is what torch.compile makes of angle + tensor and so on."""
+        if function in (torch.Tensor.le, torch.Tensor.ge):
+            limit, angle = arguments
+            return function(limit, angle.value)
         if function not in (torch.Tensor.add, torch.Tensor.__radd__):
             return NotImplemented
         increment, angle = arguments

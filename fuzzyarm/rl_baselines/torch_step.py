@@ -20,7 +20,7 @@ from fuzzyarm.envs.batch.reporting import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
 from fuzzyarm.envs.physics.hold import held
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_list, reader, size
+from fuzzyarm.envs.physics.records import flat, in_list, reader, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess_of, clipped, finite_of
 from fuzzyarm.envs.termination import reason_of
@@ -204,7 +204,7 @@ def _state(shared: Shared, numbers: tuple[Tensor, ...]) -> Any:
 
 def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
     """Return what `_state` was made of; the dtype is lost on the way if torch's default dtype is a longer one."""
-    parts = [number for part in state for number in part]
+    parts = flat(state)
     values = [part.value if isinstance(part, Angle) else part for part in parts]
     rests = [part.rest for part in parts if isinstance(part, Angle)]
     return tuple(part.to(dtype) for part in (*values, *rests))
@@ -219,11 +219,17 @@ def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
         counter = lanes.step * (2 * joints) + shared.equations.noise
         spreads = [shared.noise.angle] * joints + [shared.noise.velocity] * joints
         for k in range(0, 2 * joints, 2):
-            normal = normal_pair(lanes.key, counter + k, shared.rows.dtype)
-            motors[k : k + 2] = (v + spread * n for v, spread, n in zip(motors[k : k + 2], spreads[k:], normal, strict=False))
-    rooms = ((low, high, ANGLE_ROOM * (high - low)) for low, high in zip(*physics.angle_range(limits), strict=True))
-    angles = [torch.clamp(q, low - room, high + room) for q, (low, high, room) in zip(motors, rooms, strict=False)]
-    velocities = [clipped(dq, VELOCITY_ROOM * limit) for dq, limit in zip(motors[joints:], limits.velocity, strict=True)]
+            first, second = normal_pair(lanes.key, counter + k, shared.rows.dtype)
+            motors[k] = motors[k] + spreads[k] * first
+            motors[k + 1] = motors[k + 1] + spreads[k + 1] * second
+    lowest, highest = physics.angle_range(limits)
+    rooms = [ANGLE_ROOM * (high - low) for low, high in zip(lowest, highest, strict=True)]
+    angles = [
+        torch.clamp(q, low - room, high + room)
+        for q, low, high, room in zip(motors[:joints], lowest, highest, rooms, strict=True)
+    ]
+    speeds = zip(motors[joints:], limits.velocity, strict=True)
+    velocities = [clipped(dq, VELOCITY_ROOM * limit) for dq, limit in speeds]
     return [*angles, *velocities, *reference.q, *reference.dq, *reference.ddq]
 
 

@@ -52,12 +52,17 @@ def begin_of(layout: Layout) -> Any:
     - drawn: (numbers of `draw_record`, lanes), written; or with no lanes, not written.
     - table: (rows, numbers of a row).
     - period: control period [s].
-    - out: (`layout.width` n,), the results of these lanes, see `Layout.split`; written.
+    - out: (`Layout.width` n,), the results of these lanes, see `Layout.split`; written.
     """
     physics, Lane, parts = layout.physics, layout.Lane, layout.parts
     read_plant, read_state = reader(physics.Plant, in_columns), reader(physics.State, in_columns)
     read_reference, write_lane = reader(reference_record(physics.joints), in_columns), writer(Lane, in_rows)
-    draw_all, varied, resting, show = _draw_of(physics.joints), varied_of(physics), resting_of(physics), _show_of(layout)
+    draw_all, varied, resting, show = (
+        _draw_of(physics.joints),
+        varied_of(physics),
+        resting_of(physics),
+        _show_of(layout),
+    )
     add = joint_by_joint(_plus, physics.PerJoint, 2)
     draw_size, work_size, limits_of = size(draw_record(physics.joints)), size(layout.Work) * BLOCK, physics.limits
 

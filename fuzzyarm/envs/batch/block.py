@@ -24,10 +24,8 @@ from fuzzyarm.envs.physics.records import (
     columns,
     in_block,
     in_columns,
-    in_rows,
     joint_by_joint,
     over_joints,
-    places,
     reader,
     size,
     writer,
@@ -50,7 +48,7 @@ def advance_block_of(layout: Layout) -> Any:
     """Return ``advance_block(work, lanes, values, clock, table, period, substeps, first, results)``.
 
     It advances the `lanes` <= BLOCK lanes from `first` on, whose commands are in `work`; arguments as in
-    `kernels.Kernels.advance`.
+    `kernels.advance_of`.
     """
     gather, copy_back = gather_of(layout)
     load, clip, assess_block = loads_of(layout).load, clip_of(layout), assess_block_of(layout)
@@ -140,7 +138,11 @@ def loads_of(layout: Layout) -> Loads:
     write_command = writer(PerJoint, in_block, work_at.command)
     write_target = writer(target_record(physics.axes), in_block, work_at.target)
     times = joint_by_joint(_times, Point, 1, shared=1)
-    factor_at, nothing, no_force = layout.LANE.force_factor, PerJoint(*[0.0] * physics.joints), Point(*[0.0] * physics.axes)
+    factor_at, nothing, no_force = (
+        layout.LANE.force_factor,
+        PerJoint(*[0.0] * physics.joints),
+        Point(*[0.0] * physics.axes),
+    )
 
     @register_jitable(forceinline=True)
     def load(

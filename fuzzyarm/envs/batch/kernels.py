@@ -84,7 +84,7 @@ def advance_of(layout: Layout) -> Any:
     - substeps: sub-steps in it.
     - action: (lanes, joints) motor torques [N m]; clipped to the limits.
     - start, stop: first lane, and the lane after the last.
-    - out: (`layout.width` lanes,), the results of all lanes, see `Layout.split`; written.
+    - out: (`Layout.width` lanes,), the results of all lanes, see `Layout.split`; written.
     """
     advance_block, parts, work_size = advance_block_of(layout), layout.parts, size(layout.Work) * BLOCK
     joints, command = layout.physics.joints, layout.WORK.command.joint1
@@ -127,13 +127,14 @@ def advance_one_of(layout: Layout) -> Any:
 
     - values, clock, table, period, substeps: as in `advance_of`, with one lane.
     - torque: tuple of the motors' torques [N m].
-    - observation: (`layout.observed`,), written.
-    - vectors: (9, `layout.longest`), written; the rows of `Vectors`.
+    - observation: (`Layout.observed`,), written.
+    - vectors: (9, `Layout.longest`), written; the rows of `Vectors`.
     """
     advance_block, parts, longest = advance_block_of(layout), layout.parts, layout.longest
     work_size, width, observed = size(layout.Work) * BLOCK, layout.width, layout.observed
     PerJoint = layout.physics.PerJoint
-    write_command, all_finite = writer(PerJoint, in_block, layout.WORK.command), over_joints(np.isfinite, PerJoint, 1, "&")
+    write_command = writer(PerJoint, in_block, layout.WORK.command)
+    all_finite = over_joints(np.isfinite, PerJoint, 1, "&")
     read_torque = reader(PerJoint, in_list)
 
     @kernel_for(layout.physics.digest)
@@ -178,7 +179,7 @@ def advance_one_of(layout: Layout) -> Any:
 def observe_again_of(layout: Layout) -> Any:
     """Return the kernel ``observe_again(values, clock, table, out)``.
 
-    It writes what the last step, or the beginning of the episode, let be observed, of the results (`layout.width`
+    It writes what the last step, or the beginning of the episode, let be observed, of the results (`Layout.width`
     lanes,) of all lanes only the observations [rad, rad/s, rad/s²]; nothing moves. Arguments as in `advance_of`.
     """
     observe, parts = observe_of(layout), layout.parts

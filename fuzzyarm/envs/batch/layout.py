@@ -120,7 +120,11 @@ class Results(NamedTuple):
 
 
 CLOCK, START = places(Clock), places(Start)
+"""Where each number of the records `Clock` and `Start` lies in its array."""
+
 VECTORS, SCALARS = Vectors._fields, Scalars._fields
+"""Names of the results."""
+
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
 
@@ -148,6 +152,10 @@ class Layout:
     Work: Any
     LANE: Any
     WORK: Any
+
+    def __reduce__(self) -> tuple[Any, tuple[Physics]]:
+        """Leave the records behind."""
+        return layout_of, (self.physics,)
 
     @functools.cached_property
     def observed(self) -> int:
@@ -211,9 +219,7 @@ class Layout:
 def layout_of(physics: Physics) -> Layout:
     """Return the layout for arms with these equations."""
     Hold, PerJoint, State = hold_record(physics), physics.PerJoint, physics.State
-    Lane = record_type(
-        "Lane", state=State, arm=physics.Arm, limits=physics.Limits, force_factor=Any, noise=Noise
-    )
+    Lane = record_type("Lane", state=State, arm=physics.Arm, limits=physics.Limits, force_factor=Any, noise=Noise)
     Work = record_type(
         "Work",
         hold=Hold,

@@ -98,7 +98,10 @@ def observe_of(layout: Layout) -> Any:
     """
     physics, lane_at, numbers = layout.physics, layout.LANE, layout.observed
     joints, start, angle_range = physics.joints, starts(physics.joints), physics.angle_range
-    lane_state, lane_limits = reader(physics.State, in_rows, lane_at.state), reader(physics.Limits, in_rows, lane_at.limits)
+    lane_state, lane_limits = (
+        reader(physics.State, in_rows, lane_at.state),
+        reader(physics.Limits, in_rows, lane_at.limits),
+    )
     lane_noise, reference_columns = reader(Noise, in_rows, lane_at.noise), size(reference_record(joints))
     counter, per_step = noise_counter(joints), np.uint64(2 * joints)
     low_of, high_of = joint_by_joint(_lowest, physics.PerJoint, 2), joint_by_joint(_highest, physics.PerJoint, 2)

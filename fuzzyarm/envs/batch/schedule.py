@@ -51,12 +51,19 @@ class Schedule:
         disturbance: what acts in this episode.
         table: (steps + 1, numbers of `row_record`); the properties below are its `columns`. No force or bias acts in
             the last row, where the episode is over.
-        columns: the slice of columns that each field of a row takes.
+        joints: of the arm.
+        axes: of the tip's space.
     """
 
     disturbance: Disturbance
     table: np.ndarray
-    columns: Any
+    joints: int
+    axes: int
+
+    @property
+    def columns(self) -> Any:
+        """The slice of columns that each field of a row takes."""
+        return columns(row_record(self.joints, self.axes))
 
     @property
     def steps(self) -> int:
@@ -98,7 +105,8 @@ class Schedule:
             )
         times = control_period * np.arange(steps + 1)
         sample, targets = reference.sample(times), _targets(reference, times)
-        kind = row_record(sample.q.shape[-1], reference.tip(0.0).position.shape[-1])
+        joints, axes = sample.q.shape[-1], reference.tip(0.0).position.shape[-1]
+        kind = row_record(joints, axes)
         at, table = columns(kind), np.zeros((steps + 1, size(kind)))
         table[:, at.reference] = np.concatenate([sample.q, sample.dq, sample.ddq], axis=-1)
         table[:, at.target] = targets
@@ -106,7 +114,7 @@ class Schedule:
             table[:-1, at.force] = _force_lines(disturbance.tip_force, reference, times[:-1], control_period)
         if disturbance.torque_bias is not None:
             table[:-1, at.bias] = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
-        return cls(disturbance, table, at)
+        return cls(disturbance, table, joints, axes)
 
 
 def _force_lines(tip_force: TipForce, reference: JointReference, starts: np.ndarray, period: float) -> np.ndarray:

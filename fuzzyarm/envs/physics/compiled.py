@@ -37,7 +37,7 @@ def kernel_for(made_for: str) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        function.__qualname__ = "_".join([function.__qualname__, _digest(_rooms(function)), made_for])
+        function.__qualname__ = "_".join([function.__qualname__, made_for, _digest(_rooms(function))])
         dispatcher = njit(error_model="numpy", nogil=True)(function)
         with contextlib.suppress(RuntimeError):
             dispatcher._cache = _CacheByName(function)
@@ -46,7 +46,7 @@ def kernel_for(made_for: str) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
-class _CacheByName(FunctionCache):
+class _CacheByName(FunctionCache):  # type: ignore[misc]
     """Numba's cache, for functions whose name says all that they are made from.
 
     Numba would tell functions made by the same lines from each other by what they refer to, pickled: that takes long,

@@ -13,6 +13,7 @@ from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import (
     BLOCK,
+    flat,
     in_block,
     in_list,
     in_rows,
@@ -30,7 +31,7 @@ __all__ = ["force_line", "held", "hold_block_of", "hold_numpy", "hold_of", "hold
 
 @functools.cache
 def force_line(axes: int) -> Any:
-    """Return the record of a tip force that is linear in time over a control step: mean and change over the step [N]."""
+    """Return the record of a tip force that is linear in time over a control step: mean and change over it [N]."""
     return record_type("ForceLine", mean=point(axes), change=point(axes))
 
 
@@ -49,7 +50,7 @@ def _on_line(mean: Any, change: Any, share: Any) -> Any:
 def held(
     physics: Physics, state: Any, torque: Sequence[Any], force: Sequence[Any], arm: Any, h: float, substeps: int
 ) -> Any:
-    """Advance arrays or tensors of lanes over one control step; arguments in units of `hold_of`, each a row of lanes."""
+    """Advance arrays or tensors of lanes over one control step; arguments as in `hold_of`, each a row of lanes."""
     mean, change = force[: physics.axes], force[physics.axes :]
     for substep in range(substeps):
         share = (substep + 0.5) / substeps - 0.5
@@ -67,10 +68,10 @@ def hold_numpy(
     h: float,
     substeps: int,
 ) -> np.ndarray:
-    """Plain NumPy twin of `hold_of`, with the same units: the reference back end of the tests. Return the new states."""
+    """Return the new states (numbers of the state, lanes): the plain NumPy twin of `hold_of`, same shapes and units."""
     before, constants = reader(physics.State, in_list)(state, 0), reader(physics.Arm, in_list)(arm, 0)
     after = held(physics, before, tuple(torque), tuple(force), constants, h, substeps)
-    return np.concatenate([np.stack(part) for part in after])
+    return np.stack(flat(after))
 
 
 @functools.cache
@@ -116,7 +117,9 @@ def hold_of(physics: Physics) -> Any:
     write_hold, store_state = writer(Hold, in_block), writer(physics.State, in_rows)
     read_state, work_size = reader(physics.State, in_block, places(Hold).state), size(Hold) * BLOCK
     wrong_force = f"force must have {force_rows} rows, the mean and its change, and a column for each lane"
-    wrong = f"state, torque and arm must have {state_rows}, {torque_rows} and {arm_rows} rows, and a column for each lane"
+    wrong = (
+        f"state, torque and arm must have {state_rows}, {torque_rows} and {arm_rows} rows, and a column for each lane"
+    )
 
     @kernel_for(physics.digest)
     def hold(

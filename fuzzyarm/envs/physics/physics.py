@@ -1,4 +1,4 @@
-"""The equations of one kind of arm, as the environment uses them; everything that is stepped is made from such an object.
+"""The equations of one kind of arm, as the environment uses them: everything that is stepped is made from them.
 
 `two_joints` has the equations of the paper's arm, written by hand.
 """
@@ -42,6 +42,9 @@ class Physics:
         limits: ``limits(plant)``.
         angle_range: ``angle_range(limits)``, the lowest and the highest angles.
         varied: ``varied(plant, draw)``, the plant with the factors of a `randomisation.draw_record`.
+        PerJoint: record of one number for each joint.
+        Point: record of a vector in the tip's space.
+        State: record of motor and link angles and their velocities.
     """
 
     joints: int
@@ -64,21 +67,15 @@ class Physics:
     limits: Callable[..., Any]
     angle_range: Callable[..., Any]
     varied: Callable[..., Any]
+    PerJoint: Any = dataclasses.field(init=False)
+    Point: Any = dataclasses.field(init=False)
+    State: Any = dataclasses.field(init=False)
 
-    @property
-    def PerJoint(self) -> Any:  # noqa: N802  the name of the record
-        """The record of one number for each joint."""
-        return per_joint(self.joints)
-
-    @property
-    def Point(self) -> Any:  # noqa: N802
-        """The record of a vector in the tip's space."""
-        return point(self.axes)
-
-    @property
-    def State(self) -> Any:  # noqa: N802
-        """The record of the state, `records.State`."""
-        return state_record(self.joints)
+    def __post_init__(self) -> None:
+        """Take the records of so many joints and axes; attributes, because torch compiles no look-up in a cache."""
+        for name, kind in (("PerJoint", per_joint), ("State", state_record)):
+            object.__setattr__(self, name, kind(self.joints))
+        object.__setattr__(self, "Point", point(self.axes))
 
     def __reduce__(self) -> tuple[Callable[..., Physics], tuple[Any, ...]]:
         """Leave the functions behind."""

@@ -34,6 +34,7 @@ __all__ = [
     "Point",
     "State",
     "columns",
+    "flat",
     "in_block",
     "in_columns",
     "in_list",
@@ -83,12 +84,12 @@ class State(NamedTuple):
 
 def record_type(name: str, **fields: Any) -> Any:
     """Return a record with these fields, each a number (``Any``) or a record."""
-    return NamedTuple(name, list(fields.items()))  # type: ignore[misc]
+    return NamedTuple(name, list(fields.items()))
 
 
 @functools.cache
 def per_joint(joints: int) -> Any:
-    """Return the record of one number for each joint, joint1, joint2, ...; always the same class, for two `PerJoint`."""
+    """Return the record of one number for each joint, joint1, joint2, ...; always the same, `PerJoint` for two."""
     if joints == len(PerJoint._fields):
         return PerJoint
     return record_type("PerJoint", **{f"joint{k + 1}": Any for k in range(joints)})
@@ -150,6 +151,11 @@ def _defined_for(source: str, arguments: int, names: dict[str, Any]) -> Any:
 def size(kind: Any) -> int:
     """Return how many numbers a record has."""
     return sum(size(part) if _is_record(part) else 1 for _, part in _fields(kind))
+
+
+def flat(record: Any) -> list[Any]:
+    """Return the numbers of a record, in order."""
+    return [number for part in record for number in (flat(part) if isinstance(part, tuple) else [part])]
 
 
 def places(record: type, first: int = 0) -> Any:
