@@ -9,6 +9,7 @@ dictionary `info`.
 from __future__ import annotations
 
 import copy
+import os
 from typing import Any
 
 import gymnasium as gym
@@ -20,7 +21,6 @@ from numpy import empty
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
     action_space,
-    checked_arm,
     chosen_disturbance,
     chosen_reference,
     chosen_scenario,
@@ -32,10 +32,12 @@ from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS, VECTORS
 from fuzzyarm.envs.film import Film
 from fuzzyarm.envs.periods import checked_periods
+from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.termination import Termination
 
@@ -122,8 +124,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         case: str = "nominal",
         *,
         disturbance: Disturbance | None = None,
-        reference: JointReference | None = None,
+        reference: Reference | None = None,
         parameters: ArmParameters | None = None,
+        robot: str | os.PathLike[str] | Robot | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
@@ -132,7 +135,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Build the environment; arguments as in the class docstring."""
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
-        self.parameters = ArmParameters() if parameters is None else checked_arm(parameters)
+        self.parameters: Any = chosen_arm(robot, parameters)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
@@ -172,7 +175,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._spec = made_from
 
     @property
-    def reference(self) -> JointReference:
+    def reference(self) -> Reference:
         """The reference of the episode under way; before the first, the one a reset without options starts."""
         if self._reference is not None and not self._begun:
             return self._reference

@@ -9,8 +9,7 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import initial_state, real_numbers
-from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.records import size
 
 __all__ = ["each_lane", "initial_states", "per_lane", "seeds_of"]
@@ -45,7 +44,7 @@ def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     return made
 
 
-def initial_states(given: Any, plants: Sequence[ArmParameters], lanes: int) -> np.ndarray:
+def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarray:
     """Return checked starts (lanes, 4 joints), see `arguments.initial_state`, from one (4 joints,) or one per lane.
 
     Raises:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,6 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
     action_space,
     check_options,
-    checked_arm,
     chosen_disturbance,
     chosen_reference,
     chosen_scenario,
@@ -26,10 +26,13 @@ from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS
 from fuzzyarm.envs.lane_arguments import each_lane, initial_states, per_lane, seeds_of
 from fuzzyarm.envs.periods import checked_periods
+from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.vector_info import final_info, masked, partial_info, reasons, values
 
@@ -77,8 +80,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         case: str | Sequence[str] = "nominal",
         *,
         disturbance: Disturbance | Sequence[Disturbance] | None = None,
-        reference: JointReference | Sequence[JointReference] | None = None,
+        reference: Reference | Sequence[Reference] | None = None,
         parameters: ArmParameters | Sequence[ArmParameters] | None = None,
+        robot: str | os.PathLike[str] | Robot | Sequence[str | os.PathLike[str] | Robot] | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
@@ -97,8 +101,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
         self.control_period, self.substeps = checked_periods(control_period, substep)
-        arms = self._per_lane("parameters", ArmParameters() if parameters is None else parameters)
-        plants = each_lane(checked_arm, arms)
+        plants = each_lane(chosen_arm, self._per_lane("robot", robot), self._per_lane("parameters", parameters))
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = each_lane(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
@@ -271,15 +274,15 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return a list of one entry for all lanes, or of one per lane."""
         return per_lane(name, value, self.num_envs)
 
-    def _own_references(self, given: Any, plants: list[ArmParameters]) -> list[JointReference | None]:
-        """Return the given references, or the paper's circle: one object for all plants with the same links."""
-        circles: dict[Any, JointReference] = {}
+    def _own_references(self, given: Any, plants: list[AnyArm]) -> list[Reference | None]:
+        """Return the given references, or the default ones: one object for all plants with the same links."""
+        circles: dict[Any, Reference] = {}
 
-        def chosen(one: Any, arm: ArmParameters) -> JointReference | None:
+        def chosen(one: Any, arm: AnyArm) -> Reference | None:
             if one is not None or self._randomisation.references:
                 return chosen_reference(one, self._randomisation, arm)
-            links = arm.length, arm.joint_limit, arm.velocity_limit
-            circles[links] = circles.get(links) or JointReference(parameters=arm)
+            links = (arm.length, arm.joint_limit, arm.velocity_limit) if isinstance(arm, ArmParameters) else arm.digest
+            circles[links] = circles.get(links) or default_reference(arm)
             return circles[links]
 
         return each_lane(chosen, self._per_lane("reference", given), plants)
@@ -289,7 +292,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not options:
             return None
 
-        def chosen(disturbance: Disturbance, reference: JointReference | None, *values: Any) -> Scenario:
+        def chosen(disturbance: Disturbance, reference: Reference | None, *values: Any) -> Scenario:
             return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference))
 
         given = [self._per_lane(name, value) for name, value in options.items()]

@@ -5,6 +5,7 @@ The step is `torch_step`; this file has what stands around it: arguments, tables
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from torch import Tensor
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
     action_space,
-    checked_arm,
     chosen_disturbance,
     chosen_reference,
     observation_space,
@@ -25,11 +25,12 @@ from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import check_reference
 from fuzzyarm.envs.periods import checked_periods
-from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.equations import chosen_arm, equations_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.rl_baselines.torch_compile import announced_compilation, compile_step
 from fuzzyarm.rl_baselines.torch_numbers import Table
 from fuzzyarm.rl_baselines.torch_step import (
@@ -111,8 +112,9 @@ class TorchFuzzyArm:
         compiled: bool = True,
         case: str = "nominal",
         disturbance: Disturbance | None = None,
-        reference: JointReference | None = None,
+        reference: Reference | None = None,
         parameters: ArmParameters | None = None,
+        robot: str | os.PathLike[str] | Robot | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
@@ -120,7 +122,7 @@ class TorchFuzzyArm:
         """Build the tables; arguments as in the class docstring."""
         self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), _dtype(dtype)
         self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
-        self.parameters = ArmParameters() if parameters is None else checked_arm(parameters)
+        self.parameters = chosen_arm(robot, parameters)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         self.substep = self.control_period / self.substeps
         self.randomisation = find_randomisation(randomisation, self.parameters)
@@ -201,14 +203,14 @@ class TorchFuzzyArm:
         }
         return outcome.observation.t(), outcome.reward, outcome.terminated, outcome.truncated, info
 
-    def _build(self, disturbance: Disturbance, reference: JointReference | None) -> Shared:
+    def _build(self, disturbance: Disturbance, reference: Reference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
         physics, payload, noise = equations_of(self.parameters), disturbance.payload, disturbance.encoder_noise
         own = chosen_reference(reference, self.randomisation, self.parameters)
         members = self.randomisation.references if own is None else (own,)
         for member in members:
             check_reference(member, self.parameters)
-        built = [Schedule.build(member, disturbance, self.control_period) for member in members]
+        built = [Schedule.build(member, disturbance, self.control_period, physics.axes) for member in members]
         steps = np.array([one.steps for one in built])
         like = torch.empty(0, dtype=self.dtype, device=self.device)
         return Shared(

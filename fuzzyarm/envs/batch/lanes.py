@@ -16,11 +16,11 @@ from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.compiled import announced_compilation
-from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import flat, size
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantity, draw_record
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = ["Lanes"]
@@ -44,7 +44,7 @@ class Lanes:
 
     def __init__(
         self,
-        plants: Sequence[ArmParameters],
+        plants: Sequence[AnyArm],
         scenarios: Sequence[Scenario],
         count: int,
         *,
@@ -58,7 +58,7 @@ class Lanes:
         self.period, self.substeps = float(control_period), substeps
         self.count, self.randomisation = count, randomisation
         self.parameters, self._plant_of = distinct(plants, count)
-        self.physics = equations_of(self.parameters[0])
+        self.physics = _common_equations(self.parameters)
         self.kernels = kernels_of(self.physics)
         self.layout = self.kernels.layout
         self._plants = np.array([flat(self.physics.plant_of(arm)) for arm in self.parameters])
@@ -214,7 +214,7 @@ class Lanes:
         """Return what the episodes drew, by quantity: (count, joints) for one per joint, else (count,); read-only."""
         return self._drawn_info
 
-    def schedule(self, lane: int) -> tuple[JointReference, Schedule]:
+    def schedule(self, lane: int) -> tuple[Reference, Schedule]:
         """Return the reference and the tables of the episode that a lane is in."""
         tables, (starts, _) = self._assigned.tables, self._assigned.places(np.array([lane]))
         place = int(starts[0])
@@ -289,3 +289,14 @@ class Lanes:
         self.__dict__.update(state)
         with announced_compilation():
             self.kernels.prepare(self.count)
+
+
+def _common_equations(arms: Sequence[AnyArm]) -> Physics:
+    """Return the equations of all these arms; ValueError if they differ."""
+    first, *others = map(equations_of, arms)
+    if any(other is not first for other in others):
+        raise ValueError(
+            "the arms of a batch must have the same structure: joint axes, joint rotations, and which of their other "
+            "numbers are zero; make one batch for each"
+        )
+    return first

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import friction_torque, stick_slip, stribeck_magnitude
 from fuzzyarm.envs.physics.physics import Physics
