@@ -20,9 +20,13 @@ __all__ = [
     "Inertia",
     "composite_bodies",
     "factors",
+    "joined",
+    "moved",
     "newton_euler",
     "point_of_tip",
     "regrouped",
+    "rotated",
+    "rotated_inertia",
     "solution",
 ]
 
@@ -62,14 +66,14 @@ class Chain(NamedTuple):
 
 def regrouped(chain: Chain, bodies: Sequence[Body]) -> list[Body]:
     """Return bodies with the same equations of motion, without masses; see the module."""
-    rest, left = list(bodies), []
+    rest, left = list(bodies), list[Body]()
     for j in reversed(range(len(rest))):
         mass, (hx, hy, hz), inertia = rest[j]
         own = Inertia(inertia.xx - inertia.yy, inertia.xy, inertia.xz, 0.0, inertia.yz, inertia.zz)
         left.insert(0, Body(0.0, (hx, hy, 0.0), own))
         if j > 0:
             symmetric = Body(mass, (0.0, 0.0, hz), Inertia(inertia.yy, 0.0, 0.0, inertia.yy, 0.0, 0.0))
-            rest[j - 1] = _joined(rest[j - 1], _moved(symmetric, chain.rotations[j], chain.positions[j]))
+            rest[j - 1] = joined(rest[j - 1], moved(symmetric, chain.rotations[j], chain.positions[j]))
     return left
 
 
@@ -91,7 +95,7 @@ def composite_bodies(chain: Chain, bodies: Sequence[Body], turns: Sequence[Turn]
         rows.insert(0, row)
         if j > 0:
             turned = Body(0.0, _turned(turns[j], whole.moment), _turned_inertia(turns[j], whole.inertia))
-            whole = _joined(bodies[j - 1], _moved(turned, chain.rotations[j], chain.positions[j]))
+            whole = joined(bodies[j - 1], moved(turned, chain.rotations[j], chain.positions[j]))
     return rows
 
 
@@ -151,7 +155,7 @@ def point_of_tip(chain: Chain, turns: Sequence[Turn]) -> Vector:
     """Return the tip [m] in the base frame: x = d_j + A_j Z(q_j) x from the last joint to the first."""
     point = chain.tip
     for j in reversed(range(len(turns))):
-        point = _sum(chain.positions[j], _rotated(chain.rotations[j], _turned(turns[j], point)))
+        point = _sum(chain.positions[j], rotated(chain.rotations[j], _turned(turns[j], point)))
     return point
 
 
@@ -208,32 +212,33 @@ def _euler(inertia: Inertia, turning: Vector, rising: Vector) -> Vector:
 
 def _passed_on(chain: Chain, j: int, turns: Sequence[Turn], force: Vector, moment: Vector) -> tuple[Vector, Vector]:
     """Return a force and its moment about the origin of frame j as force and moment about that of frame j - 1."""
-    force = _rotated(chain.rotations[j], _turned(turns[j], force))
-    moment = _rotated(chain.rotations[j], _turned(turns[j], moment))
+    force = rotated(chain.rotations[j], _turned(turns[j], force))
+    moment = rotated(chain.rotations[j], _turned(turns[j], moment))
     return force, _sum(moment, _cross(chain.positions[j], force))
 
 
-def _joined(first: Body, second: Body) -> Body:
+def joined(first: Body, second: Body) -> Body:
+    """Return two bodies of the same frame as one."""
     inertia = Inertia(*(a + b for a, b in zip(first.inertia, second.inertia, strict=True)))
     return Body(first.mass + second.mass, _sum(first.moment, second.moment), inertia)
 
 
-def _moved(body: Body, rotation: Sequence[Sequence[float]], position: Vector) -> Body:
+def moved(body: Body, rotation: Sequence[Sequence[float]], position: Vector) -> Body:
     """Return a body of frame j in frame j - 1: L' = A L Aᵀ + m (d·d 1 - d dᵀ) + 2 d·k 1 - d kᵀ - k dᵀ, k = A h."""
-    d, k, m = position, _rotated(rotation, body.moment), body.mass
-    e = _rotated_inertia(rotation, body.inertia)
+    d, k, m = position, rotated(rotation, body.moment), body.mass
+    e = rotated_inertia(rotation, body.inertia)
     moment = (k[0] + m * d[0], k[1] + m * d[1], k[2] + m * d[2])
     x, y, z = (d[i] * (m * d[i]) + 2.0 * (d[i] * k[i]) for i in range(len(d)))
     xy, xz, yz = (d[i] * (m * d[j]) + d[i] * k[j] + k[i] * d[j] for i, j in ((0, 1), (0, 2), (1, 2)))
     return Body(m, moment, Inertia(e.xx + (y + z), e.xy - xy, e.xz - xz, e.yy + (x + z), e.yz - yz, e.zz + (x + y)))
 
 
-def _rotated_inertia(rotation: Sequence[Sequence[float]], inertia: Inertia) -> Inertia:
+def rotated_inertia(rotation: Sequence[Sequence[float]], inertia: Inertia) -> Inertia:
     """Return A L Aᵀ."""
     columns = [(inertia.xx, inertia.xy, inertia.xz), (inertia.xy, inertia.yy, inertia.yz)]
     columns.append((inertia.xz, inertia.yz, inertia.zz))
-    half = [_rotated(rotation, column) for column in columns]  # columns of A L
-    rows = [_rotated(rotation, tuple(column[i] for column in half)) for i in range(len(half))]  # rows of A L Aᵀ
+    half = [rotated(rotation, column) for column in columns]  # columns of A L
+    rows = [rotated(rotation, tuple(column[i] for column in half)) for i in range(len(half))]  # rows of A L Aᵀ
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = rows
     return Inertia(xx, xy, xz, yy, yz, zz)
 
@@ -256,18 +261,18 @@ def _turned(turn: Turn, vector: Vector) -> Vector:
 def _back(chain: Chain, j: int, turns: Sequence[Turn], vector: Vector) -> Vector:
     """Return a vector of frame j - 1 in frame j: Zᵀ Aᵀ x."""
     sine, cosine = turns[j]
-    x, y, z = _rotated(tuple(zip(*chain.rotations[j], strict=True)), vector)
+    x, y, z = rotated(tuple(zip(*chain.rotations[j], strict=True)), vector)
     return cosine * x + sine * y, cosine * y - sine * x, z
 
 
-def _rotated(rotation: Sequence[Sequence[float]], vector: Vector) -> Vector:
+def rotated(rotation: Sequence[Sequence[float]], vector: Vector) -> Vector:
     """Return A x."""
     x, y, z = ((row[0] * vector[0] + row[1] * vector[1]) + row[2] * vector[2] for row in rotation)
     return x, y, z
 
 
 def _product(matrix: Matrix, vector: Vector) -> Vector:
-    return _rotated(matrix, vector)
+    return rotated(matrix, vector)
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
