@@ -12,7 +12,7 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.reporting import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.tables import MAX_ACCELERATION
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
-from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
@@ -35,10 +35,10 @@ RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
 """What the `options` of `reset` may hold."""
 
 
-def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbance:
-    """Return the disturbance itself, or that of the named case."""
+def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) -> Disturbance:
+    """Return the disturbance itself, or that of the named case for this arm."""
     if disturbance is None:
-        return find_case(case).disturbance
+        return case_for(case, arm).disturbance
     checks.instance("disturbance", disturbance, Disturbance)
     if not (isinstance(case, str) and case == "nominal"):
         raise ValueError(f"give either case = {checks.shown(case)} or a disturbance, not both")
@@ -62,12 +62,12 @@ def check_options(options: dict[str, Any]) -> None:
         raise ValueError(f"unknown reset option {checks.listed(unknown)}; known: {', '.join(RESET_OPTIONS)}")
 
 
-def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:
+def chosen_scenario(options: dict[str, Any], own: Scenario, arm: AnyArm) -> Scenario:
     """Return the scenario that reset options ask for."""
     check_options(options)
     disturbance, reference = own
     if "case" in options or "disturbance" in options:
-        disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"))
+        disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"), arm)
     if "reference" in options:
         reference = checks.instance("reference", options["reference"], Reference)  # type: ignore[type-abstract]
     return Scenario(disturbance, reference)

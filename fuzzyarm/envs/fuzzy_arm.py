@@ -140,7 +140,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
         drawn = find_randomisation(randomisation, self.parameters)
-        self._disturbance = chosen_disturbance(case, disturbance)
+        self._disturbance = chosen_disturbance(case, disturbance, self.parameters)
         self._reference = chosen_reference(reference, drawn, self.parameters)
         self._lanes = Lanes(
             [self.parameters],
@@ -191,7 +191,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._ended = True  # until the end of this method: after a reset that raises, step must raise too
         self._film.rewind()
         own = Scenario(self._disturbance, self._reference)
-        scenario, initial = chosen_scenario({} if options is None else options, own), None
+        scenario, initial = chosen_scenario({} if options is None else options, own, self.parameters), None
         if options and options.get("initial_state") is not None:
             initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
         # `np_random` belongs to the user; the episodes draw from a stream of their own with the same seed. Gymnasium

@@ -104,7 +104,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         plants = each_lane(chosen_arm, self._per_lane("robot", robot), self._per_lane("parameters", parameters))
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = each_lane(
-            chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
+            chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance), plants
         )
         self._references = self._own_references(reference, plants)
         self._lanes = Lanes(
@@ -292,8 +292,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not options:
             return None
 
-        def chosen(disturbance: Disturbance, reference: Reference | None, *values: Any) -> Scenario:
-            return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference))
+        def chosen(arm: AnyArm, disturbance: Disturbance, reference: Reference | None, *values: Any) -> Scenario:
+            return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference), arm)
 
         given = [self._per_lane(name, value) for name, value in options.items()]
-        return each_lane(chosen, self._disturbances, self._references, *given)
+        return each_lane(chosen, self._plants, self._disturbances, self._references, *given)

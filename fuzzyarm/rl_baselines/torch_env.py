@@ -129,7 +129,7 @@ class TorchFuzzyArm:
         self.single_action_space = action_space([self.parameters])
         self.single_observation_space = observation_space([self.parameters])
         with torch.inference_mode(False):  # tensors of either mode can be written in it, its own in no other
-            self._shared = self._build(chosen_disturbance(case, disturbance), reference)
+            self._shared = self._build(chosen_disturbance(case, disturbance, self.parameters), reference)
             zeros = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
             equations = self._shared.equations
             # float32 angles have a rest each
