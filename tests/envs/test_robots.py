@@ -61,10 +61,10 @@ def torques(robot, steps, seed=0):
 
 
 def short(robot, duration=0.05):
-    """A reference of fifty steps."""
+    """A reference of fifty steps, well inside the ranges of the joints."""
     low, high = bounds_of(robot)[:2]
-    start = np.clip(0.3, low, high)
-    return SplineReference((tuple(start), tuple(np.clip(start + 0.02, low, high))), duration, robot)
+    start = 0.5 * (low + high) + np.minimum(0.3, 0.1 * (high - low))
+    return SplineReference((tuple(start), tuple(start + 0.3 * duration)), duration, robot)
 
 
 @pytest.fixture(params=NAMES)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.common import checks
+from fuzzyarm.common.documents import read_toml
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
@@ -53,7 +54,8 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
     """Return the arm that the arguments ``robot`` and ``parameters`` of an environment name; neither: Table 1.
 
     Args:
-        robot: name of a shipped robot, path of a TOML file, or a `Robot`; None: the two-joint arm.
+        robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, or a `Robot`; None: the
+            two-joint arm.
         parameters: of the two-joint arm, or None.
 
     Raises:
@@ -81,7 +83,7 @@ def _named(robot: str) -> AnyArm:
     if robot in shipped_robots():
         return robot_named(robot)
     if Path(robot).suffix == ".toml":
-        return Robot.from_toml(robot)
+        return Robot.from_toml(robot) if "joints" in read_toml(Path(robot)) else ArmParameters.from_toml(robot)
     raise ValueError(
         f"unknown robot {checks.shown(robot)}; choose from: {', '.join(shipped_robots())}, or give a .toml file"
     )
