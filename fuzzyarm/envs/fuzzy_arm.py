@@ -94,13 +94,15 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     `in_domain`, `torque_clipped`, `reward_tracking`, `reward_effort`.
 
     ## Arguments
-    `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (a
-    `JointReference`, default: the paper's circle), `parameters` (an `ArmParameters`, the plant's), `control_period`
+    `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (default: the
+    paper's circle), `parameters` (an `ArmParameters`, the plant's), or `robot` in its place (another serial robot, by
+    name, TOML file or as a `Robot`: all above is then for its n joints, with 5 n numbers observed, and for a tip with
+    three coordinates, and loads and default reference are for the robot), `control_period`
     and `substep` [s] (a whole fraction of the control period; default: the largest one up to 0.2 ms), `randomisation`
     ("nominal", "plants", "robust" or a `DomainRandomisation` of your own: what each episode draws, from its seed; then
     `info["randomisation"]` says what was drawn), `render_mode`.
 
-    `reset(options=...)` takes, for the episode it starts, `initial_state` (8 numbers in the order of `State`),
+    `reset(options=...)` takes, for the episode it starts, `initial_state` (4 n numbers in the order of `State`),
     `reference`, and `case` or `disturbance`.
 
     Raises:

@@ -68,8 +68,8 @@ class TorchFuzzyArm:
 
     | key | what | unit |
     | --- | --- | --- |
-    | final_obs | (n, 10) observation before a new episode began; in the other lanes the observation itself | SI |
-    | tip | (n, 2) of the links | m |
+    | final_obs | (n, 5 joints) observation before a new episode began; in the other lanes the observation itself | SI |
+    | tip | (n, 2 or 3) of the links | m |
     | tip_error | (n,) distance of the tip from its reference | m |
     | reward_tracking, reward_effort | (n,) parts of the reward | |
     | torque_clipped | (n,) bool, whether the action was beyond the torque limits | |
@@ -90,8 +90,9 @@ class TorchFuzzyArm:
             finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
         case: "nominal", "machining" or "payload".
         disturbance: one of your own in place of the case.
-        reference: default: the paper's circle.
+        reference: default: the paper's circle, or that of the robot.
         parameters: the plant's, default: Table 1.
+        robot: another serial robot in place of the two-joint arm, by name, TOML file or as a `Robot`.
         control_period: [s].
         substep: [s], a whole fraction of the control period; default: the largest one up to 0.2 ms.
         randomisation: what each episode draws: "nominal", "plants", "robust" or a `DomainRandomisation`.
@@ -141,11 +142,11 @@ class TorchFuzzyArm:
 
     @property
     def state(self) -> Tensor:
-        """The true states (n, 8), noise-free, in the order of `State`: motor and link angles [rad], velocities."""
+        """The true states (n, 4 joints), noise-free, in the order of `State`: motor and link angles [rad], velocities."""
         return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:
-        """Return what the episodes under way drew, by quantity: (n, 2) for one value per joint, else (n,)."""
+        """Return what the episodes under way drew, by quantity: (n, joints) for one value per joint, else (n,)."""
 
         def rows(value: Any) -> Tensor:
             if isinstance(value, tuple):
@@ -156,7 +157,7 @@ class TorchFuzzyArm:
         return {name: rows(value) for name, value in drawn(self._shared, self._lanes.key)._asdict().items()}
 
     def reset(self, seed: int | None = None) -> Tensor:
-        """Begin an episode in every lane and return the observations (n, 10).
+        """Begin an episode in every lane and return the observations (n, 5 joints).
 
         Args:
             seed: lane i gets the random stream of seed + i. None: the streams go on; the first time, from 0.
@@ -173,10 +174,10 @@ class TorchFuzzyArm:
             return stacked(rows).t()
 
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
-        """Hold the torques `action` (n, 2) [N m] for one control period.
+        """Hold the torques `action` (n, joints) [N m] for one control period.
 
         Returns:
-            Observations (n, 10), rewards (n,), terminated (n,) and truncated (n,) as bool, and `info`.
+            Observations (n, 5 joints), rewards (n,), terminated (n,) and truncated (n,) as bool, and `info`.
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")

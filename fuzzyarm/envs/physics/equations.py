@@ -83,7 +83,11 @@ def _named(robot: str) -> AnyArm:
     if robot in shipped_robots():
         return robot_named(robot)
     if Path(robot).suffix == ".toml":
-        return Robot.from_toml(robot) if "joints" in read_toml(Path(robot)) else ArmParameters.from_toml(robot)
+        if {"joints", "model", "name", "tip"}.isdisjoint(read_toml(Path(robot))):
+            return ArmParameters.from_toml(robot)
+        from fuzzyarm.envs.physics.robot_models import read_robot  # the paper's arm needs no reader
+
+        return read_robot(robot)
     raise ValueError(
         f"unknown robot {checks.shown(robot)}; choose from: {', '.join(shipped_robots())}, or give a .toml file"
     )
