@@ -29,7 +29,7 @@ def robots_table() -> str:
         "robot",
         "joints",
         "radius of the circle [m]",
-        "its duration [s]",
+        "duration [s]",
         "machining force [N]",
         "payload [kg]",
     )
