@@ -57,8 +57,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ``reset(options={"reset_mask": mask})`` begins one in the lanes that the mask (num_envs,) of booleans names, and a
     step before raises. A mask works in every mode: the other lanes go on where they are and have no `info`.
 
-    Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one for
-    all lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
+    Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
+    for all lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
     ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is how many threads share a step
     (default: one per 1024 lanes, at most one per core); results do not depend on it.
 

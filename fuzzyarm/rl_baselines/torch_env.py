@@ -142,7 +142,7 @@ class TorchFuzzyArm:
 
     @property
     def state(self) -> Tensor:
-        """The true states (n, 4 joints), noise-free, in the order of `State`: motor and link angles [rad], velocities."""
+        """The true states (n, 4 joints), noise-free, in the order of `State`: motor, link angles [rad], velocities."""
         return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:

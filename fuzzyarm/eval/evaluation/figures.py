@@ -235,8 +235,10 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: Styles) -> Fig
     arrow = {"arrowstyle": "-|>", "color": "black", "mutation_scale": 15, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (y_ahead, x_ahead), (y, x), arrowprops=arrow)  # the direction of motion
     axes.set(xlim=(low[1], high[1]), ylim=(high[0], low[0]), aspect="equal")
-    down, side = view.labels
-    axes.set(xlabel=side, ylabel=down, title=f"{title}, tip deviation × {factor}")
+    if view.upwards:
+        axes.yaxis.set_major_formatter(lambda value, _: f"{-value:.4g}")
+    vertical, side = view.labels
+    axes.set(xlabel=side, ylabel=vertical, title=f"{title}, tip deviation × {factor}")
     _legend(figure, episodes, styles, [Line2D([], [], **REFERENCE)])
     return figure
 

@@ -18,10 +18,12 @@ class View:
     Attributes:
         rows: (2, axes), of the unit vectors that point down and to the side in the picture.
         labels: of the vertical and the horizontal axis.
+        upwards: whether the vertical axis counts upwards.
     """
 
     rows: np.ndarray
     labels: tuple[str, str]
+    upwards: bool
 
     def of(self, points: np.ndarray) -> np.ndarray:
         """Return the points (..., axes) [m] as (..., 2): down and to the side [m]."""
@@ -35,15 +37,15 @@ def view_of(reference: np.ndarray) -> View:
     can.
     """
     if reference.shape[-1] == _PLANE:
-        return View(np.eye(_PLANE), ("x, down [m]", "y, to the side [m]"))
+        return View(np.eye(_PLANE), ("x, down [m]", "y, to the side [m]"), upwards=False)
     _, _, directions = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=True)
     normal = directions[-1] * (1.0 if directions[-1].sum() >= 0.0 else -1.0)
     up = np.eye(_SPACE)[-1] - normal[-1] * normal
-    if np.linalg.norm(up) < 0.1:  # a path in a horizontal plane is seen from above, x upwards
-        up = np.eye(_SPACE)[0] - normal[0] * normal
+    if np.linalg.norm(up) < 0.1:  # a path in the plane of the base is seen from above, x downwards
+        up = normal[0] * normal - np.eye(_SPACE)[0]
     up /= np.linalg.norm(up)
     side = np.cross(up, normal)
-    return View(np.stack([-up, side]), (f"along {_named(up)} [m]", f"along {_named(side)} [m]"))
+    return View(np.stack([-up, side]), (f"along {_named(up)} [m]", f"along {_named(side)} [m]"), upwards=True)
 
 
 def _named(direction: np.ndarray) -> str:
