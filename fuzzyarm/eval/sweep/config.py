@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 import shlex
 from collections.abc import Callable
@@ -238,10 +237,10 @@ class SweepConfig:
 def _tuples(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
     """Return rows as records; TypeError unless each has as many entries as the record has fields."""
     fields = kind._fields  # type: ignore[attr-defined]
-    rows = given if isinstance(given, list | tuple) else [None]
-    if not all(isinstance(row, list | tuple) and len(row) == len(fields) for row in rows):
+    good = isinstance(given, list | tuple)
+    if not (good and all(isinstance(row, list | tuple) and len(row) == len(fields) for row in given)):
         raise TypeError(f"{name} = {shown(given)} must be a tuple of rows ({', '.join(fields)})")
-    return tuple(itertools.starmap(kind, rows))
+    return tuple(kind(*row) for row in given)
 
 
 def _as_lists(value: Any) -> Any:
