@@ -17,6 +17,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from readme_abuse import abuse_table
 from readme_design import bounds_table, complexity_table, gains_table, margins_table, synthesis_table
 from readme_markdown import made_with
 from readme_results import (
@@ -82,6 +83,7 @@ def measure() -> None:
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
+    _python("-m", "tests.abuse")
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
     _python(ROOT / "examples" / "picture.py", FIGURES / "arm.png")
@@ -112,7 +114,10 @@ def readme_sections() -> dict[str, str]:
 
 def sections() -> dict[str, str]:
     """Return the tables of the documentation from the stored results, by the name that its directive gives them."""
-    stored = {name: _stored(name) for name in ("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", *SCRIPTS)}
+    stored = {
+        name: _stored(name)
+        for name in ("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse", *SCRIPTS)
+    }
     return {
         "results": f"{markdown_table(stored['evaluate']['results'])}\n\n"
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(stored['evaluate'])}\n\n"
@@ -128,6 +133,7 @@ def sections() -> dict[str, str]:
         "complexity": complexity_table(stored["complexity"]),
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
+        "abuse": abuse_table(stored["abuse"]),
     }
 
 

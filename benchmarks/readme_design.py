@@ -6,6 +6,7 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
+from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 
@@ -19,7 +20,7 @@ def complexity_table(document: dict[str, Any]) -> str:
     rows = [
         [
             str(row["rules"]),
-            f"{1e6 * row['gamma']:.0f}",
+            f"{1e6 * float(at_most(row['gamma'], 3)):.0f}",
             f"{1e-3 * row['gain']:.1f}",
             f"{row['synthesis_s'] + row['proof_s']:.2f}",
             f"{row['predict_us']:.1f}",
@@ -68,7 +69,8 @@ def bounds_table(document: dict[str, Any]) -> str:
     for name, bound in document["bounds"].items():
         decay, gain = bound["decay_per_s"], bound["gain_rad_per_Nm"]
         observed = f"{gain['observed']:.2e} ({gain['observed'] / gain['certified']:.0%})"
-        rows.append([name, f"{decay['certified']:g}", f"{decay['observed']:.1f}", f"{gain['certified']:.2e}", observed])
+        alpha, gamma = at_least(decay["certified"], 6), f"{float(at_most(gain['certified'], 3)):.2e}"
+        rows.append([name, alpha, f"{decay['observed']:.1f}", gamma, observed])
     return (
         f"{table(headings, rows)}\n\nOn the rigid arm in continuous time, which is what the certificates are about: "
         "the slowest decay of V and the largest gain over a library of disturbances and the worst found by search. "
@@ -80,7 +82,6 @@ def gains_table(document: dict[str, Any]) -> str:
     """Return the table of 4-rule designs, without a bound of the fastest pole and with the chosen bound."""
     chosen = document["chosen"][0]
     columns = {
-        "gamma": ("γ [rad/(N m)]", "{:.1e}"),
         "largest_gain": ("largest gain [kN m/rad]", "{:.1f}"),
         "fastest_rigid_pole": ("fastest rigid pole [1/s]", "{:.0f}"),
         "radius": ("radius", "{:.4f}"),
@@ -94,11 +95,12 @@ def gains_table(document: dict[str, Any]) -> str:
     shown = [row for row in document["rows"] if row["rules"] == 4 and 1e-4 <= row["gamma"] <= 2.5e-4]
     rows = []
     for row in (row for row in shown if row["fastest_pole"] in (None, chosen["fastest_pole"])):
-        bound = "none" if row["fastest_pole"] is None else f"{row['fastest_pole']:g}"
+        bound = "none" if row["fastest_pole"] is None else at_most(row["fastest_pole"], 6)
         mark = " (shipped)" if all(row[key] == chosen[key] for key in ("gamma", "fastest_pole")) else ""
         values = {**row, "largest_gain": 1e-3 * row["largest_gain"]}
-        rows.append([bound + mark, *(form.format(values[key]) for key, (_, form) in columns.items())])
-    headings = ["bound [1/s]", *(heading for heading, _ in columns.values())]
+        gamma = f"{float(at_most(row['gamma'], 2)):.1e}"
+        rows.append([bound + mark, gamma, *(form.format(values[key]) for key, (_, form) in columns.items())])
+    headings = ["bound [1/s]", "γ [rad/(N m)]", *(heading for heading, _ in columns.values())]
     return f"{table(headings, rows)}\n\n`{document['command']}` (its JSON has the whole grid); {made_with(document)}"
 
 

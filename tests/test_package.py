@@ -1,5 +1,9 @@
 """The cost of imports, and which part may import which."""
 
+import ast
+import importlib
+import importlib.util
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -51,3 +55,82 @@ def test_an_edit_of_a_source_changes_the_name_of_its_machine_code():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "True"
+
+
+PACKAGE = ROOT / "fuzzyarm"
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+MENTIONED = re.compile(r"(?<!`)`((?:\w+\.)+\w+)`(?!`)")
+"""A name in single backticks with a dot in it, as `layout.Work`."""
+
+
+def module_name(path):
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def texts(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            yield ast.get_docstring(node) or ""
+
+
+def found(name):
+    """Whether a dotted name that begins with a module of the package, or the end of one, is there; None for others."""
+    first, *rest = name.split(".")
+    homes = [module_name(path) for path in SOURCES if module_name(path).split(".")[-1] == first]
+    if not homes or first in ("spec", "data"):  # names of attributes in what Gymnasium and the proofs hand over
+        return None
+    return any(resolves(home, rest) for home in homes)
+
+
+def resolves(module, names):
+    at = importlib.import_module(module)
+    for name in names:
+        if not hasattr(at, name) and hasattr(at, "__path__") and importlib.util.find_spec(f"{at.__name__}.{name}"):
+            importlib.import_module(f"{at.__name__}.{name}")
+        if not hasattr(at, name):
+            return False
+        at = getattr(at, name)
+    return True
+
+
+@pytest.mark.parametrize("path", [path for path in SOURCES if "ray_backend" not in path.name], ids=module_name)
+def test_what_docstrings_refer_to_exists(path):
+    mentioned = [name for text in texts(path) for name in MENTIONED.findall(text)]
+    assert [name for name in mentioned if found(name) is False] == []
+
+
+def test_a_reference_to_something_that_does_not_exist_is_found():
+    assert found("layout.Work") and found("fuzzyarm.load_policy") and found("policies.registry.add_policy")
+    assert found("layout.Wrok") is False and found("fuzzyarm.learned_polices") is False
+    assert found("gym.make") is None
+
+
+@pytest.mark.parametrize(
+    ("libraries", "home"),
+    [
+        (("torch", "stable_baselines3"), "rl_baselines"),
+        (("clarabel",), "synthesis"),
+        (("cyclopts",), "cli"),
+        (("msgspec",), "common"),
+        (("pygame",), "envs"),
+        (("safetensors",), "learned_policy"),
+        (("cvxpy",), "nowhere"),
+    ],
+)
+def test_a_library_is_imported_where_the_texts_say_and_nowhere_else(libraries, home):
+    importing = set()
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            if any(name.split(".")[0] in libraries for name in names):
+                importing.add(path.relative_to(PACKAGE).parts[0])
+    assert importing == ({home} if home != "nowhere" else set())
+
+
+def test_no_package_with_modules_is_called_empty():
+    for path in SOURCES:
+        if path.name == "__init__.py" and len(list(path.parent.glob("*.py"))) > 1:
+            assert not re.search(
+                r"\b(empty|so far|todo|not yet)\b", ast.get_docstring(ast.parse(path.read_text())), re.I
+            )

@@ -9,7 +9,6 @@ Exit codes: 0 fine, 1 a result that fails, 2 bad usage, 130 interrupted, 141 the
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import os
 import sys
@@ -20,8 +19,9 @@ import cyclopts
 
 from fuzzyarm import __version__
 from fuzzyarm.cli.options import option_name, shown_default
+from fuzzyarm.cli.streams import discard_output, finish_output, open_streams
 from fuzzyarm.cli.usage import UsageError, explain, whole_numbers
-from fuzzyarm.common.console import output
+from fuzzyarm.common.console import STANDARD_OUTPUT, escaped, output, say
 
 __all__ = ["GROUPS", "application", "entry_point", "main"]
 
@@ -55,15 +55,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     command = next((f"fuzzyarm {name}" for name in words[:1] if name in _modules()), "fuzzyarm")
     try:
-        return _run(words)
+        code = _run(words)
+        finish_output()
+        return code
     except cyclopts.CycloptsError as error:
         return _fail(f"{command}: {explain(error)}", 2)
     except BrokenPipeError:
-        # The reader, such as head, has left. What is still buffered must go nowhere, or Python complains at its end.
-        with contextlib.suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_output()  # the reader, such as head, has left
         return 141  # what a shell reports for it
     except OSError as error:
+        if error.filename == STANDARD_OUTPUT:
+            discard_output()
         where = f"{error.filename}: " if error.filename else ""
         return _fail(f"{command}: {where}{error.strerror or error}", 2)
     except (UsageError, ValueError) as error:
@@ -73,7 +75,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def entry_point() -> None:
-    """Run as the installed command."""
+    """Run as the installed command: with streams that can be written, and without the user's drawing back end.
+
+    The figures are drawn into files, and Matplotlib refuses to be imported if MPLBACKEND names a back end it lacks.
+    """
+    os.environ["MPLBACKEND"] = "agg"
+    try:
+        open_streams()
+    except UsageError as error:
+        sys.exit(_fail(f"fuzzyarm: {error}", 2))
     sys.exit(main())
 
 
@@ -87,7 +97,8 @@ def application(words: Sequence[str] | None = None) -> cyclopts.App:
     made = cyclopts.App(
         name="fuzzyarm",
         help="Tracking control of a two-joint robot arm with elastic joints.",
-        version=f"fuzzyarm {__version__}",
+        version=_version,
+        version_format="plaintext",
         help_format="markdown",
         group_parameters=cyclopts.Group("Options", sort_key=1),
         group_arguments=cyclopts.Group("Arguments", sort_key=0),
@@ -128,6 +139,13 @@ def _describe(command: cyclopts.App, name: str) -> None:
         command.usage = f"Usage: fuzzyarm {name} [OPTIONS] {arguments}"
 
 
+def _version() -> str:
+    """Return the version in the first line, then what else a report of a bug needs."""
+    from fuzzyarm.eval.provenance import installed
+
+    return "\n".join([f"fuzzyarm {__version__}", *(f"{name} {version}" for name, version in installed().items())])
+
+
 def _modules() -> list[str]:
     return [name for commands in GROUPS.values() for name in commands]
 
@@ -149,5 +167,5 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _fail(message: str, code: int) -> int:
-    print(" ".join(message.split()), file=sys.stderr)
+    say(escaped(" ".join(message.split())), error=True)
     return code

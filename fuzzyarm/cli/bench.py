@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from fuzzyarm.cli.options import chosen, with_fields_of
-from fuzzyarm.cli.usage import UsageError, writable_folder
+from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.eval.bench.config import BenchConfig
 
 __all__ = ["Options", "run"]
@@ -20,7 +21,8 @@ __all__ = ["Options", "run"]
 class Options:
     """Measure environment steps per second, this project's environments and their peers in turns; print a table.
 
-    It takes about two minutes. The peers are installed by: pip install 'fuzzyarm[bench]', torch by 'fuzzyarm[rl]'.
+    It takes about two minutes. The peers are installed by pip install -c constraints.txt -e ".[bench]" in the
+    repository, torch by ".[rl]" in place of ".[bench]".
     """
 
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
@@ -33,23 +35,22 @@ def run(options: Options) -> int:
     """Print the table, and write the file and the figure."""
     import json
 
-    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.eval.bench.run import run_bench, write_document
     from fuzzyarm.eval.bench.speed_table import print_speeds
 
     config = chosen(options, BenchConfig())
     if config.lanes_sweep and options.out is None:
         raise UsageError("--lanes-sweep draws throughput.png: say where with --out DIR")
-    if options.out is not None:
-        writable_folder(options.out)
-    # The bar is drawn between the turns: nothing else may run while one is timed.
-    with progress("", config.turns(), between_steps=True) as advance:
-        document = run_bench(config, advance)
-    written = write_document(document, options.out) if options.out is not None else []
+    with contextlib.nullcontext() if options.out is None else claimed_folder(options.out):
+        # The bar is drawn between the turns: nothing else may run while one is timed.
+        with progress("", config.turns(), between_steps=True) as advance:
+            document = run_bench(config, advance)
+        written = write_document(document, options.out) if options.out is not None else []
     if options.json:
-        print(json.dumps(document, indent=1))
+        say(json.dumps(document, indent=1))
         return 0
     print_speeds(document, output())
     if written:
-        print(f"\n{', '.join(path.name for path in written)} in {options.out}")
+        say(f"\n{', '.join(path.name for path in written)} in {options.out}")
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -50,7 +49,7 @@ class Options:
 
 def run(options: Options) -> int:
     """Design, prove and write the controller; return 1 if there is none with these requirements."""
-    from fuzzyarm.common.console import status
+    from fuzzyarm.common.console import say, status
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.synthesis import DesignFailed, describe, design
 
@@ -61,11 +60,11 @@ def run(options: Options) -> int:
         with status("solving and proving"):
             result = design(specification, parameters)
     except DesignFailed as error:
-        print(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), file=sys.stderr)
+        say(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), error=True)
         return 1
     result.controller.save(options.out)
-    print(describe(result))
-    print(f"\nwritten to {options.out}")
+    say(describe(result))
+    say(f"\nwritten to {options.out}")
     return 0
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, writable_folder
+from fuzzyarm.cli.usage import UsageError, claimed_folder
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
@@ -41,38 +40,42 @@ class Options:
     check: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Repeat the evaluation of a results.json, or of the folder that holds it, and compare every number but times.
     Nothing is written; the exit code is 1 if a number differs. Code of your own that the file names runs only if
-    --policy names it too"""
+    --policy names it too; with the path of a policy's file, --policy says where that is now"""
 
 
 def run(options: Options) -> int:
     """Evaluate; return 1 if an episode ended early, or with `check` if a number differs."""
     if options.check is not None:
         return _repeat(options, options.check)
-    from fuzzyarm.common.console import output, print_paragraphs, progress
+    import json
+
+    from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
     from fuzzyarm.eval.evaluation.result_table import print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
+    from fuzzyarm.eval.evaluation.verdict import verdict
 
     config = _config(options)
     out = options.out or Path("fuzzyarm-evaluation")
-    writable_folder(out)
-    with progress("episodes", len(config.policies) * len(config.cases) * config.seeds) as advance:
-        evaluation = evaluate(config, advance)
-    written = write_results(evaluation, out)
-    with progress("figures", None) as advance:
-        written += write_figures(evaluation.rollouts, out, advance)
-    written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
+    with claimed_folder(out):
+        with progress("episodes", len(config.policies) * len(config.cases) * config.seeds) as advance:
+            evaluation = evaluate(config, advance)
+        written = write_results(evaluation, out)
+        with progress("figures", None) as advance:
+            written += write_figures(evaluation.rollouts, out, advance)
+        written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
     if options.json:
-        _print_json(evaluation)
+        say(json.dumps(evaluation.to_dict(), indent=1))
     else:
         console = output()
         print_results(evaluation.rows, console)
-        print_paragraphs(console, [*_certificates(evaluation), f"{len(written)} files in {out}"])
+        print_paragraphs(console, _certificates(evaluation))
+        print_paragraphs(console, ["\n".join(verdict(evaluation.rows, evaluation.certificates, out, len(written)))])
     for rollout in evaluation.rollouts:
         if not rollout.completed:
             end = f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
-            print(f"{rollout.policy} in case {rollout.case} {end}", file=sys.stderr)
+            say(f"{rollout.policy} in case {rollout.case} {end}", error=True)
     return 0 if evaluation.complete else 1
 
 
@@ -88,12 +91,6 @@ def _config(options: Options) -> EvaluationConfig:
         "parameters": options.robot and ArmParameters.from_toml(options.robot),
     }
     return EvaluationConfig(**{name: value for name, value in given.items() if value is not None})
-
-
-def _print_json(evaluation: Evaluation) -> None:
-    import json
-
-    print(json.dumps(evaluation.to_dict(), indent=1))
 
 
 def _certificates(evaluation: Evaluation) -> list[str]:

@@ -29,12 +29,12 @@ class Options:
 
 def run(options: Options) -> int:
     """Print the table."""
-    from fuzzyarm.common.console import output
+    from fuzzyarm.common.console import output, say
     from fuzzyarm.eval.evaluation.ranking import markdown, print_leaderboard, rank_policies
 
     board = rank_policies(options.files)
     if options.markdown:
-        print(markdown(board))
+        say(markdown(board))
     else:
         print_leaderboard(board, output())
     return 0

@@ -35,7 +35,7 @@ def run(options: Options) -> int:
     """Print the table, and write the file."""
     import json
 
-    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, print_margins
     from fuzzyarm.policies import NAMES
@@ -49,9 +49,9 @@ def run(options: Options) -> int:
     if options.out is not None:
         write_atomically(options.out, text + "\n")
     if options.json:
-        print(text)
+        say(text)
         return 0
     print_margins(document, output())
     if options.out is not None:
-        print(f"\nwritten to {options.out}")
+        say(f"\nwritten to {options.out}")
     return 0

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, writable_folder
+from fuzzyarm.cli.usage import UsageError, check_writable, claimed_folder
 
 __all__ = ["Options", "run"]
 
@@ -36,7 +35,7 @@ def run(options: Options) -> int:
     """Write tables and figures; return 1 if a number has drifted."""
     import json
 
-    from fuzzyarm.common.console import output, progress
+    from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.eval.paper.drift import EXPECTED, load_expected, store_expected
     from fuzzyarm.eval.paper.evidence import STEPS, gather
     from fuzzyarm.eval.paper.figures import write_figures
@@ -45,23 +44,23 @@ def run(options: Options) -> int:
     if options.renew and options.expected:
         raise UsageError("--renew writes new stored numbers and --expected compares with old ones; give one of them")
     stored = {} if options.renew else load_expected(options.expected or EXPECTED)
-    writable_folder(options.out)
     if options.renew:
-        writable_folder(options.renew.parent)
-    with progress("runs and proofs", STEPS) as advance:
-        evidence = gather(advance)
-        comparison = compare(evidence, stored)
-    if options.renew:
-        comparison = renewed(comparison)
-        store_expected(comparison.measured, comparison.made_with, options.renew)
-    with progress("figures", None) as advance:
-        figures = write_figures(evidence, options.out, advance)
-    written = [*figures, *write_report(comparison, figures, options.out)]
+        check_writable(options.renew.parent)
+    with claimed_folder(options.out):
+        with progress("runs and proofs", STEPS) as advance:
+            evidence = gather(advance)
+            comparison = compare(evidence, stored)
+        if options.renew:
+            comparison = renewed(comparison)
+            store_expected(comparison.measured, comparison.made_with, options.renew)
+        with progress("figures", None) as advance:
+            figures = write_figures(evidence, options.out, advance)
+        written = [*figures, *write_report(comparison, figures, options.out)]
     if options.json:
-        print(json.dumps(comparison.to_dict(), indent=1))
+        say(json.dumps(comparison.to_dict(), indent=1))
     else:
         print_report(comparison, output())
-        print(f"\n{len(written)} files in {options.out}")
+        say(f"\n{len(written)} files in {options.out}")
     for moved in comparison.drifted:
-        print(f"fuzzyarm paper: {moved}", file=sys.stderr)
+        say(f"fuzzyarm paper: {moved}", error=True)
     return 1 if comparison.drifted else 0

@@ -32,7 +32,7 @@ class Options:
 
 def run(options: Options) -> int:
     """Write the page."""
-    from fuzzyarm.common.console import status
+    from fuzzyarm.common.console import say, status
     from fuzzyarm.eval.report.page import write_report
 
     if options.out is not None:
@@ -40,5 +40,5 @@ def run(options: Options) -> int:
     out = options.out or options.folder / "report.html"
     with status("observing the certified loops"):
         write_report(options.folder, out)
-    print(f"written to {out}")
+    say(f"written to {out}")
     return 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fuzzyarm.cli.options import given, with_fields_of
+from fuzzyarm.cli.usage import claimed_folder
+from fuzzyarm.common.console import say
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.losses import WorkersLost
@@ -49,12 +51,21 @@ def run(options: Options) -> int:
     """Run a sweep, go on with one, or replay a plant; return 1 if workers died again and again."""
     from fuzzyarm.eval.sweep.run import Sweep
 
-    engine = Engine(**given(options, Engine))
-    resumed = options.resume or options.replay is not None
-    sweep = Sweep.resume(options.out, _given(options)) if resumed else Sweep.begin(options.out, configured(options))
+    engine, values = Engine(**given(options, Engine)), _given(options)
     if options.replay is not None:
-        _replay(sweep, *options.replay)
+        _replay(Sweep.resume(options.out, values), *options.replay)
         return 0
+    if not options.resume:
+        config = SweepConfig.of(values)
+        with claimed_folder(options.out):
+            return _complete(options, Sweep.begin(options.out, config), engine)
+    # A folder that is missing is not made, and the sweep itself says what it lacks.
+    with claimed_folder(options.out) if options.out.is_dir() else contextlib.nullcontext():
+        return _complete(options, Sweep.resume(options.out, values), engine)
+
+
+def _complete(options: Options, sweep: Sweep, engine: Engine) -> int:
+    """Run what is missing and summarise; a sweep that was begun and has no results yet is taken back after an error."""
     try:
         _run(sweep, engine)
         _summarise(sweep, options.json)
@@ -63,7 +74,7 @@ def run(options: Options) -> int:
     except WorkersLost as error:
         return _stopped(options.out, str(error), 1)
     except (OSError, ValueError):
-        if not resumed:
+        if not options.resume:
             sweep.store.take_back()
         raise
     return 0
@@ -87,7 +98,7 @@ def _run(sweep: Sweep, engine: Engine) -> None:
     from fuzzyarm.common.console import progress
 
     def report(text: str) -> None:
-        print(f"fuzzyarm sweep: {text}", file=sys.stderr)
+        say(f"fuzzyarm sweep: {text}", error=True)
 
     total = sweep.store.config.total
     done = total - sweep.remaining
@@ -108,7 +119,7 @@ def _summarise(sweep: Sweep, as_json: bool) -> None:
     with progress("figures", None) as advance:
         summary = sweep.summarise(advance)
     if as_json:
-        print(json.dumps(summary.document, indent=1))
+        say(json.dumps(summary.document, indent=1))
         return
     console = output()
     print_sweep(summary.document, console)
@@ -121,10 +132,10 @@ def _replay(sweep: Sweep, policy: str, case: str, plant: int) -> None:
     rollout = replayed.rollout
     end = "followed to the end" if rollout.completed else f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
     largest = 1e3 * rollout.tip_error.max()
-    print(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
-    print(f"signals and figures in {replayed.folder}")
+    say(f"plant {plant} (seed {rollout.seed}), {policy}, {case}: {end}, tip error up to {largest:.6g} mm")
+    say(f"signals and figures in {replayed.folder}")
 
 
 def _stopped(out: Path, reason: str, code: int) -> int:
-    print(f"fuzzyarm sweep: {reason}; what is done is kept: --resume --out {out} goes on", file=sys.stderr)
+    say(f"fuzzyarm sweep: {reason}; what is done is kept: --resume --out {out} goes on", error=True)
     return code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -9,11 +10,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from cyclopts import App, Parameter
 
 from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
-from fuzzyarm.cli.usage import UsageError, writable_folder
+from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, find_algorithm
 
 if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
+    from fuzzyarm.rl_baselines.config import TrainingConfig
 
 __all__ = ["Options", "add_algorithms", "options_of", "run"]
 
@@ -32,7 +34,8 @@ class Options:
     """Folder of the run, made if needed"""
     resume: bool = False
     """Continue from the last checkpoint in --out, as the run was configured; the result is that of a run that was
-    never stopped"""
+    never stopped. With a larger --total-timesteps a run goes on beyond its end: what was learned is kept bit for bit,
+    and the learning rate continues as if the new total had been the total from the beginning"""
     preset: Annotated[str | None, Parameter(metavar="NAME")] = None
     """The settings that the other options change"""
 
@@ -50,29 +53,42 @@ def options_of(spec: AlgorithmSpec) -> type[Options]:
     first, *others = spec.presets
     made.__doc__ = (
         f"Train a policy with {spec.title}.\n\nThe folder gets curve.csv, checkpoint.pt and the policies policy/ (the "
-        "last) and best/ (the smallest tip error). Training needs pip install 'fuzzyarm[rl]'. The defaults below are "
-        f"those of --preset {first}{'; other presets: ' + ', '.join(others) if others else ''}."
+        'last) and best/ (the smallest tip error). Training needs pip install -c constraints.txt -e ".[rl]" in the '
+        f"repository. The defaults below are those of --preset {first}"
+        f"{'; other presets: ' + ', '.join(others) if others else ''}."
     )
     return made
 
 
 def run(options: Options) -> int:
     """Train a policy, or continue a training."""
+    from fuzzyarm.common.console import say
     from fuzzyarm.rl_baselines.progress import train_with_progress
 
-    spec = find_algorithm(options.algorithm)
+    config = None if options.resume else _config(options)
+    total = getattr(options, "total_timesteps", None) if options.resume else None
     if options.resume:
-        names = [*(["preset"] if options.preset else []), *given(options, spec.config)]
-        if names:
-            flags = ", ".join(f"--{option_name(name)}" for name in names)
-            raise UsageError(f"--resume continues the run as it was configured; leave out {flags}")
-        train_with_progress(None, options.out)
-    else:
-        preset = options.preset or next(iter(spec.presets))
-        if preset not in spec.presets:
-            raise UsageError(f"--preset {preset} is unknown; choose from: {', '.join(spec.presets)}")
-        config = chosen(options, spec.presets[preset])
-        writable_folder(options.out)
-        train_with_progress(config, options.out)
-    print(f"written to {options.out / 'policy'}")
+        _check_resumed(options)
+    # A folder that is missing is not made for a run to resume: that there is no checkpoint is the better message.
+    missing = options.resume and not options.out.is_dir()
+    with contextlib.nullcontext() if missing else claimed_folder(options.out):
+        train_with_progress(config, options.out, total)
+    say(f"written to {options.out / 'policy'}")
     return 0
+
+
+def _config(options: Options) -> TrainingConfig:
+    """Return the configuration of a new run."""
+    spec = find_algorithm(options.algorithm)
+    preset = options.preset or next(iter(spec.presets))
+    if preset not in spec.presets:
+        raise UsageError(f"--preset {preset} is unknown; choose from: {', '.join(spec.presets)}")
+    return chosen(options, spec.presets[preset])
+
+
+def _check_resumed(options: Options) -> None:
+    """Refuse settings that would change a run that is resumed; its length may change."""
+    names = [*(["preset"] if options.preset else []), *given(options, find_algorithm(options.algorithm).config)]
+    flags = ", ".join(f"--{option_name(name)}" for name in names if name != "total_timesteps")
+    if flags:
+        raise UsageError(f"--resume continues the run as it was configured; leave out {flags}")

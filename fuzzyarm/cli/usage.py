@@ -2,31 +2,58 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import tempfile
 import types
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import cyclopts
 
-__all__ = ["UsageError", "explain", "output_file", "whole_numbers", "writable_folder"]
+from fuzzyarm.common.files import locked_folder
+
+__all__ = ["UsageError", "check_writable", "claimed_folder", "explain", "output_file", "whole_numbers"]
 
 
 class UsageError(Exception):
     """Bad usage; the message is the line that the user sees."""
 
 
-def writable_folder(folder: Path) -> None:
-    """Make a folder, and write a nameless file to it, so that a command fails before it has computed anything.
+@contextlib.contextmanager
+def claimed_folder(folder: Path) -> Iterator[None]:
+    """Make a folder if needed, and let no other command write to it while the block runs.
+
+    A folder that was made and is empty at the end, since the command was refused, is removed.
 
     Raises:
-        UsageError: the folder cannot be made or written to.
+        UsageError: the folder cannot be made or written to; raised before anything is computed.
+        ValueError: another process is writing to it.
+    """
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"cannot write to {folder}: {error.strerror or error}") from None
+        check_writable(folder)
+        with locked_folder(folder):
+            yield
+    finally:
+        with contextlib.suppress(OSError):  # the first that is not empty
+            for one in made:
+                one.rmdir()
+
+
+def check_writable(folder: Path) -> None:
+    """Write a nameless file to a folder, so that a command fails before it has computed anything.
+
+    Raises:
+        UsageError: the folder is missing or cannot be written to.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
@@ -44,7 +71,7 @@ def output_file(path: Path, suffix: str) -> None:
         raise UsageError(f"--out {path} must be a file ending in {suffix}")
     if not path.parent.is_dir():
         raise UsageError(f"--out {path}: the folder {path.parent} does not exist")
-    writable_folder(path.parent)
+    check_writable(path.parent)
 
 
 def whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:

@@ -31,7 +31,7 @@ def run(options: Options) -> int:
     """Print the claims; return 1 if one is not proven."""
     import json
 
-    from fuzzyarm.common.console import progress
+    from fuzzyarm.common.console import progress, say
     from fuzzyarm.eval.certified.verification import verify_file
 
     reports = []
@@ -40,7 +40,7 @@ def run(options: Options) -> int:
             reports.append(verify_file(path))
             advance()
     if options.json:
-        print(json.dumps([report.to_dict() for report in reports], indent=1))
+        say(json.dumps([report.to_dict() for report in reports], indent=1))
     else:
-        print("\n\n".join(report.to_text() for report in reports))
+        say("\n\n".join(report.to_text() for report in reports))
     return 0 if all(report.certificate.proven for report in reports) else 1

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ __all__ = [
     "instance",
     "interval",
     "is_real",
+    "listed",
     "real",
     "real_entries",
     "reals",
@@ -33,6 +34,7 @@ __all__ = [
 
 Choice = TypeVar("Choice")
 
+_NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # although classes of numbers are among their bases
 SHOWN = 80  # characters of a value in a message
 MESSAGE = 300  # characters of a message that quotes a type
 
@@ -82,7 +84,7 @@ def whole(name: str, value: Any, *, low: int = 0, high: int | None = None) -> in
         ValueError: it is out of range.
     """
     allowed = f"allowed: {low}, {low + 1}, {low + 2}, ..." if high is None else f"allowed: {low} to {high}"
-    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
+    if isinstance(value, _NO_NUMBERS) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} = {shown(value)} must be a whole number; {allowed}")
     number = int(value)
     if number < low or (high is not None and number > high):
@@ -155,12 +157,14 @@ def instance(name: str, value: Any, kind: type[Choice]) -> Choice:
     return value
 
 
-def finite_array(name: str, values: Any, shape: tuple[int, ...], unit: str = "") -> np.ndarray:
-    """Return a new array of float64 with a shape.
+def finite_array(
+    name: str, values: Any, shape: tuple[int, ...], unit: str = "", *, largest: float = math.inf
+) -> np.ndarray:
+    """Return a new array of float64 with a shape, no entry beyond ±`largest`.
 
     Raises:
         TypeError: the entries are no real numbers (complex numbers, texts, dates, objects).
-        ValueError: the shape differs, or an entry is not finite.
+        ValueError: the shape differs, or an entry is not finite or beyond `largest`.
     """
     array = np.asarray(values)
     real_entries(name, array, unit)
@@ -169,6 +173,9 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...], unit: str = "")
     result = array.astype(np.float64)
     if not np.isfinite(result).all():
         raise ValueError(f"{name} holds numbers that are not finite")
+    if (np.abs(result) > largest).any():
+        allowed = _allowed(unit, low=-largest, high=largest)
+        raise ValueError(f"{name} holds a number of size {np.abs(result).max():g}: out of range; {allowed}")
     return result
 
 
@@ -179,8 +186,8 @@ def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
 
 
 def is_real(value: Any) -> bool:
-    """Return whether a value is a real number: no boolean, no complex number, no text."""
-    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
+    """Return whether a value is a real number: no boolean, no complex number, no text, no time."""
+    return isinstance(value, numbers.Real) and not isinstance(value, _NO_NUMBERS)
 
 
 def shown(value: Any) -> str:
@@ -189,7 +196,16 @@ def shown(value: Any) -> str:
         text = repr(value)
     except ValueError:  # a whole number of more digits than Python prints
         text = f"a whole number of {value.bit_length()} bits" if isinstance(value, int) else object.__repr__(value)
+    except Exception:  # a class of the user's own
+        text = object.__repr__(value)
     text = " ".join(text.split()) if "\n" in text else text
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+
+
+def listed(names: Iterable[Any]) -> str:
+    """Return names as they stand in a message: in order, cut where they are long, nothing in them but plain text."""
+    texts = [name if isinstance(name, str) and name.isprintable() else shown(name) for name in names]
+    text = ", ".join(sorted(texts))
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 

@@ -3,25 +3,100 @@
 On a terminal a table has lines, and each word of a heading has a line of its own. Digits are never cut: a table that is
 too wide is printed as several tables below each other that repeat the first columns. In a pipe a table is plain columns
 of text, neither folded nor split. Progress is shown on the standard error of a terminal only.
+
+A name of a file or a policy is text of somebody else. What a terminal would obey in it is escaped, here and nowhere
+else: everything is printed through `output` or `say`.
 """
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import copy
 import dataclasses
 import re
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.segment import Segment
     from rich.table import Table
 
-__all__ = ["PIPED_WIDTH", "output", "print_paragraphs", "print_table", "progress", "status", "table"]
+__all__ = [
+    "PIPED_WIDTH",
+    "SPELLED_OUT",
+    "STANDARD_OUTPUT",
+    "escaped",
+    "naming_output",
+    "output",
+    "print_paragraphs",
+    "print_table",
+    "progress",
+    "say",
+    "status",
+    "table",
+]
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
 _BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
+
+
+# Control characters but the line feed, marks of writing direction, line separators, and what no encoding has.
+_OBEYED = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_SPELLING = {"µ": "u", "×": "x", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": "...", "\N{NO-BREAK SPACE}": " "}
+SPELLED_OUT = "fuzzyarm.spelled-out"
+"""Handler of encoding errors, for `str.encode`: µ becomes u where the encoding has no µ, and so on."""
+STANDARD_OUTPUT = "standard output"
+"""What an `OSError` of writing to it names as its file."""
+
+
+def _spelled_out(error: UnicodeError) -> tuple[str, int]:
+    """Return what stands for characters that an encoding lacks, and where to go on."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letters = error.object[error.start : error.end]
+    return "".join(_SPELLING.get(one) or one.encode("unicode_escape").decode() for one in letters), error.end
+
+
+codecs.register_error(SPELLED_OUT, _spelled_out)
+
+
+def escaped(text: str, *, lines: bool = False) -> str:
+    r"""Return text without characters that a terminal obeys: an escape becomes ``\x1b``, written in four letters.
+
+    Args:
+        text: any text.
+        lines: whether line feeds are kept; otherwise they are escaped too.
+    """
+    visible = _OBEYED.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return visible if lines else visible.replace("\n", "\\n")
+
+
+def say(text: str, *, error: bool = False) -> None:
+    """Print text that may have several lines, to standard output or to standard error.
+
+    Raises:
+        OSError: standard output cannot be written; standard error is not worth an error.
+    """
+    if error:
+        with contextlib.suppress(OSError):
+            print(escaped(text, lines=True), file=sys.stderr)
+        return
+    with naming_output():
+        print(escaped(text, lines=True))
+
+
+@contextlib.contextmanager
+def naming_output() -> Iterator[None]:
+    """Name standard output in the errors of writing to it; that its reader has left stays a `BrokenPipeError`."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), STANDARD_OUTPUT) from None
 
 
 def output(piped_width: int | None = PIPED_WIDTH) -> Console:
@@ -30,6 +105,12 @@ def output(piped_width: int | None = PIPED_WIDTH) -> Console:
     Args:
         piped_width: width where that is no terminal; None: the width of a terminal.
     """
+    console = _console()
+    return console if console.is_terminal or piped_width is None else _console(width=piped_width)
+
+
+def _console(**settings: Any) -> Console:
+    """Return a console that escapes what a terminal would obey."""
     from rich.console import Console
 
     class Output(Console):
@@ -38,8 +119,16 @@ def output(piped_width: int | None = PIPED_WIDTH) -> Console:
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
 
-    console = Output()
-    return console if console.is_terminal or piped_width is None else Output(width=piped_width)
+        def render(self, *renderable: Any, **options: Any) -> Iterable[Segment]:
+            for segment in super().render(*renderable, **options):
+                text = segment.text if segment.control else escaped(segment.text, lines=True)
+                yield segment if text == segment.text else segment._replace(text=text)
+
+        def print(self, *objects: Any, **options: Any) -> None:
+            with naming_output():
+                super().print(*objects, **options)
+
+    return Output(**settings)
 
 
 def table(
@@ -74,18 +163,37 @@ def table(
     return made
 
 
-def print_table(table: Table, console: Console, keys: int = 1) -> None:
+def print_table(table: Table, console: Console, keys: int = 1, *, dispensable: Sequence[int] = ()) -> tuple[int, ...]:
     """Print a table; on a terminal that is too narrow, as several tables below each other.
 
     Args:
         table: as `table` makes it, with its rows.
         console: where it is printed.
         keys: number of columns on the left that each of these tables repeats.
+        dispensable: indices of columns that are rather left out than printed in a table below, the first one first.
+
+    Returns:
+        the columns that were left out.
     """
     if not console.is_terminal:
         console.print(table)
-        return
+        return ()
     _measure_columns(table, console)
+    left_out: tuple[int, ...] = ()
+    for number in range(len(dispensable)):
+        if _least_width(_without(table, left_out), console) <= console.width:
+            break
+        left_out = tuple(dispensable[: number + 1])
+    _print_parts(_without(table, left_out), console, keys)
+    return left_out
+
+
+def _without(table: Table, left_out: Sequence[int]) -> Table:
+    return _part(table, [column for column in range(len(table.columns)) if column not in left_out])
+
+
+def _print_parts(table: Table, console: Console, keys: int) -> None:
+    """Print a measured table, as several that are as wide as the terminal if it is wider."""
     parts = [[*range(min(keys + 1, len(table.columns)))]]
     for column in range(keys + 1, len(table.columns)):
         wider = [*parts[-1], column]
@@ -151,10 +259,9 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
         total: number of steps; None: unknown.
         between_steps: draw only when the bar advances, so that nothing else runs while a step is timed.
     """
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    stderr = Console(stderr=True)
+    stderr = _console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     shown = Progress(
         *columns, console=stderr, disable=not stderr.is_terminal, transient=True, auto_refresh=not between_steps
@@ -182,8 +289,6 @@ def progress(description: str, total: int | None, *, between_steps: bool = False
 @contextlib.contextmanager
 def status(description: str) -> Iterator[None]:
     """Show a description of the current work while the block runs."""
-    from rich.console import Console
-
-    stderr = Console(stderr=True)
+    stderr = _console(stderr=True)
     with stderr.status(description) if stderr.is_terminal else contextlib.nullcontext():
         yield

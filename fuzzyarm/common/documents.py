@@ -21,6 +21,8 @@ from typing import Any, BinaryIO, TypeVar, get_type_hints
 
 import msgspec
 
+from fuzzyarm.common.checks import listed
+
 __all__ = [
     "DEEPEST",
     "LARGEST",
@@ -144,7 +146,7 @@ def _refuse_unknown(content: Any, kind: Any) -> None:
     unknown = sorted(map(str, set(content) - {field.name for field in dataclasses.fields(kind)}))
     if unknown:
         names = sorted(field.name for field in dataclasses.fields(kind))
-        raise ValueError(f"unknown field {', '.join(unknown)[:80]}; known: {', '.join(names)}")
+        raise ValueError(f"unknown field {listed(unknown)}; known: {', '.join(names)}")
     for name, value in content.items():
         _refuse_unknown(value, known[name])
 

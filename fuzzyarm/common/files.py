@@ -1,15 +1,29 @@
-"""Atomic writing of files and folders."""
+"""Atomic writing of files and folders, tables as CSV, and the lock of a folder that is written to.
+
+What is new gets the mode that the umask leaves; what is replaced never becomes readable for more users than before.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import csv
+import io
 import os
+import secrets
 import shutil
+import stat
+import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-__all__ = ["write_atomically", "write_folder_atomically"]
+if sys.platform != "win32":
+    import fcntl
+
+__all__ = ["csv_text", "locked_folder", "write_atomically", "write_folder_atomically"]
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet computes a cell that begins with one of these
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
@@ -19,15 +33,20 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         OSError: the folder is missing or not writable; nothing is left behind.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with os.fdopen(handle, "wb") as file:
-            _flushed(file, data)
-        os.chmod(name, 0o666 & ~_umask())  # mkstemp makes the file private
-        os.replace(name, path)
-        _sync_folder(path.parent)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
+        handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), _mode(path, 0o666))
+        try:
+            with os.fdopen(handle, "wb") as file:
+                _flushed(file, data)
+            os.replace(part, path)
+            _sync_folder(path.parent)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        if error.filename is None and error.errno is not None:  # the disk is full
+            error.filename = str(path)
         raise
 
 
@@ -40,7 +59,7 @@ def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> N
     aside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
         new = aside / "new"
-        new.mkdir()
+        new.mkdir(_mode(folder, 0o777) | stat.S_IRWXU)
         for name, content in files.items():
             write_atomically(new / name, content)
         if folder.exists():
@@ -54,6 +73,69 @@ def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> N
         _sync_folder(folder.parent)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def locked_folder(folder: Path) -> Iterator[None]:
+    """Keep a folder locked while the block runs; the lock of a process that dies goes with it, and leaves no file.
+
+    File systems and operating systems that lock no folders are taken as they are.
+
+    Raises:
+        ValueError: another process has locked it.
+        OSError: the folder cannot be opened.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ValueError(
+                f"another process is writing to {folder}; wait until it has ended, or choose another folder"
+            ) from None
+        except OSError:  # some network file systems
+            pass
+        yield
+    finally:
+        os.close(handle)
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] | None = None, *, header: bool = True) -> str:
+    """Return rows as CSV; a column that a row lacks stays empty.
+
+    A text that a spreadsheet would compute, as it begins with = + - @, a tab or a carriage return, gets an apostrophe
+    in front, which spreadsheets take for the mark of a text. Numbers stay as they are.
+
+    Args:
+        rows: by column; at least one if `columns` is None.
+        columns: None: those of the first row.
+        header: whether the names of the columns come first.
+    """
+    names = list(rows[0] if columns is None else columns)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    if header:
+        writer.writerow(map(_inert, names))
+    writer.writerows([_inert(row.get(name)) for name in names] for row in rows)
+    return text.getvalue()
+
+
+def _inert(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    text = f"'{value}" if value.startswith(_FORMULA) else value
+    return text.replace("\r", "\\r")  # which `csv` does not quote before Python 3.13
+
+
+def _mode(path: Path, new: int) -> int:
+    """Return the mode to make a file or folder with: `new`, or of that what the one at `path` has; umask follows."""
+    try:
+        return new & stat.S_IMODE(path.stat().st_mode)
+    except OSError:
+        return new
 
 
 def _flushed(file: BinaryIO, data: bytes) -> None:
@@ -71,10 +153,3 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
-
-
-def _umask() -> int:
-    """Return the umask, which can only be read by setting it."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -46,7 +46,7 @@ def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbanc
         return find_case(case).disturbance
     checks.instance("disturbance", disturbance, Disturbance)
     if not (isinstance(case, str) and case == "nominal"):
-        raise ValueError(f"give either case = {case!r} or a disturbance, not both")
+        raise ValueError(f"give either case = {checks.shown(case)} or a disturbance, not both")
     return disturbance
 
 
@@ -71,7 +71,7 @@ def check_options(options: dict[str, Any]) -> None:
     """Raise ValueError for a reset option that does not exist, TypeError for options that are no mapping."""
     unknown = sorted(set(map(str, checks.instance("options", options, dict))) - set(RESET_OPTIONS))
     if unknown:
-        raise ValueError(f"unknown reset option {', '.join(unknown)}; known: {', '.join(RESET_OPTIONS)}")
+        raise ValueError(f"unknown reset option {checks.listed(unknown)}; known: {', '.join(RESET_OPTIONS)}")
 
 
 def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:

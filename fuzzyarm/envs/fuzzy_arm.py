@@ -7,10 +7,12 @@ the block `layout.Work` in the kernel `kernels.advance_one`, and the records in 
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from numpy import empty
 
@@ -28,6 +30,7 @@ from fuzzyarm.envs.arguments import (
 from fuzzyarm.envs.batch import kernels
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
+from fuzzyarm.envs.film import Film
 from fuzzyarm.envs.observation import JOINTS, SIZE
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -80,7 +83,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Episode end
     Terminated when a joint angle or velocity, motor or link, leaves the box (25) (|q| <= π, |q̇| <= 15 rad/s) or is
     not finite; `info["reason"]` says which, see `Termination`. If the state becomes infinite or nan, the observation
-    and `info` repeat the last finite state, and the reward is 0. Truncated when the reference ends (1.5 s, 1500 steps).
+    and `info` repeat the last finite state, and the reward is 0. Truncated when the reference ends (1.5 s, 1500 steps,
+    which is `spec.max_episode_steps`; of references that are drawn, the longest counts). No `TimeLimit` is needed;
+    ``gym.make("FuzzyArm-v0", max_episode_steps=100)`` adds one.
 
     ## Info
     `time` [s], `tip`, `tip_reference` [m], `tip_error` [m], `circularity_error`, `circularity_error_motor` [m]
@@ -148,10 +153,24 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._extras = drawn.varies or render_mode is not None
         self.action_space = action_space([self.parameters])
         self.observation_space = observation_space([self.parameters])
+        self._spec: EnvSpec | None = None
         self._ended, self._begun = True, False
         self._drawn: dict[str, Any] = {}
-        self._renderer: Any = None
-        self._trace: list[np.ndarray] = []  # the vectors since the reset, for the renderer
+        self._film = Film(render_mode == "human", self.metadata["render_fps"], control_period, self.parameters)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gym.make` made the environment from, with the steps of the longest episode; None without `gym.make`."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, made_from: EnvSpec | None) -> None:
+        # With the steps registered instead, gym.make would put a TimeLimit around every arm: it would cost time, and
+        # cut references short that are longer than the paper's.
+        if made_from is not None and made_from.max_episode_steps is None:
+            made_from = copy.copy(made_from)
+            made_from.max_episode_steps = self._lanes.longest_episode
+        self._spec = made_from
 
     @property
     def reference(self) -> JointReference:
@@ -168,11 +187,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Start an episode; `options` as in the class docstring, unknown ones raise ValueError."""
         super().reset(seed=None if seed is None else checks.whole("seed", seed))
         self._ended = True  # until the end of this method: after a reset that raises, step must raise too
-        self._trace.clear()
-        scenario, initial = (
-            chosen_scenario({} if options is None else options, Scenario(self._disturbance, self._reference)),
-            None,
-        )
+        self._film.rewind()
+        own = Scenario(self._disturbance, self._reference)
+        scenario, initial = chosen_scenario({} if options is None else options, own), None
         if options and options.get("initial_state") is not None:
             initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
         # `np_random` belongs to the user; the episodes draw from a stream of their own with the same seed. Gymnasium
@@ -246,16 +263,14 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""
         if self.render_mode == "rgb_array":
-            return self._render_frame()
+            return self._film.picture(self._lanes.schedule(0)[1])
         if self.render_mode is None:
             gym.logger.warn("render() needs a render mode: gym.make('FuzzyArm-v0', render_mode='rgb_array')")
         return None
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._film.close()
 
     @staticmethod
     def _two_numbers(action: Any) -> list[float]:
@@ -274,27 +289,5 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:
-            self._follow(info["time"], np.array([info[name] for name in VECTORS]))
-
-    def _follow(self, time: float, vectors: np.ndarray) -> None:
-        """Remember what the renderer draws, and draw it if a frame of the window is due."""
-        self._time = time
-        self._trace.append(vectors)
-        if self.render_mode == "human" and (self._ended or (len(self._trace) - 1) % self._steps_per_frame() == 0):
-            self._render_frame()
-
-    def _steps_per_frame(self) -> int:
-        fps: int = self.metadata["render_fps"]
-        return max(1, round(1.0 / (fps * self.control_period)))
-
-    def _render_frame(self) -> np.ndarray | None:
-        if not self._trace:
-            raise ResetNeeded("nothing to draw before the first env.reset()")
-        if self._renderer is None:
-            # Imported here: a training run never loads pygame.
-            from fuzzyarm.envs.rendering import Renderer
-
-            self._renderer = Renderer(self.render_mode == "human", self.metadata["render_fps"])
-        _, schedule = self._lanes.schedule(0)
-        picture: np.ndarray | None = self._renderer.draw(schedule, np.array(self._trace), self._time, self.parameters)
-        return picture
+            vectors = np.array([info[name] for name in VECTORS])
+            self._film.follow(info["time"], vectors, self._lanes.schedule(0)[1], self._ended)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,19 +12,19 @@ from gymnasium.vector.utils import batch_space
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
-    STATE_SIZE,
     action_space,
     check_options,
     checked_arm,
     chosen_disturbance,
     chosen_reference,
     chosen_scenario,
-    initial_state,
     observation_space,
     real_numbers,
 )
+from fuzzyarm.envs.autoreset import RESET_MASK, chosen_mode, masked_lanes
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import INFO, SCALARS, split
+from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
+from fuzzyarm.envs.lane_arguments import each_lane, initial_states, per_lane, seeds_of
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -32,13 +32,13 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
-from fuzzyarm.envs.termination import Termination
+from fuzzyarm.envs.vector_info import final_info, masked, partial_info, reasons, values
 
 __all__ = ["FuzzyArmVectorEnv"]
 
-REWARD, CLIPPED, OVER, REASON = map(SCALARS.index, ("reward", "torque_clipped", "truncated", "reason"))
+REWARD, OVER, REASON = map(SCALARS.index, ("reward", "truncated", "reason"))
 MOST_LANES, MOST_THREADS = 2**22, 1024  # a lane takes 600 bytes
-REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
+_OVER = "over"  # in a state: which lanes have ended and wait for a reset
 
 
 class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -49,6 +49,11 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     has it. A lane that ends begins its next episode within the same step (``AutoresetMode.SAME_STEP``): the
     observation and `info` are then the new episode's first, and those of the last instant are in
     ``info["final_obs"]`` (an array of objects) and ``info["final_info"]``, masked by ``_final_obs``, ``_final_info``.
+
+    ``autoreset_mode="NextStep"`` or ``"Disabled"``, or the member of Gymnasium's `AutoresetMode`, chooses another: the
+    step after an end begins that lane's next episode, ignores its action and gives the reward 0; or
+    ``reset(options={"reset_mask": mask})`` begins one in the lanes that the mask (num_envs,) of booleans names, and a
+    step before raises. A mask works in every mode: the other lanes go on where they are and have no `info`.
 
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference` and `parameters` may each be one for all
     lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
@@ -62,7 +67,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         TypeError: an argument is of the wrong kind.
         ValueError: a value is unknown or out of range, or a sequence has not one entry per lane; the message names
             the lane if there are several.
-        gymnasium.error.ResetNeeded: `step` before `reset`.
+        gymnasium.error.ResetNeeded: `step` before `reset`, or with a lane that has ended if nothing resets it.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  Gymnasium's name and type
@@ -79,9 +84,12 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
         threads: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: None = None,
     ) -> None:
         """Build the environment; arguments as in the class docstring."""
+        self._mode = chosen_mode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         if threads is not None:
             checks.whole("threads", threads, low=1, high=MOST_THREADS)
         if render_mode is not None:
@@ -90,15 +98,16 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
         self.control_period, self.substeps = checked_periods(control_period, substep)
-        plants = _each(checked_arm, self._per_lane("parameters", ArmParameters() if parameters is None else parameters))
+        arms = self._per_lane("parameters", ArmParameters() if parameters is None else parameters)
+        plants = each_lane(checked_arm, arms)
         self._randomisation = find_randomisation(randomisation, plants[0])
-        self._disturbances = _each(
+        self._disturbances = each_lane(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
         )
         self._references = self._own_references(reference, plants)
         self._lanes = Lanes(
             plants,
-            _each(Scenario, self._disturbances, self._references),
+            each_lane(Scenario, self._disturbances, self._references),
             self.num_envs,
             control_period=self.control_period,
             substeps=self.substeps,
@@ -113,20 +122,30 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._everywhere = np.ones(self.num_envs, dtype=bool)
         self._share_mask()
         self._begun = False
+        self._over: np.ndarray | None = None  # the lanes (n,) that have ended and wait for a reset
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode in every lane; seeds and options as in the class docstring."""
-        self._begun = False  # until the end of this method: after a reset that raises, step must raise too
-        options = {} if options is None else options
+        """Start an episode in every lane, or in those of a mask; seeds and options as in the class docstring."""
+        begun, self._begun = self._begun, False  # until the end: after a reset that raises, step must raise too
+        options = {} if options is None else dict(checks.instance("options", options, dict))
+        which = None
+        if RESET_MASK in options:
+            which = masked_lanes(RESET_MASK, options.pop(RESET_MASK), self.num_envs)
+        if which is not None and not begun and len(which) < self.num_envs:
+            raise ResetNeeded("no episode has begun: call envs.reset() for all lanes before one with a reset_mask")
         check_options(options)
-        given = options.get("initial_state")
-        initial = None if given is None else self._initial_states(given)
-        scenarios = self._scenarios({name: value for name, value in options.items() if name != "initial_state"})
-        observation, vectors, scalars = split(self._lanes.reset(self._seeds(seed), scenarios, initial))
-        self._begun = True
-        return observation, self._info(vectors, scalars)
+        given = options.pop("initial_state", None)
+        initial = None if given is None else initial_states(given, self._plants, self.num_envs)
+        seeds, scenarios = seeds_of(seed, self.num_envs), self._scenarios(options)
+        if seeds is not None and not isinstance(seed, Sequence | np.ndarray):
+            super().reset(seed=seeds[0])
+        if which is None:
+            observation, vectors, scalars = split(self._lanes.reset(seeds, scenarios, initial))
+            self._begun, self._over = True, None
+            return observation, self._info(vectors, scalars)
+        return self._reset_some(which, seeds, scenarios, initial)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Hold the torques `actions` (num_envs, 2) [N m] for one control period."""
@@ -137,13 +156,19 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             needed = (self.num_envs, JOINTS)
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
         torque = real_numbers("actions", given)
+        if self._over is not None:
+            return self._step_after_ends(torque, self._over)
         observation, vectors, scalars = split(self._lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
         if np.count_nonzero(ended) == 0:
             return observation, reward, terminated, truncated, self._info(vectors, scalars)
-        final, reward = self._final(observation, vectors, scalars, ended), reward.copy()
         which = np.flatnonzero(ended)
+        if self._mode is not AutoresetMode.SAME_STEP:
+            self._over = which
+            return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **reasons(scalars)}
+        final = final_info(observation, vectors, scalars, self._lanes.randomisation_info(), ended)
+        reward = reward.copy()
         observation[which], vectors[:, which], scalars[:, which] = split(self._lanes.restart(which))
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
 
@@ -156,7 +181,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.get_state()")
-        return self._lanes.get_state()
+        state = self._lanes.get_state()
+        return state if self._over is None else {**state, _OVER: np.isin(np.arange(self.num_envs), self._over)}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore a state of an environment with the same arguments; call `step` next, not `reset`.
@@ -166,8 +192,14 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ValueError: the state is of an environment made with other arguments, or no state that an episode has. The
                 environment is as before.
         """
-        self._lanes.set_state(state)
-        self._begun = True
+        mask = checks.instance("state", state, dict).get(_OVER)
+        if mask is not None and self._mode is AutoresetMode.SAME_STEP:
+            raise ValueError(
+                "lanes of this state wait for a reset; make the environment with the autoreset_mode that it had"
+            )
+        over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)
+        self._lanes.set_state(state, over)
+        self._begun, self._over = True, over
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
@@ -184,44 +216,55 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _info(self, vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
         """Return info of every lane."""
-        info = _values(vectors, scalars)
+        info = values(vectors, scalars)
         info.update(self._masks)
         if self._randomisation.varies:
-            drawn = _masked(self._lanes.randomisation_info(), self._everywhere)
-            info.update(_masked({"randomisation": drawn}, self._everywhere))
+            drawn = masked(self._lanes.randomisation_info(), self._everywhere)
+            info.update(masked({"randomisation": drawn}, self._everywhere))
         return info
 
-    def _final(
-        self, observation: np.ndarray, vectors: np.ndarray, scalars: np.ndarray, ended: np.ndarray
-    ) -> dict[str, Any]:
-        """Return the last observation and info of the episodes that ended; other lanes' rows are zero."""
-        final_obs = np.full(self.num_envs, None, dtype=object)
-        for lane in np.flatnonzero(ended):
-            final_obs[lane] = observation[lane].copy()
-        final_info = _values(np.where(ended[:, np.newaxis], vectors, 0.0), np.where(ended, scalars, 0.0))
-        final_info["in_domain"] &= ended
-        if self._randomisation.varies:
-            drawn = self._lanes.randomisation_info()
-            last = {
-                name: np.where(ended if rows.ndim == 1 else ended[:, np.newaxis], rows, 0.0)
-                for name, rows in drawn.items()
-            }
-            final_info["randomisation"] = _masked(last, ended)
-        final_info = _masked(final_info, ended)
-        terminated = scalars[REASON] != 0.0
-        if terminated.any():
-            reasons = np.full(self.num_envs, None, dtype=object)
-            reasons[terminated] = REASON_TEXTS[scalars[REASON, terminated].astype(int)]
-            final_info.update(_masked({"reason": reasons}, terminated))
-        return _masked({"final_obs": final_obs, "final_info": final_info}, ended)
+    def _step_after_ends(
+        self, torque: np.ndarray, over: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Do a step in which the lanes `over` (n,) begin their next episode, or refuse it in the mode without."""
+        if self._mode is AutoresetMode.DISABLED:
+            lanes = ", ".join(map(str, over[:8])) + (", ..." if len(over) > 8 else "")
+            raise ResetNeeded(
+                f"the episode is over in lanes {lanes}: call envs.reset(options={{{RESET_MASK!r}: terminated | "
+                "truncated}) before envs.step()"
+            )
+        observation, vectors, scalars = split(self._lanes.step_or_restart(torque, over))
+        info = self._info(vectors, scalars)
+        # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
+        scalars = scalars.copy()
+        scalars[[[REWARD], [OVER], [REASON]], over] = 0.0
+        reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
+        ended = np.flatnonzero(terminated | truncated)
+        self._over = ended if len(ended) else None
+        return observation, reward, terminated, truncated, {**info, **reasons(scalars)}
+
+    def _reset_some(
+        self,
+        which: np.ndarray,
+        seeds: list[int | None] | None,
+        scenarios: list[Scenario] | None,
+        initial: np.ndarray | None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode in the lanes `which` (n,); arguments for all lanes."""
+        if scenarios is not None and len(scenarios) > 1:
+            scenarios = [scenarios[lane] for lane in which]
+        theirs = None if seeds is None else [seeds[lane] for lane in which]
+        results = self._lanes.reset(theirs, scenarios, None if initial is None else initial[which], which)
+        vectors, scalars = np.zeros((len(VECTORS), self.num_envs, PLANAR)), np.zeros((len(SCALARS), self.num_envs))
+        _, vectors[:, which], scalars[:, which] = split(results)
+        begun = np.isin(np.arange(self.num_envs), which)
+        waiting = np.setdiff1d([] if self._over is None else self._over, which)
+        self._begun, self._over = True, waiting if len(waiting) else None
+        return self._lanes.observation(), partial_info(vectors, scalars, self._lanes.randomisation_info(), begun)
 
     def _per_lane(self, name: str, value: Any) -> list[Any]:
         """Return a list of one entry for all lanes, or of one per lane."""
-        if isinstance(value, str) or not isinstance(value, Sequence):
-            return [value]
-        if len(value) != self.num_envs:
-            raise ValueError(f"{name} has {len(value)} entries for {self.num_envs} lanes; give one, or one per lane")
-        return list(value)
+        return per_lane(name, value, self.num_envs)
 
     def _own_references(self, given: Any, plants: list[ArmParameters]) -> list[JointReference | None]:
         """Return the given references, or the paper's circle: one object for all plants with the same links."""
@@ -234,7 +277,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             circles[links] = circles.get(links) or JointReference(parameters=arm)
             return circles[links]
 
-        return _each(chosen, self._per_lane("reference", given), plants)
+        return each_lane(chosen, self._per_lane("reference", given), plants)
 
     def _scenarios(self, options: dict[str, Any]) -> list[Scenario] | None:
         """Return the scenarios that reset options ask for, None if they ask for none."""
@@ -245,57 +288,4 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference))
 
         given = [self._per_lane(name, value) for name, value in options.items()]
-        return _each(chosen, self._disturbances, self._references, *given)
-
-    def _initial_states(self, given: Any) -> np.ndarray:
-        """Return checked starts (num_envs, 8) from one (8,) or one per lane."""
-        states = real_numbers("initial_state", given)
-        one, all_lanes = (STATE_SIZE,), (self.num_envs, STATE_SIZE)
-        if states.shape not in (one, all_lanes):
-            raise ValueError(f"initial_state has shape {states.shape}; allowed: {one} or {all_lanes}")
-        rows = [states] if states.ndim == 1 else list(states)
-        checked = _each(initial_state, rows, self._plants)
-        return np.array(checked * self.num_envs if len(checked) == 1 else checked)
-
-    def _seeds(self, seed: Any) -> list[int | None] | None:
-        """Return a seed per lane; None for all, or for one, lets the random stream go on."""
-        if seed is None:
-            return None
-        if isinstance(seed, Sequence | np.ndarray):
-            if len(seed) != self.num_envs:
-                raise ValueError(f"{len(seed)} seeds for {self.num_envs} lanes; give one, or one per lane")
-            return _each(_seed, list(seed))
-        first = _seed(seed)
-        super().reset(seed=first)
-        return [first + lane for lane in range(self.num_envs)]
-
-
-def _each(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
-    """Return make(*row) for each lane's row of the columns; a column of one entry is for all lanes.
-
-    An error names its lane, if there are several.
-    """
-    count = max(map(len, columns))
-    rows = zip(*(list(column) * count if len(column) == 1 else column for column in columns), strict=True)
-    made = []
-    for lane, row in enumerate(rows):
-        try:
-            made.append(make(*row))
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"lane {lane}: {error}" if count > 1 else str(error)) from None
-    return made
-
-
-def _seed(given: Any) -> Any:
-    return None if given is None else checks.whole("seed", given)
-
-
-def _values(vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
-    """Return the numbers of `info` by name."""
-    values = (*vectors, *scalars[:REWARD], scalars[REASON] == 0.0, scalars[CLIPPED] != 0.0)
-    return dict(zip(INFO, values, strict=True))
-
-
-def _masked(values: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """Return the values with the mask of lanes that have them beside each, as Gymnasium's vector infos do."""
-    return {**values, **{f"_{key}": mask for key in values}}
+        return each_lane(chosen, self._disturbances, self._references, *given)

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["current_provenance"]
+__all__ = ["current_provenance", "installed"]
 
 _LIBRARIES = ("fuzzyarm", "numpy", "numba", "gymnasium", "scipy", "clarabel", "python-flint")
 
@@ -23,6 +23,19 @@ def current_provenance() -> dict[str, Any]:
         "commit": _commit(),
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in _LIBRARIES}},
         "machine": {"system": platform.platform(), "cpu": _cpu(), "cores": os.cpu_count()},
+    }
+
+
+def installed() -> dict[str, str]:
+    """Return what a report of a bug names beside the version of fuzzyarm: Python, libraries and system.
+
+    Nothing of it is imported; torch and stable-baselines3 are named if they are installed.
+    """
+    versions = {name: _version(name) for name in (*_LIBRARIES[1:], "torch", "stable-baselines3")}
+    return {
+        "Python": platform.python_version(),
+        **{name: version for name, version in versions.items() if version is not None},
+        "on": platform.platform(),
     }
 
 
@@ -48,7 +61,9 @@ def _git(*arguments: str, cwd: Path) -> str:
     subprocess.run(
         ["git", "ls-files", "--error-unmatch", __file__], cwd=cwd, check=True, capture_output=True, timeout=10
     )
-    done = subprocess.run(["git", *arguments], cwd=cwd, check=True, capture_output=True, text=True, timeout=10)
+    # Without `--no-optional-locks`, a `git status` that is killed leaves a lock in the checkout.
+    command = ["git", "--no-optional-locks", *arguments]
+    done = subprocess.run(command, cwd=cwd, check=True, capture_output=True, text=True, timeout=10)
     return done.stdout.strip()
 
 

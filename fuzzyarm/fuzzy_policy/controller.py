@@ -9,13 +9,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, finite_array, real, shown
+from fuzzyarm.common.checks import choice, finite_array, instance, real, shown, truth
 from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
@@ -23,16 +22,18 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
-__all__ = ["FORMS", "POLE_ARRAYS", "Controller", "ControllerFileError"]
+__all__ = ["FORMS", "GAINS", "POLE_ARRAYS", "RATES", "Controller", "ControllerFileError"]
 
 SCHEMA = "fuzzyarm-controller/1"
 FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
 ARRAYS = ("weight", "gains", "feedforward", "P", "Q", "X", "tau")
 POLE_ARRAYS = ("pole_Q", "pole_X", "pole_tau")  # of the bound of the fastest pole
 OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file where they are None
+# Far beyond use, and so near one that products of these numbers and those of an arm stay finite.
+RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
+GAINS = (1e-30, 1e30)  # gamma, in the units of either form
+LARGEST = 1e60  # of any entry of an array
 MAX_BYTES = 8 * 1024 * 1024  # far above the file of the largest model
-
-
 _ABSENT = "absent"  # no hexadecimal number: a field that the file does not have
 
 
@@ -79,9 +80,9 @@ class Controller:
         model: the T-S model, which holds the robot and the kept premises.
         form: "consistent" (`consistent_reference`) or "paper" (`theorem2`, `theorem1` if all premises are kept).
         integral: whether x_I = ∫ (q - q_d) dt is fed back.
-        alpha: guaranteed decay rate [1/s].
-        gamma: guaranteed L2 gain; consistent form: from d [N m] to the position error [rad]; paper's form: from
-            (d, r) to Q^(1/2) e.
+        alpha: guaranteed decay rate [1/s], in `RATES`.
+        gamma: guaranteed L2 gain, in `GAINS`; consistent form: from d [N m] to the position error [rad]; paper's
+            form: from (d, r) to Q^(1/2) e.
         weight: diagonal (4,) of the paper's Q; None in the consistent form, where z is the position error.
         common_multiplier: whether the dropped premises of A share one multiplier, as printed in Theorem 2.
         gains: K̄ = [K H], (N, N_e, 2, n_e).
@@ -92,11 +93,14 @@ class Controller:
         X: (p, n, n) slack.
         tau: (p, N_e, m) multipliers.
         origin: how it was made: objective, solver, versions.
-        fastest_pole: β [1/s], V falls no faster than exp(-2βt); None, like the three below, if no such bound is
-            claimed. Consistent form only.
+        fastest_pole: β [1/s], above alpha and in `RATES`, V falls no faster than exp(-2βt); None, like the three
+            below, if no such bound is claimed. Consistent form only.
         pole_Q: (p, n, n) slack of that claim's inequalities.
         pole_X: (p, n, n) slack.
         pole_tau: (p, N_e, m) multipliers.
+
+    Raises:
+        ControllerFileError: a number is out of range, in an array beyond ±1e60, or the parts do not go together.
     """
 
     model: TSModel
@@ -134,11 +138,16 @@ class Controller:
             raise ControllerFileError(f"weight = {self.weight.tolist()} is out of range; allowed: (0, inf)")
 
     def _check_numbers(self) -> None:
-        real("alpha", self.alpha, "1/s", above=0.0)
-        real("gamma", self.gamma, above=0.0)
+        instance("model", self.model, TSModel)
         choice("form", self.form, FORMS)
-        if self.fastest_pole is not None and not self.alpha < self.fastest_pole < math.inf:
-            raise ValueError(f"fastest_pole = {self.fastest_pole} is out of range; allowed: (alpha, inf)")
+        truth("integral", self.integral)
+        truth("common_multiplier", self.common_multiplier)
+        alpha = real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
+        numbers = {"alpha": alpha, "gamma": real("gamma", self.gamma, low=GAINS[0], high=GAINS[1])}
+        if self.fastest_pole is not None:
+            numbers["fastest_pole"] = real("fastest_pole", self.fastest_pole, "1/s", above=alpha, high=RATES[1])
+        for name, value in numbers.items():
+            object.__setattr__(self, name, value)
 
     def _take_arrays(self) -> None:
         for name, shape in self._shapes().items():
@@ -148,7 +157,7 @@ class Controller:
                 other = f"fastest_pole = {self.fastest_pole}" if of_pole else f"the {self.form} form"
                 raise ValueError(f"{name} does not go with {other}")
             if shape is not None:
-                array = finite_array(name, given, shape)
+                array = finite_array(name, given, shape, largest=LARGEST)
                 array.flags.writeable = False
                 object.__setattr__(self, name, array)
 
@@ -280,7 +289,10 @@ def _encode(value: Any) -> Any:
 def _decode(value: Any) -> Any:
     """Return nested lists or mappings with every hexadecimal string as a float; anything else raises ValueError."""
     if isinstance(value, str):
-        return float.fromhex(value)
+        try:
+            return float.fromhex(value)
+        except OverflowError:
+            raise ControllerFileError(f"{shown(value)} is beyond the largest float") from None
     if isinstance(value, list):
         return [_decode(entry) for entry in value]
     if isinstance(value, dict):

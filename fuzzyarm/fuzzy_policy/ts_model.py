@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance, shown
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import arm_constants, inertia_and_gravity
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -144,10 +145,12 @@ class TSModel:
 
     def __post_init__(self) -> None:
         """Check and sort the kept premises."""
-        unknown = [name for name in self.kept if name not in PREMISES]
-        if unknown or len(set(self.kept)) != len(self.kept):
-            raise ValueError(f"kept premises {self.kept}: choose different ones from {', '.join(PREMISES)}")
-        object.__setattr__(self, "kept", tuple(sorted(self.kept)))
+        instance("parameters", self.parameters, ArmParameters)
+        kept = self.kept if isinstance(self.kept, tuple | list) else (self.kept,)
+        unknown = [name for name in kept if name not in PREMISES]
+        if unknown or len(set(kept)) != len(kept):
+            raise ValueError(f"kept premises {shown(self.kept)}: choose different ones from {', '.join(PREMISES)}")
+        object.__setattr__(self, "kept", tuple(sorted(kept)))
 
     @property
     def rules(self) -> int:

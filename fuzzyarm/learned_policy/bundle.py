@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fuzzyarm.common.checks import whole
+from fuzzyarm.common.checks import listed, whole
 from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
 from fuzzyarm.common.files import write_folder_atomically
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
@@ -217,7 +217,7 @@ def _network(description: _NetworkDescription, content: bytes) -> Network:
     layers = range(len(tensors) // 2)
     names = {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")}
     if set(tensors) != names or not names:
-        found = ", ".join(sorted(tensors))[:_SHOWN]
+        found = listed(tensors)
         raise ValueError(f"{WEIGHTS} holds {found}; needed: layer0.weight, layer0.bias, ...")
     for name, tensor in tensors.items():
         axes = 2 if name.endswith("weight") else 1

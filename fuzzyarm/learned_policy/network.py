@@ -9,9 +9,11 @@ therefore deterministic.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance, real, shown
 from fuzzyarm.envs.physics.compiled import kernel
 
 __all__ = ["Network"]
@@ -42,6 +44,14 @@ class Network:
 
     def __post_init__(self) -> None:
         """Check shapes and numbers, and store the layers one after the other for the kernel."""
+        real("clip", self.clip, above=0.0)
+        for name in ("weights", "biases"):
+            for array in instance(name, getattr(self, name), tuple):
+                _numbers(name, array)
+        for name in ("mean", "std"):
+            _numbers(name, getattr(self, name))
+        if self.mean.ndim != 1 or any(bias.ndim != 1 for bias in self.biases):
+            raise ValueError("mean and biases must have one axis")
         if not 1 <= len(self.weights) <= _MOST_LAYERS or len(self.biases) != len(self.weights):
             raise ValueError(
                 f"{len(self.weights)} weights and {len(self.biases)} biases; allowed: 1 to {_MOST_LAYERS} layers"
@@ -111,3 +121,9 @@ def _forward(
                 before[j] = min(max(after[j], -1.0), 1.0) if last else np.tanh(after[j])
         for j in range(sizes[-1]):
             action[lane, j] = before[j]
+
+
+def _numbers(name: str, array: Any) -> None:
+    """Check that something is an array of real numbers; TypeError otherwise."""
+    if instance(name, array, np.ndarray).dtype.kind not in "fiu":
+        raise TypeError(f"{name} must hold real numbers; it holds {shown(array.dtype)}")

@@ -1,5 +1,6 @@
 """From a name, a file, a folder or code to a policy."""
 
+from fuzzyarm.policies.recorded import found_again, recorded
 from fuzzyarm.policies.registry import COMPARED, LEARNED, NAMES, Kind, add_policy
 from fuzzyarm.policies.spec import PolicySpec, load_policy, resolve, resolve_all
 
@@ -10,7 +11,9 @@ __all__ = [
     "Kind",
     "PolicySpec",
     "add_policy",
+    "found_again",
     "load_policy",
+    "recorded",
     "resolve",
     "resolve_all",
 ]

@@ -172,7 +172,10 @@ def resolve(name: str | Path, *, run_code: bool = False) -> PolicySpec:
 
 
 def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, PolicySpec]:
-    """Return the specs of several names by label; ValueError if two policies have the same label."""
+    """Return the specs of several names by label; ValueError if two have the same label, or one cannot be printed."""
+    for name in names:
+        if not name.isprintable():
+            raise ValueError(f"policy {name!a}: its name holds characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
     if len(specs) < len(names):
         raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file")

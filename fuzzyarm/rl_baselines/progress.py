@@ -20,12 +20,13 @@ from fuzzyarm.rl_baselines.config import TrainingConfig
 __all__ = ["train_with_progress"]
 
 
-def train_with_progress(config: TrainingConfig | None, folder: Path) -> PolicyBundle:
+def train_with_progress(config: TrainingConfig | None, folder: Path, total: int | None = None) -> PolicyBundle:
     """Train with a progress bar on the terminal and a line for every evaluation; return the last policy.
 
     Args:
         config: of a new training; None: resume the one in the folder.
         folder: of the training.
+        total: environment steps that a resumed training goes on to; None: as many as it was configured for.
 
     Raises:
         ValueError: the folder holds a training already, or none to resume, or the configuration is refused; or torch or
@@ -42,8 +43,10 @@ def train_with_progress(config: TrainingConfig | None, folder: Path) -> PolicyBu
         raise ValueError(f"{folder} holds a training already; go on with --resume, or choose another folder")
     show = _Display()
     with console.status("compiling and loading"):
-        training = Training.resume(folder, show) if config is None else Training(config, folder, show)
-    with console.progress("training", training.config.total_timesteps) as advance:
+        training = Training.resume(folder, show, total) if config is None else Training(config, folder, show)
+    threads = training.config.threads
+    title = f"training, {threads} {'thread' if threads == 1 else 'threads'}"
+    with console.progress(title, training.config.total_timesteps) as advance:
         if training.config.tensorboard and not tensorboard_installed():
             advance(line="no TensorBoard logs: tensorboard is not installed (pip install tensorboard)")
         show.begin(training.algorithm.steps, advance)

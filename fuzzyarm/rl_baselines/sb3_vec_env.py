@@ -23,6 +23,9 @@ __all__ = ["StableBaselinesVecEnv", "training_envs"]
 def training_envs(num_envs: int, **arguments: Any) -> StableBaselinesVecEnv:
     """Return ``FuzzyArm-v0`` in `num_envs` lanes with actions in [-1, 1], for stable-baselines3.
 
+    Call ``torch.set_num_threads(1)`` before learning: by default torch takes a thread per core, and for networks of a
+    few hundred weights a layer the threads wait for each other much longer than they compute.
+
     Args:
         num_envs: number of lanes.
         arguments: those of `FuzzyArmVectorEnv`, say ``case="machining"`` or ``randomisation="robust"``.

@@ -232,7 +232,7 @@ def _device(device: str | torch.device) -> torch.device:
         torch.empty(0, device=found)
     except (AssertionError, NotImplementedError, RuntimeError, TypeError, ValueError) as error:
         reason = str(error).split("\n", maxsplit=1)[0]
-        raise ValueError(f"device = {checks.shown(device)} cannot be used: {reason[:100]}") from None
+        raise ValueError(f"device = {checks.shown(device)} cannot be used: {checks.listed([reason])}") from None
     return found
 
 

@@ -7,9 +7,8 @@ form in which it is shipped. A training that was killed and resumed gives the sa
 
 from __future__ import annotations
 
-import csv
+import dataclasses
 import importlib.util
-import io
 import json
 import math
 import shutil
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm.common.checks import instance, is_real, reals, shown
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
@@ -88,15 +87,35 @@ class Training:
         self._shipped_policy()  # refuses before the training what could not be shipped after it
 
     @classmethod
-    def resume(cls, folder: Path, report: Callable[[dict[str, Any]], None] | None = None) -> Training:
+    def resume(
+        cls, folder: Path, report: Callable[[dict[str, Any]], None] | None = None, total_timesteps: int | None = None
+    ) -> Training:
         """Return the training of a folder as it was at its last checkpoint.
+
+        Args:
+            folder: of the training.
+            report: called after every update with the row of the curve.
+            total_timesteps: environment steps to go on to, also of a training that has reached its end; None: as many
+                as it was configured for. What is done keeps its bits. A schedule over the training, such as the
+                learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
 
         Raises:
             CheckpointError: there is no checkpoint, it is damaged, or it does not fit.
+            ValueError: more steps than `total_timesteps` are done already.
         """
         found = read_checkpoint(folder / CHECKPOINT)
         try:
-            config = find_algorithm(found["algorithm"]).config.from_dict(found["config"])
+            config, done = find_algorithm(found["algorithm"]).config.from_dict(found["config"]), found["steps"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
+        if total_timesteps is not None:
+            config = dataclasses.replace(config, total_timesteps=total_timesteps)
+            if total_timesteps < done:
+                raise ValueError(
+                    f"total_timesteps = {total_timesteps} is below the {done} steps that {folder} has done already; "
+                    "give a larger number, or start another training"
+                )
+        try:
             training = cls(config, folder, report)
             training.rows, training.best, training._earlier = _progress(found)
             learner, envs, generators = found["learner"], found["envs"], found["generators"]
@@ -239,12 +258,7 @@ class Training:
     def _csv(self, rows: Sequence[dict[str, Any]], header: bool = False) -> str:
         """Return rows of the curve as text; a column that a row lacks stays empty."""
         columns = ("steps", "episode_reward", "episode_length", "tip_error_mm", *self._spec.columns, *COLUMNS)
-        text = io.StringIO()
-        writer = csv.DictWriter(text, fieldnames=columns, lineterminator="\n")
-        if header:
-            writer.writeheader()
-        writer.writerows(rows)
-        return text.getvalue()
+        return csv_text(rows, columns, header=header)
 
 
 def _progress(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.synthesis.designer import Design
 
@@ -14,13 +15,14 @@ def describe(result: Design) -> str:
     model = controller.model
     kept, dropped = ", ".join(model.kept) or "none", ", ".join(u.premise for u in model.uncertainties) or "none"
     multipliers = "one multiplier for all of A" if controller.common_multiplier else "one multiplier each"
-    pole = "" if controller.fastest_pole is None else f"fastest pole {controller.fastest_pole:g} 1/s, "
+    pole = "" if controller.fastest_pole is None else f"fastest pole {at_most(controller.fastest_pole, 6)} 1/s, "
     names = ["K q1", "K q2", "K dq1", "K dq2"] + (["H q1", "H q2"] if controller.integral else [])
     lines = [
         f"{model.rules} rules: kept {kept}; as uncertainty: {dropped}, {multipliers}; {controller.form} form, "
         f"{'with' if controller.integral else 'without'} integral",
-        f"alpha = {controller.alpha:g} 1/s, gamma = {controller.gamma:.4g}, {pole}{controller.origin['objective']}; "
-        f"{result.variables} variables, {result.rows} cone rows, solved in {result.solve_seconds:.2f} s",
+        f"alpha = {at_least(controller.alpha, 6)} 1/s, gamma = {at_most(controller.gamma, 4)}, {pole}"
+        f"{controller.origin['objective']}; {result.variables} variables, {result.rows} cone rows, solved in "
+        f"{result.solve_seconds:.2f} s",
         f"all {len(certificate.claims)} inequalities proven in exact rational arithmetic from the stored gains in "
         f"{result.proof_seconds:.2f} s, smallest margin {certificate.proof_margin:.2g}",
         "",

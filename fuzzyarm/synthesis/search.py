@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from fuzzyarm.common.bisection import last_that_works
-from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.synthesis.conic import Problem
 from fuzzyarm.synthesis.error_model import ErrorModel, consistent_form, paper_form
@@ -62,7 +62,7 @@ def _smallest_gamma_paper(model: TSModel, specification: Specification) -> tuple
     The cone program that minimises γ² is too badly scaled here: d and r are decades apart.
     """
     best, gamma, ratio = None, PAPER_GAMMA, 4.0
-    while ratio > 1.05:
+    while ratio > 1.05 and gamma / ratio > GAINS[0]:
         better = first_solution(model, dataclasses.replace(specification, gamma=gamma / ratio))
         if better is None:
             ratio = math.sqrt(ratio)
@@ -150,7 +150,9 @@ def smallest_feasible_pole(model: TSModel, specification: Specification, resolut
 
     if specified is None or not works(None):
         return None
-    return _nearest_that_works(works, specified, factor=2.0, limit=1e3 * specified, resolution=resolution)
+    return _nearest_that_works(
+        works, specified, factor=2.0, limit=min(1e3 * specified, RATES[1]), resolution=resolution
+    )
 
 
 def largest_feasible_alpha(model: TSModel, specification: Specification, resolution: float = 0.02) -> float | None:
@@ -160,7 +162,9 @@ def largest_feasible_alpha(model: TSModel, specification: Specification, resolut
     def works(alpha: float) -> bool:
         return best_solution(model, dataclasses.replace(specification, alpha=alpha)) is not None
 
-    return _nearest_that_works(works, specified, factor=0.25, limit=1e-3 * specified, resolution=resolution)
+    return _nearest_that_works(
+        works, specified, factor=0.25, limit=max(1e-3 * specified, RATES[0]), resolution=resolution
+    )
 
 
 def _nearest_that_works(
@@ -169,6 +173,8 @@ def _nearest_that_works(
     """Return the number nearest to `start` that works, in steps of `factor` up to `limit`; None if there is none."""
     if works(start):
         return start
+    if (factor * start - limit) * (factor - 1.0) > 0.0:
+        return None
     found = None
 
     def fails(value: float) -> bool:

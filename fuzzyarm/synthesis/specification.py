@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from fuzzyarm.common.checks import choice, real
-from fuzzyarm.fuzzy_policy.controller import FORMS
+from fuzzyarm.common.checks import choice, real, texts, truth
+from fuzzyarm.fuzzy_policy.controller import FORMS, GAINS, RATES
 from fuzzyarm.fuzzy_policy.ts_model import DEFAULT_KEPT
 
 __all__ = ["FIRST_ALPHA", "PAPER_WEIGHT", "Specification"]
@@ -24,10 +24,10 @@ class Specification:
     Attributes:
         kept: premises kept as fuzzy rules.
         form: "consistent" or "paper" (theorems 1 and 2).
-        alpha: decay rate [1/s]; None for the largest one, which needs gamma and gain_bound.
-        gamma: bound of the L2 gain, [rad/(N m)] in the consistent form.
-        gain_bound: bound of the feedback [N m/rad]: |K̃| <= bound T_1/U_1 in scaled units, so that the position gain
-            of joint 1 stays below it and the others in proportion to their units.
+        alpha: decay rate [1/s], in `controller.RATES`; None for the largest one, which needs gamma and gain_bound.
+        gamma: bound of the L2 gain, in `controller.GAINS`; [rad/(N m)] in the consistent form.
+        gain_bound: bound of the feedback [N m/rad], in `controller.GAINS`: |K̃| <= bound T_1/U_1 in scaled units, so
+            that the position gain of joint 1 stays below it and the others in proportion to their units.
         integral: whether to feed back the integral of the position error (Remark 2).
         common_multiplier: one multiplier for all dropped premises of A, as Theorem 2 prints it; otherwise one each.
         fastest_pole: bound β [1/s] of the decay rate from above, so that the real part of every pole of the frozen
@@ -49,11 +49,20 @@ class Specification:
 
     def __post_init__(self) -> None:
         """Check the numbers, each and together."""
+        texts("kept", self.kept)
         choice("form", self.form, FORMS)
-        units = {"alpha": "1/s", "gamma": "rad/(N m)", "gain_bound": "N m/rad", "fastest_pole": "1/s"}
-        for name, unit in units.items():
+        truth("integral", self.integral)
+        truth("common_multiplier", self.common_multiplier)
+        gain_unit = "rad/(N m)" if self.form == "consistent" else ""
+        ranges = {
+            "alpha": ("1/s", RATES),
+            "gamma": (gain_unit, GAINS),
+            "gain_bound": ("N m/rad", GAINS),
+            "fastest_pole": ("1/s", RATES),
+        }
+        for name, (unit, (low, high)) in ranges.items():
             if getattr(self, name) is not None:
-                real(name, getattr(self, name), unit, above=0.0)
+                object.__setattr__(self, name, real(name, getattr(self, name), unit, low=low, high=high))
         if self.fastest_pole is not None:
             if self.form != "consistent":
                 raise ValueError("fastest_pole goes with the consistent form: leave it out, or choose that form")

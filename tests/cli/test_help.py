@@ -1,9 +1,12 @@
 """What the command line says of itself: help at 80 columns, groups, completion, and one line for each mistake."""
 
+import importlib.util
 import os
+import platform
 import shutil
 import subprocess
 import sys
+from importlib import metadata
 
 import pytest
 
@@ -65,7 +68,12 @@ def test_every_option_has_help_and_a_name_of_its_own(words):
 
 
 def test_the_version(capsys):
-    assert printed(capsys, "--version") == f"fuzzyarm {__version__}\n"
+    first, *others = printed(capsys, "--version").splitlines()
+    assert first == f"fuzzyarm {__version__}"
+    versions = dict(line.split(" ", maxsplit=1) for line in others)
+    assert {"Python", "numpy", "numba", "scipy", "gymnasium", "clarabel", "python-flint", "on"} <= set(versions)
+    assert versions["Python"] == platform.python_version() and versions["numpy"] == metadata.version("numpy")
+    assert ("torch" in versions) == (importlib.util.find_spec("torch") is not None)
 
 
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["evaluate", "--help"], ["design", "--help"]])

@@ -1,6 +1,8 @@
 """Pictures: without a display, true to the state, and a window that may be closed at any time."""
 
+import copy
 import os
+import pickle
 import subprocess
 import sys
 
@@ -94,8 +96,8 @@ def test_no_render_mode_records_and_loads_nothing():
     plain.reset()
     for _ in range(5):
         plain.step(np.zeros(2))
-    assert plain._trace == []
-    assert plain._renderer is None
+    assert plain._film._trace == []
+    assert plain._film._renderer is None
 
 
 def test_each_frame_is_a_new_array(env):
@@ -252,6 +254,35 @@ def test_every_pose_of_every_arm_fits_and_leaves_the_header_alone(length, q):
     assert len(pixels(frame, REFERENCE)) > 200
     # Only the tip error, at the right, reads differently.
     np.testing.assert_array_equal(frame[: HEADER - 2, : WIDTH // 2], header[:, : WIDTH // 2])
+
+
+COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda env: pickle.loads(pickle.dumps(env))}
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_a_copy_after_a_picture_draws_its_own(way, env):
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.zeros(2))
+    before = env.render()
+    twin = COPIES[way](env)
+    np.testing.assert_array_equal(twin.render(), before)
+    env.step(np.array([400.0, 0.0]))
+    np.testing.assert_array_equal(twin.render(), before)
+    twin.step(np.array([400.0, 0.0]))
+    np.testing.assert_array_equal(twin.render(), env.render())
+    assert (twin.render() != before).any()
+    twin.close()
+
+
+def test_a_copy_of_an_arm_in_a_window_shows_itself_in_it(window):
+    window.reset()
+    twin = copy.deepcopy(window)
+    window.close()
+    assert not pygame.display.get_init()
+    twin.reset()
+    assert pygame.display.get_surface() is not None
+    twin.close()
 
 
 def test_thinned_keeps_the_ends():

@@ -20,6 +20,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import vector as wrappers
+from support.results import assert_identical, identical
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.batch.kernels import advance
@@ -58,30 +59,6 @@ def torques(seed, steps, lanes, scale=1.0):
     generator = np.random.default_rng(seed)
     signs = np.repeat(generator.choice([-1.0, 1.0], (steps // 300 + 1, lanes, 2)), 300, axis=0)[:steps]
     return signs * generator.uniform(0.5, 1.0, signs.shape) * scale * LIMIT
-
-
-def identical(first, second):
-    """Whether two results are of the same types, shapes and bits, whatever they are made of."""
-    if isinstance(first, dict):
-        same_keys = isinstance(second, dict) and first.keys() == second.keys()
-        return same_keys and all(identical(first[key], second[key]) for key in first)
-    if isinstance(first, tuple | list):
-        same_length = isinstance(second, tuple | list) and len(first) == len(second)
-        return same_length and all(map(identical, first, second))
-    if isinstance(first, np.ndarray):
-        if not (isinstance(second, np.ndarray) and (first.dtype, first.shape) == (second.dtype, second.shape)):
-            return False
-        return all(map(identical, first, second)) if first.dtype == object else first.tobytes() == second.tobytes()
-    return type(first) is type(second) and first == second
-
-
-def assert_identical(first, second, step=None):
-    """The same, and name what differs."""
-    for name, one, other in zip(("observation", "reward", "terminated", "truncated"), first, second, strict=False):
-        assert identical(one, other), f"{name} differs, step {step}"
-    info, expected = first[-1], second[-1]
-    assert info.keys() == expected.keys(), step
-    assert [key for key in info if not identical(info[key], expected[key])] == [], f"info differs, step {step}"
 
 
 def lanes_of(info, count):
@@ -749,7 +726,14 @@ BAD_OPTIONS = {
         "unknown reset option inital_state, wind; known: initial_state, reference, case, disturbance",
     ),
     "unknown list": ({"wind": [1.0, 2.0]}, "^unknown reset option wind; known: "),
-    "mask": ({"reset_mask": np.array([True, False, False])}, "unknown reset option reset_mask; known: "),
+    "no mask": ({"reset_mask": None}, "reset_mask is NoneType; it must be a numpy array of 3 booleans"),
+    "mask of numbers": ({"reset_mask": np.array([1, 0, 0])}, "reset_mask is an array of int64; it must be a numpy"),
+    "short mask": ({"reset_mask": np.ones(2, dtype=bool)}, r"reset_mask has shape \(2,\); needed: \(3,\)"),
+    "empty mask": ({"reset_mask": np.zeros(3, dtype=bool)}, "reset_mask names no lane; at least one"),
+    "mask and unknown": (
+        {"reset_mask": np.array([True, False, False]), "wind": 1.0},
+        "unknown reset option wind; known: ",
+    ),
     "case": ({"case": "drilling"}, f"^unknown case 'drilling'; {CHOICES}"),
     "one case": ({"case": ["nominal", "drilling", "nominal"]}, f"^lane 1: unknown case 'drilling'; {CHOICES}"),
     "cases": ({"case": ["nominal"] * 4}, "case has 4 entries for 3 lanes; give one, or one per lane"),

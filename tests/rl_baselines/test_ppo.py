@@ -119,7 +119,7 @@ def other(field):
 def chosen(monkeypatch, tmp_path):
     """What a command line asks for; nothing is trained."""
     found = []
-    monkeypatch.setattr(progress, "train_with_progress", lambda config, _: found.append(config))
+    monkeypatch.setattr(progress, "train_with_progress", lambda config, *_: found.append(config))
 
     def call(*words):
         assert main(["train", "ppo", *map(str, words), "--out", str(tmp_path)]) == 0

@@ -1,8 +1,10 @@
 """A training is reproducible, also if it is killed and resumed."""
 
+import csv
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -104,6 +106,32 @@ def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
         times = json.loads((one / "run.json").read_text())
         assert set(times) == {"wall_time_s", "cpu_time_s"} and min(times.values()) > 0.0
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in whole.iterdir())
+
+
+def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
+    """What was done keeps its bits; then the learning rate falls as if the new total had been that of the beginning."""
+    folder = shutil.copytree(whole, tmp_path / "run")
+    assert main(["train", "ppo", "--resume", "--out", str(folder), "--total-timesteps", "9216"]) == 0
+    before, after = ((one / "curve.csv").read_text().splitlines() for one in (whole, folder))
+    assert after[: len(before)] == before and len(after) == len(before) + 6
+    rows = list(csv.DictReader(after))
+    assert [int(row["steps"]) for row in rows[-6:]] == [6144 + 512 * k for k in range(1, 7)]
+    preset, last = PRESETS["residual"], rows[-6]
+    first, final = preset.learning_rate, preset.final_learning_rate
+    assert float(last["learning_rate"]) == pytest.approx(final + (first - final) * (1.0 - 6656 / 9216))
+    assert PolicyBundle.load(folder / "policy").training["steps_done"] == 9216
+    twice = shutil.copytree(whole, tmp_path / "twice")
+    assert main(["train", "ppo", "--resume", "--out", str(twice), "--total-timesteps", "9216"]) == 0
+    assert results(twice) == results(folder)
+
+
+def test_a_run_cannot_be_made_shorter_than_it_is(whole, capsys):
+    before = results(whole)
+    assert main(["train", "ppo", "--resume", "--out", str(whole), "--total-timesteps", "512"]) == 2
+    assert "total_timesteps = 512 is below the 6144 steps that" in capsys.readouterr().err
+    assert main(["train", "ppo", "--resume", "--out", str(whole), "--total-timesteps", "9216", "--seed", "1"]) == 2
+    assert "leave out --seed" in capsys.readouterr().err
+    assert results(whole) == before
 
 
 def equal(first, second):

@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int64
 
-from fuzzyarm.envs.batch.block import advance_block, write_command
+from fuzzyarm.envs.batch.block import advance_block, observe, write_command
 from fuzzyarm.envs.batch.layout import PLANAR, VECTORS, WIDTH, Scalars, Work, parts
 from fuzzyarm.envs.observation import SIZE
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.records import BLOCK, PerJoint, in_columns, in_list, reader, size
 
-__all__ = ["advance", "advance_one", "prepare"]
+__all__ = ["advance", "advance_one", "observe_again", "prepare"]
 
 _WORK_SIZE = size(Work) * BLOCK
 _read_scalars = reader(Scalars, in_list)
@@ -124,6 +124,21 @@ def advance_one(
         found.truncated != 0.0,
         int(found.reason),
     )
+
+
+@kernel
+def observe_again(values: np.ndarray, clock: np.ndarray, table: np.ndarray, out: np.ndarray) -> None:
+    """Write what the last step, or the beginning of the episode, let be observed; nothing moves.
+
+    Args:
+        values: as in `advance`, and so are the next two; not changed.
+        clock: where each lane is; not changed.
+        table: the schedules.
+        out: (WIDTH lanes,), written; of the results of all lanes only the observations [rad, rad/s, rad/s²].
+    """
+    results = parts(out)
+    for lane in range(values.shape[1]):
+        observe(values, clock, table, lane, results, lane)
 
 
 def prepare(lanes: int) -> None:

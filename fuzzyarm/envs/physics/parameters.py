@@ -112,8 +112,8 @@ class ArmParameters:
             ValueError: a name is unknown, or a value is out of range.
         """
         known = [field.name for field in dataclasses.fields(cls)]
-        unknown = sorted(set(map(str, checks.instance("values", values, dict))) - set(known))
-        _require(not unknown, f"unknown arm field {', '.join(unknown)}; known: {', '.join(known)}")
+        unknown = set(map(str, checks.instance("values", values, dict))) - set(known)
+        _require(not unknown, f"unknown arm field {checks.listed(unknown)}; known: {', '.join(known)}")
         arguments: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         return cls(**arguments)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from fuzzyarm.common.checks import shown
+from fuzzyarm.common.checks import instance, shown
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce
 
@@ -24,6 +24,12 @@ class Case:
     name: str
     title: str
     disturbance: Disturbance
+
+    def __post_init__(self) -> None:
+        """Check the type of each part; TypeError otherwise."""
+        instance("name", self.name, str)
+        instance("title", self.title, str)
+        instance("disturbance", self.disturbance, Disturbance)
 
 
 _PAPER = (

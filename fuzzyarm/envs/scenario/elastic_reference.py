@@ -18,6 +18,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, legendre
 from numpy.typing import ArrayLike
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
 
@@ -39,6 +40,7 @@ class ElasticReference:
         reference: the motion of the links; its `parameters` are the arm.
 
     Raises:
+        TypeError: `reference` is no `JointReference`.
         ValueError: θ_d or θ̇_d leaves the box (25), on which the certificates hold.
     """
 
@@ -46,6 +48,7 @@ class ElasticReference:
 
     def __post_init__(self) -> None:
         """Check θ_d against the box at `CHECKED_INSTANTS` instants."""
+        instance("reference", self.reference, JointReference)
         t, limits = np.linspace(0.0, self.duration, CHECKED_INSTANTS), self.reference.parameters
         motion = self.sample(t)
         for name, unit, values, limit in (

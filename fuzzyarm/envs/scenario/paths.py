@@ -212,6 +212,11 @@ class Spline:
         """Return s at the inner waypoints, where the third derivative jumps."""
         return np.asarray(self._interpolant.x[1:-1])
 
+    @property
+    def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the knots (k + 1,) over s and the coefficients (4, k, 2) [m] of p in s - knot, highest power first."""
+        return self._interpolant.x, self._interpolant.c
+
     def points(self, s: ArrayLike) -> Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         s, spline = np.asarray(s, dtype=float), self._interpolant

@@ -98,6 +98,7 @@ class JointReference:
                 f"elbow_sign = {checks.shown(self.elbow_sign)} is out of range; allowed: 1 (q2 > 0) or -1 (q2 < 0)"
             )
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
+        _check_points(self.path, quintic_time_law(t, self.duration)[0])
         _check_reach(t, self.tip(t).position, self.parameters.length)
         motion = self.sample(t)
         _check_joint_limits(t, motion.q, self.parameters.joint_limit)
@@ -173,12 +174,25 @@ def _solve(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.solve(jacobian, right[..., np.newaxis])[..., 0]
 
 
+def _check_points(path: TipPath, s: np.ndarray) -> None:
+    """Raise unless a path gives three arrays of points, as `TipPath` says."""
+    parts = path.points(s)
+    if not isinstance(parts, tuple | list) or len(parts) != 3:
+        raise TypeError(f"path.points(s) gave {checks.shown(parts)}; needed: p, dp/ds and d²p/ds²")
+    for name, part in zip(("p", "dp/ds", "d²p/ds²"), parts, strict=True):
+        if np.shape(part) != (*s.shape, 2):
+            raise ValueError(
+                f"path.points(s) gave shape {np.shape(part)} for {name} and s of shape {s.shape}; allowed: "
+                f"{(*s.shape, 2)}"
+            )
+        if np.asarray(part).dtype.kind not in "fiu":
+            raise TypeError(f"path.points(s) gave {name} = {checks.shown(part)}; needed: real numbers [m]")
+    if not all(np.isfinite(part).all() for part in parts[1:]):  # p is checked with the reach
+        raise ValueError("path.points(s) gave derivatives that are not finite")
+
+
 def _check_reach(t: np.ndarray, position: np.ndarray, length: tuple[float, float]) -> None:
     """Raise unless every point lies in the reach ring, less the margin to the singular configurations."""
-    if position.shape != (*t.shape, 2):
-        raise ValueError(
-            f"path.points(s) gave shape {position.shape} for s of shape {t.shape}; allowed: {(*t.shape, 2)}"
-        )
     distance = np.hypot(position[:, 0], position[:, 1])
     most_folded, most_stretched = [0.0, math.pi - SINGULARITY_MARGIN], [0.0, SINGULARITY_MARGIN]
     low, high = np.linalg.norm(tip_position(np.array([most_folded, most_stretched]), length), axis=-1)

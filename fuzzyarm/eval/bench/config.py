@@ -7,7 +7,7 @@ import itertools
 import os
 from typing import TYPE_CHECKING
 
-from fuzzyarm.common.checks import real, whole
+from fuzzyarm.common.checks import instance, real, shown, truth, whole
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.bench.entries import Entry
@@ -52,10 +52,11 @@ class BenchConfig:
                 f"rounds = {self.rounds} must be odd and at least {FEWEST_ROUNDS}: the median is one of the rounds"
             )
         whole("threads", self.threads, low=1, high=os.cpu_count() or 1)
-        for lanes in self.lanes:
+        for lanes in instance("lanes", self.lanes, tuple):
             whole("lanes", lanes, low=1)
+        truth("lanes_sweep", self.lanes_sweep)
         if not self.lanes or len(set(self.lanes)) != len(self.lanes):
-            raise ValueError(f"lanes = {list(self.lanes)} must be one or more different whole numbers from 1")
+            raise ValueError(f"lanes = {shown(list(self.lanes))} must be one or more different whole numbers from 1")
 
     def groups(self) -> dict[str, list[Entry]]:
         """Return the entries of the table by heading; those under one heading take turns."""

@@ -189,7 +189,7 @@ def _add_tip_errors(rows: Sequence[Row]) -> None:
 def _reason(error: Exception, extra: str = "") -> str:
     """Return in one line why something was not measured, and what to install if that would help."""
     if isinstance(error, ModuleNotFoundError) and extra:
-        return f"{error.name} is not installed: pip install 'fuzzyarm[{extra}]'"
+        return f'{error.name} is not installed: pip install -c constraints.txt -e ".[{extra}]" in the repository'
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__
 
 

@@ -8,14 +8,15 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.common.console import escaped
+from fuzzyarm.common.rounding import at_least, at_most
+from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
-from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify, residual_bound
+from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
+from fuzzyarm.fuzzy_policy.proof.residual import Residual, feedforward_residual
 
-__all__ = ["Verification", "verify_file"]
+__all__ = ["Verification", "residual_statement", "verify_file"]
 
 LISTED = 20  # claims in the printed report
 
@@ -28,7 +29,7 @@ class Verification:
         path: the file.
         controller: its content.
         certificate: its claims, each proven or not.
-        residual: bound (2,) on the feedforward residual [N m].
+        residual: the feedforward residual; None in the form of the paper, and where the arm does not reach the circle.
         tip: what holds for the policy of this file with the ending -tip.
         seconds: time of the proof.
     """
@@ -36,7 +37,7 @@ class Verification:
     path: Path
     controller: Controller
     certificate: Certificate
-    residual: np.ndarray | None
+    residual: Residual | None
     tip: str | None
     seconds: float
 
@@ -47,11 +48,12 @@ class Verification:
         multipliers = (
             "one multiplier for all of A" if c.common_multiplier else "one multiplier for each dropped premise"
         )
-        pole = "" if c.fastest_pole is None else f", fastest pole = {c.fastest_pole:g} 1/s"
+        pole = "" if c.fastest_pole is None else f", fastest pole = {at_most(c.fastest_pole, 6)} 1/s"
         lines = [
-            f"{self.path}: {'PROVEN' if not failed else 'NOT PROVEN'}",
+            f"{escaped(str(self.path))}: {'PROVEN' if not failed else 'NOT PROVEN'}",
             f"  {c.form} form, {c.model.rules} rules (kept: {', '.join(c.model.kept) or 'none'}), {multipliers}, "
-            f"{'with' if c.integral else 'without'} integral; alpha = {c.alpha:g} 1/s, gamma = {c.gamma:g}{pole}",
+            f"{'with' if c.integral else 'without'} integral; alpha = {at_least(c.alpha, 6)} 1/s, "
+            f"gamma = {at_most(c.gamma, 6)}{pole}",
             f"  {len(claims) - len(failed)} of {len(claims)} inequalities proven in exact rational arithmetic, "
             f"smallest margin {self.certificate.proof_margin:.2g}, {self.seconds:.2f} s",
         ]
@@ -65,24 +67,21 @@ class Verification:
             lines.append(f"  and {len(claims) - LISTED} more with larger margins, all of them with --json")
         if not failed:
             lines.append(f"  {self.certificate.statement}")
-        if self.residual is not None and self.residual.any():
-            lines.append(
-                "  The feedforward residual in d is at most "
-                f"({self.residual[0]:.3g}, {self.residual[1]:.3g}) N m along the paper's circle, for any state "
-                "in the box."
-            )
+        if self.residual is not None and self.residual.sampled.any():
+            lines.append(f"  {residual_statement(self.residual)}")
         if self.tip is not None and not failed:
             lines.append(f"  {self.tip} (Reference: the paper's circle; the policy: this file with the ending -tip.)")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain data for JSON."""
+        bound = None if self.residual is None else self.residual.bound
         return {
             "file": str(self.path),
             "proven": self.certificate.proven,
             "margin": self.certificate.proof_margin,
             "seconds": self.seconds,
-            "residual_bound": None if self.residual is None else self.residual.tolist(),
+            "residual_bound": None if bound is None else bound.tolist(),
             "statement": self.certificate.statement if self.certificate.proven else None,
             "tip_statement": self.tip if self.certificate.proven else None,
             "claims": [
@@ -90,6 +89,19 @@ class Verification:
                 for claim in self.certificate.claims
             ],
         }
+
+
+def residual_statement(residual: Residual) -> str:
+    """Return what is known of the feedforward residual along the paper's circle."""
+    torques = residual.sampled if residual.bound is None else residual.bound
+    largest = f"({', '.join(at_most(torque, 3) for torque in torques)}) N m"
+    place = "along the paper's circle, for any state in the box"
+    if residual.bound is not None:
+        return f"The feedforward residual in d is at most {largest} {place}."
+    return (
+        f"The feedforward residual in d reaches {largest} {place}: sampled at {CHECKED_INSTANTS} instants, not bounded "
+        "between them."
+    )
 
 
 def verify_file(path: Path) -> Verification:
@@ -103,5 +115,5 @@ def verify_file(path: Path) -> Verification:
         # Another arm may not reach the paper's circle; then there is no residual to bound.
         with contextlib.suppress(ValueError):
             circle = JointReference(parameters=controller.model.parameters)
-            residual, tip = residual_bound(controller.model, circle), tip_statement(circle)
+            residual, tip = feedforward_residual(controller.model, circle), tip_statement(circle)
     return Verification(path, controller, certificate, residual, tip, seconds)

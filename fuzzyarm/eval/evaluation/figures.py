@@ -27,12 +27,14 @@ from fuzzyarm.eval.evaluation.panels import OVERVIEW, TIME_FIGURES, Panel
 __all__ = [
     "BAND",
     "DASHES",
+    "DIPS",
     "FOCUS",
     "LOWEST",
     "MAGNIFICATIONS",
     "REFERENCE",
     "ROOM",
     "SMALL",
+    "TALLER",
     "draw_figures",
     "write_figures",
 ]
@@ -45,8 +47,11 @@ ROOM = 0.5
 FOCUS, SMALL = 5.0, 2.0
 """An error panel is scaled to the policies whose peak is at most `FOCUS` times that of the best policy. A best peak
 below `SMALL` [mm] counts as `SMALL`: otherwise a nearly perfect policy would push all others off the scale."""
-LOWEST = 1e-3
-"""Lower end of a logarithmic axis; in mm it is a micrometre, a few times the error of the simulation."""
+LOWEST, DIPS = 1e-5, 0.05
+"""A logarithmic axis begins with the decade above which every policy is that reaches the end, but for a share `DIPS` of
+the time, when its error passes through zero. It begins at `LOWEST` at least, which in mm is ten nanometres."""
+TALLER = 1.6
+"""Height of a row with a logarithmic axis, where decades need room, beside that of the others."""
 # Strokes and gaps, in line widths; the first is solid. There are nine beside the style's eight colours: up to eight
 # policies differ in both, and up to 72 differ in one of them.
 _STROKES = ((), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (2, 2), (3, 1, 1, 1, 1, 1), (9, 1.5, 3, 1.5), (1, 3))
@@ -130,13 +135,18 @@ def _policy_styles(rollouts: Sequence[Rollout]) -> Styles:
 def _time_figure(columns: Columns, panels: Sequence[Panel], styles: Styles) -> Figure:
     """Return the grid of `panels` (rows) over the cases (columns)."""
     width = 6.6 if len(columns) == 1 else 1.0 + 3.0 * len(columns)
-    figure = Figure(figsize=(width, 0.9 + 1.75 * len(panels)))
-    grid = figure.subplots(len(panels), len(columns), sharex="col", sharey="row", squeeze=False)
+    heights = [TALLER if panel.log else 1.0 for panel in panels]
+    figure = Figure(figsize=(width, 0.9 + 1.75 * sum(heights)))
+    grid = figure.subplots(len(panels), len(columns), sharex="col", squeeze=False, height_ratios=heights)
     on_circle = all(_is_circle(_longest(episodes).tip_reference) for episodes in columns.values())
     for row, panel in zip(grid, panels, strict=True):
-        limits = _limits(columns, [peer for peer in panels if peer.scale == panel.scale])
-        for axes, episodes in zip(row, columns.values(), strict=True):
-            _draw_panel(axes, panel, episodes, styles, limits)
+        peers = [peer for peer in panels if peer.scale == panel.scale]
+        limits = _limits(columns, peers)
+        for axes, (title, episodes) in zip(row, columns.items(), strict=True):
+            # The decades of one case would leave the panels of another half empty.
+            own = _limits({title: episodes}, peers) if panel.log else limits
+            _draw_panel(axes, panel, episodes, styles, own)
+            axes.tick_params(labelleft=panel.log or axes is row[0])
         quantity = panel.quantity if on_circle else panel.quantity.replace("circularity", "contour")
         row[0].set_ylabel(f"{quantity} [{panel.unit}]")
     figure.align_ylabels(grid[:, 0])
@@ -159,10 +169,9 @@ def _limits(columns: Columns, panels: Sequence[Panel]) -> Limits:
                 low, high = min(low, float(curve.min())), max(high, float(curve.max()))
     if panels[0].log:
         finished = [e for episodes in columns.values() for e in _finished(episodes)]
-        typical = min(float(np.sqrt(np.mean(panels[0].signal(e) ** 2))) for e in finished)
-        first = np.floor(np.log10(max(typical, LOWEST)))
-        last = max(first + 1.0, np.ceil(np.log10(max(high, LOWEST))))
-        return float(10.0**first), float(10.0**last)
+        lowest = min(float(np.quantile(panels[0].signal(e), DIPS)) for e in finished)
+        first = float(10.0 ** np.floor(np.log10(max(lowest, LOWEST))))
+        return first, max(10.0 * first, 1.5 * high)
     margin = 0.06 * (high - low) or 1.0
     return (low - margin if low < 0.0 else 0.0), (high + margin if high > 0.0 or low == 0.0 else 0.0)
 

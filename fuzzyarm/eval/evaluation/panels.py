@@ -23,7 +23,8 @@ class Panel:
         signal: what is drawn of a rollout, (n,) [unit].
         scale: panels of a figure with the same scale share their limits.
         target: what the signal should follow, (n,) [unit]; None without a target.
-        log: whether the axis is logarithmic; values below its lowest decade are drawn at its edge.
+        log: whether the axis is logarithmic; each case has limits of its own then,
+            and values below its lowest decade are drawn at its edge.
         is_error: whether the scale leaves out policies far worse than the best (see `figures.FOCUS`), which are then
             named in the panel; they would flatten the other curves.
     """

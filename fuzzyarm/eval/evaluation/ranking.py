@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,11 @@ from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies import resolve
 
-__all__ = ["LOST", "Leaderboard", "Standing", "markdown", "print_leaderboard", "rank_policies"]
+__all__ = ["LOST", "Leaderboard", "Standing", "markdown", "print_leaderboard", "rank_policies", "standings_of"]
 
 LOST = 100.0
 """Tip error [mm], half the radius of the paper's circle, above which an episode counts as lost."""
@@ -98,7 +99,11 @@ def rank_policies(paths: Sequence[Path]) -> Leaderboard:
                     f"{first.path} and {other.path} are not comparable: {name} is {value} in the first and "
                     f"{_conditions(other)[name]} in the second; evaluate anew under the same conditions"
                 )
-    standings = [standing for results in read for standing in _standings(results)]
+    standings = [
+        standing
+        for results in read
+        for standing in standings_of(results.config, results.rows, results.certificates, str(results.path))
+    ]
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), _in_words(first))
 
 
@@ -124,28 +129,38 @@ def _in_words(results: Results) -> str:
     )
 
 
-def _standings(results: Results) -> list[Standing]:
+def standings_of(
+    config: EvaluationConfig, rows: Sequence[dict[str, Any]], certificates: Mapping[str, str | None], source: str = ""
+) -> list[Standing]:
+    """Return the standing of each policy of an evaluation, in the order of its configuration.
+
+    Args:
+        config: of the evaluation.
+        rows: the metrics of its episodes.
+        certificates: certificate in words by policy, None where there is none.
+        source: the file that it is from.
+    """
     standings = []
-    for policy in (resolve(name).label for name in results.config.policies):
-        rows = [row for row in results.rows if row["policy"] == policy]
-        lost = [row for row in rows if not row["completed"] or row["tip_error_max_mm"] > LOST]
+    for policy in (resolve(name).label for name in config.policies):
+        own = [row for row in rows if row["policy"] == policy]
+        lost = [row for row in own if not row["completed"] or row["tip_error_max_mm"] > LOST]
         rms = {
-            case: np.array([row["tip_error_rms_mm"] for row in rows if row["case"] == case])
+            case: np.array([row["tip_error_rms_mm"] for row in own if row["case"] == case])
             for case in CASES
-            if case in results.config.cases
+            if case in config.cases
         }
         scores = [math.prod(errors) ** (1.0 / len(errors)) for errors in zip(*rms.values(), strict=True)]
         failed = {row["case"] for row in lost}
         standings.append(
             Standing(
                 policy=policy,
-                source=str(results.path),
+                source=source,
                 score=None if lost else estimate(scores),
                 rms={c: None if c in failed else float(interquartile_mean(values)) for c, values in rms.items()},
-                worst=max(row["tip_error_max_mm"] for row in rows),
+                worst=max(row["tip_error_max_mm"] for row in own),
                 lost=len(lost),
-                episodes=len(rows),
-                certified=results.certificates[policy] is not None,
+                episodes=len(own),
+                certified=certificates[policy] is not None,
             )
         )
     return standings

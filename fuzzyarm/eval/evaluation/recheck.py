@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -15,7 +15,7 @@ from fuzzyarm.common.console import table as new_table
 from fuzzyarm.eval.episodes.metrics import METRICS
 from fuzzyarm.eval.evaluation.results_file import Results
 from fuzzyarm.eval.evaluation.run import evaluate
-from fuzzyarm.policies import Kind, resolve, resolve_all
+from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
 __all__ = ["Comparison", "Difference", "print_comparison", "recheck_results"]
 
@@ -68,8 +68,8 @@ def recheck_results(
 
     Args:
         results: as `read_results` returns them.
-        code: policies of the form ``package.module:factory`` that the user wants to be imported and run. A results file
-            alone never makes that happen.
+        code: policies of the form ``package.module:factory`` that the user wants to be imported and run, as a results
+            file alone never makes that happen; and paths of policies whose files are no longer where they were.
         progress: called after each episode.
 
     Raises:
@@ -78,8 +78,9 @@ def recheck_results(
         OSError: the file of a policy cannot be read.
     """
     _check_consent(results, code)
-    _check_files(results)
-    fresh = evaluate(results.config, progress)
+    names = found_again(results.config.policies, results.policy_files or {}, code, results.path.parent)
+    _check_files(results, names)
+    fresh = evaluate(dataclasses.replace(results.config, policies=names), progress)
     old = _flat(results.rows, results.bounds or {})
     new = _flat(fresh.rows, {} if results.bounds is None else fresh.bounds)
     return Comparison(
@@ -104,25 +105,32 @@ def _check_consent(results: Results, code: Sequence[str]) -> None:
             f"{results.path} holds results of code that is not part of fuzzyarm, which a file alone does not get run; "
             f"if you trust it, add {flags}"
         )
-    others = [name for name in code if name not in needed]
+    labels = [resolve(name).label for name in results.config.policies]
+    others = [name for name in code if name not in needed and not _moved(resolve(name), labels)]
     if others:
         raise ValueError(
             f"--policy {' '.join(others)}: beside --check it only permits code, package.module:factory, that the file "
-            f"names; {results.path} names {', '.join(needed) or 'none'}"
+            f"names, or says where a policy's file is now; {results.path} names {', '.join(results.config.policies)}"
         )
 
 
-def _check_files(results: Results) -> None:
+def _moved(spec: PolicySpec, labels: Collection[str]) -> bool:
+    """Return whether a policy that the user names is a file or folder of one of the results."""
+    return spec.kind is not Kind.CODE and not spec.named and spec.label in labels
+
+
+def _check_files(results: Results, names: Sequence[str]) -> None:
     """Check that every policy is made from the files that were evaluated."""
     if results.policy_files is None:
         return
-    for label, spec in resolve_all(results.config.policies, run_code=True).items():
+    for label, spec in resolve_all(names, run_code=True).items():
         then, now = results.policy_files[label], spec.files()
         changed = sorted(file for file in then.keys() | now.keys() if then.get(file) != now.get(file))
         if changed and now:  # an unknown policy has no files; the error of `evaluate` says more
             raise ValueError(
                 f"policy {spec.name} is not the one that was measured: {', '.join(changed)} has another content "
-                f"(SHA-256) than {results.path} records; put the old file back, or evaluate anew"
+                f"(SHA-256) than {results.path} records; put the old file back, name it with --policy PATH, "
+                "or evaluate anew"
             )
 
 

@@ -9,12 +9,14 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.console import print_table
+from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 
 __all__ = ["COLUMNS", "markdown_table", "print_results", "table_rows"]
 
+_DISPENSABLE = (7, 6, 5, 4, 2)
+"""Columns of the table, with the policy as number 0, that a narrow terminal does without, in this order."""
 COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("tip error max [mm]", ("tip_error_max_mm",), "{:#.3g}"),
     ("max but for 0.1 s at the ends [mm]", ("tip_error_max_mid_mm",), "{:#.3g}"),
@@ -53,7 +55,7 @@ def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> s
 
 
 def print_results(rows: Sequence[dict[str, Any]], console: Console) -> None:
-    """Print the table, the policies of each case below its title."""
+    """Print the table, the policies of each case below its title, and what a narrow terminal leaves out of it."""
     table = new_table(["policy", *(heading for heading, _, _ in COLUMNS)], console=console)
     last = None
     for case, policy, cells in table_rows(rows):
@@ -62,7 +64,9 @@ def print_results(rows: Sequence[dict[str, Any]], console: Console) -> None:
             table.add_row(Text(case, style="bold"))
             last = case
         table.add_row(*map(Text, (policy, *cells)))
-    print_table(table, console)
+    if left_out := print_table(table, console, dispensable=_DISPENSABLE):
+        names = ", ".join(COLUMNS[column - 1][0] for column in sorted(left_out))
+        print_paragraphs(console, [f"Left out on {console.width} columns: {names}; results.csv has all."])
 
 
 def markdown_table(rows: Sequence[dict[str, Any]]) -> str:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import datetime
-import io
 import json
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from fuzzyarm.common.checks import distinct, instance, reals, whole
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -24,7 +22,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.policies import COMPARED, resolve_all
+from fuzzyarm.policies import COMPARED, recorded, resolve_all
 
 __all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
@@ -67,13 +65,16 @@ class EvaluationConfig:
             )
 
     def command(self) -> str | None:
-        """Return the command line of this configuration; None for an arm or control period that no option names."""
+        """Return the command line of this configuration; None for an arm or control period that no option names.
+
+        Policies in it have the names that results hold, see `policies.recorded`.
+        """
         default = EvaluationConfig()
         if (self.parameters, self.control_period) != (default.parameters, default.control_period):
             return None
         words = ["fuzzyarm", "evaluate"]
         if self.policies != default.policies:
-            words += [word for policy in self.policies for word in ("--policy", policy)]
+            words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
         if self.cases != default.cases:
             words += [word for case in self.cases for word in ("--case", case)]
         if self.seeds != default.seeds:
@@ -103,8 +104,11 @@ class Evaluation:
         return all(run.completed for run in self.rollouts)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the signals, ready for JSON."""
-        config = dataclasses.asdict(self.config) | {"parameters": self.config.parameters.to_dict()}
+        """Return everything but the signals, ready for JSON; it holds no absolute path."""
+        config = dataclasses.asdict(self.config) | {
+            "policies": tuple(map(recorded, self.config.policies)),
+            "parameters": self.config.parameters.to_dict(),
+        }
         return {
             "schema": SCHEMA,
             "config": config,
@@ -164,13 +168,5 @@ def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:
     """Write ``results.json`` and ``results.csv``, each whole or not at all; return their paths."""
     json_path, csv_path = folder / "results.json", folder / "results.csv"
     write_atomically(json_path, json.dumps(evaluation.to_dict(), indent=1) + "\n")
-    write_atomically(csv_path, _csv(evaluation.rows))
+    write_atomically(csv_path, csv_text(evaluation.rows))
     return [json_path, csv_path]
-
-
-def _csv(rows: Sequence[dict[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()

@@ -29,57 +29,116 @@ function viewOf(scenes) {
   return { low, high };
 }
 
-function drawArm(canvas, policy) {
-  const { scene } = state, run = scene.runs[policy], k = sampleOf(run);
-  const context = fitted(canvas), [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  const { low, high } = view;
-  // Gravity points down: x of the robot's frame is drawn downwards, y to the right.
-  const scale = Math.min(width / (high[1] - low[1]), height / (high[0] - low[0]));
-  const pixel = ([x, y]) => [
-    0.5 * width + scale * (y - 0.5 * (low[1] + high[1])), 0.5 * height + scale * (x - 0.5 * (low[0] + high[0]))];
-  const reference = (sample) => pairAt(scene.reference, sample);
-  const factor = factorOf(run);
-  const magnified = (sample) => {
-    const deviation = pairAt(run.deviation, sample);
-    return reference(sample).map((value, axis) => value + factor * deviation[axis]);
-  };
-  const thickness = 0.03 * scale * (report.length[0] + report.length[1]);
-
-  disc(context, pixel([0, 0]), scale * (report.length[0] + report.length[1]), colours.reach);
-  const path = Array.from(scene.time, (_, sample) => pixel(reference(sample)));
-  stroke(context, path, colours.reference, Math.max(2, 0.012 * scale));
-
-  // The arm at its motor angles, with magnified bending, lies under the links.
-  const angles = pairAt(run.link, k), bending = pairAt(run.bending, k);
-  const motors = angles.map((angle, joint) => angle + BENDING * bending[joint]);
-  stroke(context, joints(...motors).map(pixel), colours.soft, 1.5, [5, 4]);
-  const links = joints(...angles).map(pixel), [, , tip] = links;
-  drawMounting(context, links[0], thickness);
-  for (const [start, end, share] of [[0, 1, 1], [1, 2, 0.75]]) {
-    stroke(context, [links[start], links[end]], colours.edge, share * thickness + 3);
-    stroke(context, [links[start], links[end]], colours.steel, share * thickness);
-  }
-  for (const joint of [0, 1]) {
-    disc(context, links[joint], 0.6 * thickness, colours.edge);
-    disc(context, links[joint], 0.27 * thickness, colours.paper);
-  }
-  if (scene.payload) drawPayload(context, tip, scene.payload, scale);
-  if (scene.force) {
-    const [down, right] = pairAt(scene.force, state.sample);
-    drawForce(context, tip, [right, down], scale);
+/** The picture of the arm under one policy. */
+class Arm {
+  constructor(policy) {
+    this.policy = policy;
+    this.canvas = element("canvas");
+    this.canvas.setAttribute("role", "img");
+    this.canvas.style.aspectRatio = (view.high[1] - view.low[1]) / (view.high[0] - view.low[0]);
+    this.note = element("span", { className: "badge", title: "the tip error of this policy is not magnified" });
+    this.error = changingText("b");
+    this.torque = changingText("span");
+    const name = element("b", { textContent: report.policies[policy], title: report.policies[policy] });
+    const caption = element("figcaption", {}, name, this.note);
+    const readout = element("p", { className: "readout" }, this.error.made, this.torque.made);
+    this.figure = element("figure", { className: colourClass(policy) }, caption, this.canvas, readout);
+    this.figure.dataset.policy = policy;
   }
 
-  // The path of the tip: its future part is pale.
-  const trace = Array.from({ length: run.samples }, (_, sample) => pixel(magnified(sample)));
-  context.globalAlpha = 0.28;
-  stroke(context, trace, colourOf(policy), 1.5);
-  context.globalAlpha = 1;
-  stroke(context, trace.slice(0, k + 1), colourOf(policy), 2.5);
-  stroke(context, [pixel(reference(k)), trace[k]], colours.ink, 1.2);
-  disc(context, pixel(reference(k)), 2.5, colours.ink);
-  disc(context, trace[k], 6.5, colours.paper);
-  disc(context, trace[k], 5, colourOf(policy));
-  if (run.ended && state.sample >= run.samples - 1) drawEnd(context, width, run.ended);
+  /** Write what holds for the whole case. */
+  describe() {
+    const { scene } = state, run = scene.runs[this.policy], name = report.policies[this.policy];
+    this.figure.hidden = !state.chosen.has(this.policy);
+    this.note.textContent = factorOf(run) === magnification() ? "" : "to scale";
+    this.note.hidden = !this.note.textContent;
+    const worst = lengthText(run.peak);
+    this.canvas.setAttribute("aria-label", `Arm under ${name}, ${scene.title}, tip error up to ${worst}`);
+  }
+
+  /** Draw what does not move, and keep it in a hidden canvas from which `draw` copies it. */
+  prepare() {
+    const { scene } = state, run = scene.runs[this.policy], { low, high } = view, { width, height } = this.canvas.box;
+    // Gravity points down: x of the robot's frame is drawn downwards, y to the right.
+    const scale = Math.min(width / (high[1] - low[1]), height / (high[0] - low[0]));
+    this.scale = scale;
+    this.pixel = ([x, y]) => [
+      0.5 * width + scale * (y - 0.5 * (low[1] + high[1])), 0.5 * height + scale * (x - 0.5 * (low[0] + high[0]))];
+    this.factor = factorOf(run);
+    this.still = stillOf(this.canvas);
+    const context = cleared(this.still);
+    disc(context, this.pixel([0, 0]), scale * (report.length[0] + report.length[1]), colours.reach);
+    const path = Array.from(scene.time, (_, sample) => this.pixel(this.reference(sample)));
+    stroke(context, path, colours.reference, Math.max(2, 0.012 * scale));
+    const trace = Array.from({ length: run.samples }, (_, sample) => this.pixel(this.magnified(sample)));
+    // Points closer than a pixel to the one before are left out of the trace, which is drawn at every instant.
+    this.trace = [];
+    trace.forEach((point, sample) => {
+      const last = this.trace.at(-1)?.point;
+      if (!last || Math.hypot(point[0] - last[0], point[1] - last[1]) > 1) this.trace.push({ sample, point });
+    });
+    context.globalAlpha = 0.3;
+    stroke(context, trace, colourOf(this.policy), 1.5);
+  }
+
+  reference(sample) {
+    return pairAt(state.scene.reference, sample);
+  }
+
+  /** Return the tip, its deviation from the reference magnified. */
+  magnified(sample) {
+    const deviation = pairAt(state.scene.runs[this.policy].deviation, sample);
+    return this.reference(sample).map((value, axis) => value + this.factor * deviation[axis]);
+  }
+
+  /** Draw the arm at the current instant. */
+  draw() {
+    const { scene } = state, run = scene.runs[this.policy], k = sampleOf(run), { scale, pixel } = this;
+    const context = cleared(this.canvas), { width, height } = this.canvas.box;
+    if (!width || !height) return;
+    const thickness = 0.03 * scale * (report.length[0] + report.length[1]);
+    context.drawImage(this.still, 0, 0, width, height);
+
+    // The arm at its motor angles, with magnified bending, lies under the links.
+    const angles = pairAt(run.link, k), bending = pairAt(run.bending, k);
+    const motors = angles.map((angle, joint) => angle + BENDING * bending[joint]);
+    stroke(context, joints(...motors).map(pixel), colours.soft, 1.5, [5, 4]);
+    const links = joints(...angles).map(pixel), [, , tip] = links;
+    drawMounting(context, links[0], thickness);
+    for (const [start, end, share] of [[0, 1, 1], [1, 2, 0.75]]) {
+      stroke(context, [links[start], links[end]], colours.edge, share * thickness + 3);
+      stroke(context, [links[start], links[end]], colours.steel, share * thickness);
+    }
+    for (const joint of [0, 1]) {
+      disc(context, links[joint], 0.6 * thickness, colours.edge);
+      disc(context, links[joint], 0.27 * thickness, colours.paper);
+    }
+    if (scene.payload) drawPayload(context, tip, scene.payload, scale);
+    if (scene.force) {
+      const [down, right] = pairAt(scene.force, state.sample);
+      drawForce(context, tip, [right, down], scale);
+    }
+    this.drawTrace(context, k);
+    if (run.ended && state.sample >= run.samples - 1) drawEnd(context, width, run.ended);
+  }
+
+  /** Draw the path of the tip so far, and the deviation at sample k. */
+  drawTrace(context, k) {
+    const here = this.pixel(this.magnified(k)), reference = this.pixel(this.reference(k));
+    const past = this.trace.filter(({ sample }) => sample < k).map(({ point }) => point);
+    stroke(context, [...past, here], colourOf(this.policy), 2.5);
+    stroke(context, [reference, here], colours.ink, 1.2);
+    disc(context, reference, 2.5, colours.ink);
+    disc(context, here, 6.5, colours.paper);
+    disc(context, here, 5, colourOf(this.policy));
+  }
+
+  /** Write the values at the current instant. */
+  write() {
+    const run = state.scene.runs[this.policy], k = sampleOf(run);
+    this.error.set(lengthText(run.error[k]));
+    this.torque.set(`Γ ${pairAt(run.torque, k).map(signed).join(", ")}`);
+  }
 }
 
 function drawMounting(context, [right, down], thickness) {

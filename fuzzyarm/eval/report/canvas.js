@@ -18,15 +18,28 @@ const colourOf = (policy) => colours[colourClass(policy)];
 const dashesOf = (policy) => DASHES[policy % DASHES.length];
 const font = (size, weight = "") => `${weight} ${size}px ${getComputedStyle(document.body).fontFamily}`;
 
-/** Fit a canvas to its box, clear it, and return its context in CSS pixels. */
-function fitted(canvas) {
+/**
+ * Give a canvas the resolution of its box. This reads the layout, so it is called only when the layout may have changed,
+ * for all canvases before any of them is drawn.
+ */
+function fit(canvas) {
   const ratio = window.devicePixelRatio || 1;
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-  const context = canvas.getContext("2d");
+  canvas.box = { width: canvas.clientWidth, height: canvas.clientHeight, ratio };
+  const [width, height] = [Math.round(canvas.box.width * ratio), Math.round(canvas.box.height * ratio)];
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
+}
+
+/** Return a canvas for the parts of another one that do not move. */
+function stillOf(canvas) {
+  const still = element("canvas", { width: canvas.width, height: canvas.height });
+  still.box = canvas.box;
+  return still;
+}
+
+/** Clear a canvas and return its context in CSS pixels. */
+function cleared(canvas) {
+  const context = canvas.getContext("2d"), { width, height, ratio } = canvas.box;
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);
   context.lineJoin = context.lineCap = "round";
@@ -38,6 +51,12 @@ function element(tag, properties = {}, ...children) {
   const made = Object.assign(document.createElement(tag), properties);
   made.append(...children);
   return made;
+}
+
+/** Return an element with a text that can be changed without a new layout of anything else. */
+function changingText(tag, properties = {}) {
+  const text = document.createTextNode(""), made = element(tag, properties, text);
+  return { made, set: (value) => { if (text.data !== value) text.data = value; } };
 }
 
 function stroke(context, points, colour, width, dashes = []) {

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from decimal import Decimal
 from html import escape
 from typing import Any
 
+from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.eval.report.chart import Axis, Bound, draw_chart, figure
 from fuzzyarm.eval.report.observed import Observed
 from fuzzyarm.eval.report.stored import StoredEvaluation
@@ -37,7 +39,7 @@ class _BoundChart:
         title: above the chart.
         label: of the axis, with the unit.
         key: of the certified value in the bounds.
-        scale: factor from SI units to the unit of the axis.
+        digits: decimal digits from SI units to the unit of the axis.
         at_least: whether the certified value is a lower bound.
         worst: the worst value observed, in SI units.
     """
@@ -45,14 +47,14 @@ class _BoundChart:
     title: str
     label: str
     key: str
-    scale: float
+    digits: int
     at_least: bool
     worst: Callable[[Observed], float]
 
 
 _CHARTS = (
-    _BoundChart("Decay rate", "decay rate of the error [1/s]", "alpha", 1.0, True, lambda seen: seen.decay),
-    _BoundChart("L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 1e6, False, lambda seen: seen.gain),
+    _BoundChart("Decay rate", "decay rate of the error [1/s]", "alpha", 0, True, lambda seen: seen.decay),
+    _BoundChart("L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, False, lambda seen: seen.gain),
 )
 
 
@@ -73,8 +75,10 @@ def _row(spec: _BoundChart, claimed: Mapping[str, Any] | None, seen: Observed | 
         return "no certificate"
     if claimed["form"] != "consistent":
         return "of other quantities"
-    worst = spec.scale * spec.worst(seen) if isinstance(seen, Observed) else None
-    return Bound(spec.scale * claimed[spec.key], worst, spec.at_least)
+    worst = 10.0**spec.digits * spec.worst(seen) if isinstance(seen, Observed) else None
+    # Rounded so that it holds before the unit is changed, which is exact in decimal.
+    stated = (at_least if spec.at_least else at_most)(claimed[spec.key], 3)
+    return Bound(float(Decimal(stated).scaleb(spec.digits)), worst, spec.at_least)
 
 
 def bound_note(observed: Observations) -> str:

@@ -11,6 +11,7 @@ const ROOM = 0.12; // [m] around the reference, for magnified deviations
 const FOCUS = 5, SMALL = 2;
 const LOWEST = 1e-4; // [mm], lower end of a logarithmic axis; smaller than the error of the simulation
 const DASHES = [[], [7, 3], [2, 2.5], [9, 3, 2, 3], [14, 4], [4, 4], [5, 2, 2, 2, 2, 2], [14, 3, 5, 3], [2, 6]];
+const CHATTER = 25; // a curve that traverses its range more often is drawn as a band
 const STEP = 0.25; // [s] between two pictures for readers who prefer reduced motion
 
 const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
@@ -33,8 +34,10 @@ function decodedRun(run) {
   const decoded = { ended: run.ended };
   for (const name of ["deviation", "link", "bending", "torque", "circularity"]) decoded[name] = floats(run[name]);
   decoded.samples = decoded.circularity.length;
-  decoded.error = decoded.circularity.map((_, k) => Math.hypot(...pairAt(decoded.deviation, k)));
-  decoded.peak = largest(decoded.error);
+  decoded.error = Array.from(decoded.circularity, (_, k) => Math.hypot(...pairAt(decoded.deviation, k)));
+  decoded.worst = decoded.error.indexOf(Math.max(...decoded.error));
+  decoded.peak = decoded.error[decoded.worst];
+  decoded.curves = new Map();
   return decoded;
 }
 
@@ -47,9 +50,20 @@ for (const scene of report.cases) {
   scene.runs = scene.runs.map(decodedRun);
 }
 
-const state = { scene: report.cases[0], sample: 0, clock: 0, playing: false, chosen: new Set(), highlighted: null };
+/** `sample` is the current instant, `pointed` the one below the pointer in a plot, null if there is none. */
+const state = {
+  scene: report.cases[0], sample: 0, clock: 0, pointed: null, playing: false, chosen: new Set(), highlighted: null,
+};
 report.policies.forEach((_, policy) => state.chosen.add(policy));
 
 const chosen = () => report.policies.map((_, policy) => policy).filter((policy) => state.chosen.has(policy));
 /** The sample of a run at the current instant; a run that ended early stays at its last sample. */
 const sampleOf = (run) => Math.min(state.sample, run.samples - 1);
+/** Return the chosen policy with the largest tip error in the current case, null if none is chosen. */
+function worstPolicy() {
+  const { runs } = state.scene;
+  return chosen().reduce((worst, policy) => (runs[policy].peak > (runs[worst]?.peak ?? -1) ? policy : worst), null);
+}
+
+/** Return the sample with the largest tip error of any chosen policy. */
+const worstSample = () => state.scene.runs[worstPolicy()]?.worst ?? 0;

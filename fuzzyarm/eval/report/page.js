@@ -1,17 +1,10 @@
 // The page: its controls, and what they show.
 
 const view = viewOf(report.cases);
+// [px]: between cards, of the text above and below a picture, and of the narrowest card in which its values fit
+const CARD_GAP = 8, CARD_TEXT = 52, NARROWEST = 165;
 const plots = PLOTS.map((kind) => new Plot(kind));
-const arms = report.policies.map((name, policy) => {
-  const canvas = element("canvas"), readout = element("p", { className: "readout" });
-  canvas.setAttribute("role", "img");
-  canvas.style.aspectRatio = (view.high[1] - view.low[1]) / (view.high[0] - view.low[0]);
-  const note = element("span", { className: "badge" });
-  const caption = element("figcaption", {}, element("b", { textContent: name }), note);
-  const figure = element("figure", { className: colourClass(policy) }, caption, canvas, readout);
-  figure.dataset.policy = policy;
-  return { figure, canvas, readout, note };
-});
+const arms = report.policies.map((_, policy) => new Arm(policy));
 
 /** Return a length in millimetres, or in micrometres if it is small. */
 function lengthText(metres) {
@@ -23,52 +16,87 @@ function lengthText(metres) {
 
 const signed = (value) => value.toFixed(1).replace("-", "−");
 
-/** Draw the current instant. */
+const timeText = (sample) => `${state.scene.time[sample].toFixed(3)} s`;
+const clockText = changingText("span");
+
+/** Draw the current instant. Nothing here reads the layout, so that a picture costs one layout at most. */
 function show() {
-  const { scene, sample } = state, time = `${scene.time[sample].toFixed(3)} s`;
+  const { sample } = state, time = timeText(sample);
+  for (const policy of chosen()) arms[policy].draw();
+  plots.forEach((plot) => plot.draw());
   $("scrubber").value = sample;
   $("scrubber").setAttribute("aria-valuetext", time);
-  $("time").textContent = time;
-  for (const policy of chosen()) {
-    const run = scene.runs[policy], k = sampleOf(run), { canvas, readout } = arms[policy];
-    drawArm(canvas, policy);
-    readout.replaceChildren(
-      element("b", { textContent: lengthText(run.error[k]) }),
-      element("span", { textContent: `Γ ${pairAt(run.torque, k).map(signed).join(", ")} N m` }),
-    );
+  clockText.set(time);
+  for (const policy of chosen()) arms[policy].write();
+  plots.forEach((plot) => plot.write());
+}
+
+/** Show the values below the pointer in all plots; null shows those of the current instant again. */
+function pointAt(sample) {
+  if (sample === state.pointed) return;
+  state.pointed = sample;
+  for (const plot of plots) {
+    plot.draw();
+    plot.write();
   }
-  plots.forEach((plot) => plot.draw());
+}
+
+/** Return how many columns of cards make the largest pictures in a box of this size. */
+function columnsFor(count, { width, height }) {
+  const ratio = (view.high[0] - view.low[0]) / (view.high[1] - view.low[1]);
+  let [best, largestWidth] = [1, 0];
+  const most = Math.min(count, Math.max(1, Math.floor(width / NARROWEST)));
+  for (let columns = 1; columns <= most; columns += 1) {
+    const cell = (height - CARD_GAP) / Math.ceil(count / columns) - CARD_GAP - CARD_TEXT;
+    const picture = Math.min(width / columns - CARD_GAP, cell / ratio);
+    if (picture > largestWidth * 1.001) [best, largestWidth] = [columns, picture];
+  }
+  return best;
+}
+
+/** Divide the arms into columns: to fill the screen beside the plots, or else as wide as they are legible. */
+function arrangeArms() {
+  const count = Math.max(1, state.chosen.size), box = $("arms").getBoundingClientRect();
+  const beside = getComputedStyle($("panel")).display === "grid";
+  const fitting = Math.max(2, Math.floor(box.width / 236));
+  const columns = beside ? columnsFor(count, box) : Math.max(2, Math.ceil(count / Math.ceil(count / fitting)));
+  $("arms").style.gridTemplateColumns = `repeat(${columns}, minmax(0, 1fr))`;
 }
 
 /** Lay out and draw everything again, after a change of the case, the chosen policies, the size or the theme. */
 function refresh() {
   readColours();
-  const { scene } = state;
-  const rows = Math.ceil(state.chosen.size / Math.max(2, Math.floor($("arms").clientWidth / 236)));
-  const columns = Math.max(2, Math.ceil(state.chosen.size / Math.max(1, rows)));
-  $("arms").style.gridTemplateColumns = `repeat(${columns}, minmax(0, 1fr))`;
+  const { scene } = state, worst = worstPolicy();
   state.sample = Math.min(state.sample, scene.time.length - 1);
+  state.pointed = null;
   $("scrubber").max = scene.time.length - 1;
   document.querySelector("#key .force").hidden = !scene.force;
   $("magnified").textContent = magnification() === 1 ? "to scale" : `× ${magnification()}`;
+  $("worst").hidden = worst === null;
+  if (worst !== null) {
+    const { peak } = scene.runs[worst];
+    $("worst").textContent = `Largest error: ${report.policies[worst]}, ${lengthText(peak)}`;
+  }
   document.querySelectorAll('[role="tab"]').forEach((tab, index) => {
     const selected = report.cases[index] === scene;
     tab.setAttribute("aria-selected", selected);
     tab.tabIndex = selected ? 0 : -1;
   });
-  arms.forEach(({ figure, canvas, note }, policy) => {
-    const run = scene.runs[policy];
-    figure.hidden = !state.chosen.has(policy);
-    note.textContent = factorOf(run) === magnification() ? "" : "tip error to scale";
-    note.hidden = !note.textContent;
-    const worst = lengthText(run.peak);
-    canvas.setAttribute("aria-label", `Arm under ${report.policies[policy]}, ${scene.title}, tip error up to ${worst}`);
-  });
-  document.querySelectorAll(".chip canvas").forEach((canvas, policy) => {
-    const context = fitted(canvas);
+  arms.forEach((arm) => arm.describe());
+  arrangeArms();
+  layOut();
+}
+
+/** Measure all canvases, then draw them. */
+function layOut() {
+  const keys = [...document.querySelectorAll(".chip canvas")];
+  [...keys, ...chosen().map((policy) => arms[policy].canvas), ...plots.map(({ canvas }) => canvas)].forEach(fit);
+  keys.forEach((canvas, policy) => {
+    const context = cleared(canvas);
     context.lineCap = "butt";
     stroke(context, [[0, 6], [34, 6]], colourOf(policy), 3, dashesOf(policy));
   });
+  for (const policy of chosen()) arms[policy].prepare();
   plots.forEach((plot) => plot.prepare());
   show();
 }
@@ -121,6 +149,7 @@ function setPlaying(playing) {
 function selectCase(index) {
   if (!report.cases[index]) return;
   state.scene = report.cases[index];
+  if (!state.playing) state.sample = worstSample();
   refresh();
   goTo(state.sample);
 }
@@ -157,8 +186,10 @@ function build() {
     const chip = element("label", { className: `chip ${colourClass(policy)}` }, box, element("canvas"), name);
     const highlight = (on) => () => {
       state.highlighted = on ? policy : null;
-      plots.forEach((plot) => plot.prepare());
-      plots.forEach((plot) => plot.draw());
+      for (const plot of plots) {
+        plot.prepare();
+        plot.draw();
+      }
     };
     chip.addEventListener("pointerenter", highlight(true));
     chip.addEventListener("pointerleave", highlight(false));
@@ -168,6 +199,7 @@ function build() {
     ...MAGNIFICATIONS.map((factor) => element("option", { value: factor, textContent: `× ${factor}` })));
   $("arms").append(...arms.map(({ figure }) => figure));
   $("plots").append(...plots.map(({ figure }) => figure));
+  $("time").append(clockText.made);
   for (const part of [document.querySelector(".controls"), $("policies"), $("key"), $("theme")]) part.hidden = false;
 }
 
@@ -182,6 +214,7 @@ function onKey(event) {
     ArrowLeft: () => goTo(state.sample - far),
     ArrowRight: () => goTo(state.sample + far),
     Home: () => goTo(0),
+    e: () => goTo(worstSample()),
     End: () => goTo(state.scene.time.length - 1),
   };
   const action = actions[event.key] ?? (/^[1-9]$/.test(event.key) ? () => selectCase(Number(event.key) - 1) : null);
@@ -193,6 +226,7 @@ function onKey(event) {
 build();
 $("play").addEventListener("click", () => setPlaying(!state.playing));
 $("scrubber").addEventListener("input", () => goTo(Number($("scrubber").value)));
+$("worst").addEventListener("click", () => goTo(worstSample()));
 $("magnification").addEventListener("change", refresh);
 $("theme").addEventListener("click", () => {
   const dark = (document.documentElement.dataset.theme ?? (systemDark.matches ? "dark" : "light")) === "dark";
@@ -206,4 +240,4 @@ systemDark.addEventListener("change", () => {
 document.addEventListener("keydown", onKey);
 $("theme").textContent = systemDark.matches ? "Light" : "Dark";
 window.addEventListener("resize", refresh);
-refresh();
+selectCase(0);

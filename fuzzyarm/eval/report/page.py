@@ -19,8 +19,10 @@ from typing import Any
 from fuzzyarm import __version__
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.evaluation.ranking import standings_of
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.certificates import SCOPE, Observations, bound_charts, bound_note, statements
+from fuzzyarm.eval.report.headline import headline, rule
 from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
@@ -29,7 +31,7 @@ from fuzzyarm.policies import resolve
 
 __all__ = ["command", "render_page", "write_report"]
 
-SCRIPTS = ("data.js", "canvas.js", "arms.js", "plots.js", "page.js")
+SCRIPTS = ("data.js", "canvas.js", "arms.js", "curves.js", "plots.js", "page.js")
 
 
 def write_report(folder: Path, out: Path) -> None:
@@ -47,11 +49,13 @@ def render_page(stored: StoredEvaluation, observed: Observations) -> str:
     """Return the HTML of the page; it shows what was `observed` beside the certified bounds."""
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, SCRIPTS))
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
+    standings = standings_of(config, stored.rows, stored.certificates)
     return Template(structure).substitute(
         policy=_security_policy(style, script),
         title="Robot-arm tracking, policies compared",
         style=style,
-        command=escape(command(config)),
+        headline=headline(standings),
+        rule=escape(rule(standings)),
         meta=escape(_subtitle(stored)),
         glance=error_charts(stored.rows),
         glance_note=" of the policies that finished; × ended early" if early else "",
@@ -100,7 +104,7 @@ def _script_data(data: dict[str, Any]) -> str:
 def _subtitle(stored: StoredEvaluation) -> str:
     config, made = stored.config, stored.made_with
     parts = [
-        made["date"].replace("T", " ").replace("+00:00", " UTC"),
+        made["date"][:16].replace("T", " ") + " UTC",
         f"FuzzyArm {made['versions']['fuzzyarm']}",
         f"seeds {_seeds(config)}" if config.seeds > 1 else "seed 0",
         f"control period {1e3 * config.control_period:g} ms",

@@ -15,6 +15,7 @@ from fuzzyarm.eval.episodes.rollout_file import NAME, digest, read_rollouts
 from fuzzyarm.eval.evaluation import results_file
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.policies import resolve
 
 __all__ = ["StoredEvaluation", "read_evaluation"]
@@ -62,8 +63,8 @@ class _Bounds:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        checks.real("alpha", self.alpha, "1/s", above=0.0)
-        checks.real("gamma", self.gamma, above=0.0)
+        checks.real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
+        checks.real("gamma", self.gamma, low=GAINS[0], high=GAINS[1])
 
 
 def read_evaluation(folder: Path) -> StoredEvaluation:

@@ -83,7 +83,7 @@ def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
         for column, (_, keys, _) in enumerate(COLUMNS)
     ]
     span = f'scope="rowgroup" colspan="{len(COLUMNS) + 1}"'
-    parts = [f"<tbody><tr><th {span}>{escape(title)}</th></tr>"]
+    parts = [f"<tbody><tr><th {span}><span>{escape(title)}</span></th></tr>"]
     for index, (policy, runs) in enumerate(group.items()):
         name = f'<span class="swatch"></span>{escape(policy)}{_badge(runs)}'
         row = [

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.checks import distinct
+from fuzzyarm.common.checks import distinct, instance
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -28,7 +28,7 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
 from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies import NAMES, PolicySpec, resolve_all
+from fuzzyarm.policies import NAMES, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.user_code import UserPolicy
 
 __all__ = [
@@ -118,14 +118,16 @@ class MarginsConfig:
     def __post_init__(self) -> None:
         """Check the names before anything runs."""
         distinct("policies", self.policies)
+        if self.robot is not None:
+            instance("robot", self.robot, Path)
 
     def command(self) -> str:
-        """Return the command line of this configuration."""
+        """Return the command line of this configuration, with the last part of absolute paths."""
         words = ["fuzzyarm", "margins"]
         if self.policies != NAMES:
-            words += [word for policy in self.policies for word in ("--policy", policy)]
+            words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
         if self.robot is not None:
-            words += ["--robot", str(self.robot)]
+            words += ["--robot", recorded(str(self.robot))]
         return shlex.join(words)
 
 

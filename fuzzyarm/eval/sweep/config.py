@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import shlex
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, Distribution
 from fuzzyarm.eval.sweep.quantities import COLUMNS, QUANTITIES
-from fuzzyarm.policies import resolve
+from fuzzyarm.policies import recorded, resolve
 
 __all__ = ["POLICIES", "SHOWN", "Axis", "QuantityRange", "SweepConfig"]
 
@@ -197,9 +198,12 @@ class SweepConfig:
         return self.map or (_MAP if set(_MAP) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields as JSON has them."""
+        """Return all fields as JSON has them; of a policy's absolute path the last part, see `policies.recorded`."""
         plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: _as_lists(value) for name, value in plain.items()} | {"robot": self.robot.to_dict()}
+        return {name: _as_lists(value) for name, value in plain.items()} | {
+            "policies": list(map(recorded, self.policies)),
+            "robot": self.robot.to_dict(),
+        }
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> SweepConfig:
@@ -224,7 +228,7 @@ class SweepConfig:
         if self.robot != ArmParameters():
             return None
         words = ["fuzzyarm", "sweep"]
-        words += [word for policy in self.policies for word in ("--policy", policy)]
+        words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
         words += [word for case in self.cases for word in ("--case", case)]
         words += ["--plants", str(self.plants), "--seed", str(self.seed), "--distribution", self.distribution]
         words += [word for changed in self.ranges for word in ("--range", *map(str, changed))]
@@ -237,10 +241,10 @@ class SweepConfig:
 def _tuples(name: str, given: Any, kind: Callable[..., Any]) -> tuple[Any, ...]:
     """Return rows as records; TypeError unless each has as many entries as the record has fields."""
     fields = kind._fields  # type: ignore[attr-defined]
-    good = isinstance(given, list | tuple)
-    if not (good and all(isinstance(row, list | tuple) and len(row) == len(fields) for row in given)):
+    rows: Any = given if isinstance(given, list | tuple) else [None]
+    if not all(isinstance(row, list | tuple) and len(row) == len(fields) for row in rows):
         raise TypeError(f"{name} = {shown(given)} must be a tuple of rows ({', '.join(fields)})")
-    return tuple(kind(*row) for row in given)
+    return tuple(itertools.starmap(kind, rows))
 
 
 def _as_lists(value: Any) -> Any:

@@ -135,7 +135,9 @@ class Engine:
         try:
             from fuzzyarm.eval.sweep import ray_backend
         except ModuleNotFoundError as error:
-            raise ValueError(f"{error.name} is not installed; pip install 'fuzzyarm[cluster]'") from None
+            raise ValueError(
+                f'{error.name} is not installed; in the repository: pip install -c constraints.txt -e ".[cluster]"'
+            ) from None
         connected = ray_backend.cluster(self.address, self.jobs, modules)
         with connected, parallel_config(backend=ray_backend.NAME, report=report):
             yield

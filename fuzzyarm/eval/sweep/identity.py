@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import fuzzyarm
+from fuzzyarm.common.checks import listed
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.user_modules import module_files
 from fuzzyarm.policies import PolicySpec
@@ -64,9 +65,9 @@ def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
         then, now = one.get(key), other.get(key)
         if isinstance(then, Mapping) and isinstance(now, Mapping):
             inner = difference(then, now)
-            found += [f"{key}: {inner}"] if inner else []
+            found += [f"{listed([key])}: {inner}"] if inner else []
         elif then != now:
-            found.append(f"{key} {_short(then)} and {_short(now)}")
+            found.append(f"{listed([key])} {_short(then)} and {_short(now)}")
     return ", ".join(found)
 
 
@@ -89,4 +90,4 @@ def _digest_of(paths: Iterable[Path]) -> str:
 
 def _short(value: Any) -> str:
     """Return the first characters of a value: enough to tell digests and versions apart."""
-    return f"{value!s:.20}"
+    return f"{listed([value]):.20}"

@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.array_files import read_arrays
+from fuzzyarm.common.checks import instance
 from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, sweep_identity
 from fuzzyarm.eval.sweep.results import METRICS, SweepResults
-from fuzzyarm.policies import Kind, PolicySpec, resolve, resolve_all
+from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_all
 
 __all__ = ["RUN", "SCHEMA", "Store"]
 
@@ -57,14 +58,24 @@ class Store:
             ValueError: there is a sweep already, or a policy is damaged, or two have the same label.
             OSError: the folder cannot be written to, or a policy's file cannot be read.
         """
-        if (folder / RUN).exists() or (folder / _CHUNKS).exists():
+        if (folder / RUN).exists():
             raise ValueError(f"{folder} holds a sweep already: go on with it with --resume, or choose another --out")
+        if any(folder.glob(f"{_CHUNKS}/[!.]*")):
+            raise ValueError(
+                f"{folder / _CHUNKS} holds results of a sweep whose {RUN} is missing: remove {_CHUNKS}, or choose "
+                "another --out"
+            )
         specs = resolve_all(config.policies, run_code=True)
         found = sweep_identity(config, specs)
         store = cls(folder, config, specs, digest_of_identity(found))
         document = {"schema": SCHEMA, "command": config.command(), "config": config.to_dict(), **found}
-        (folder / _CHUNKS).mkdir(parents=True)
-        write_atomically(folder / RUN, json.dumps(document | {"digest": store.digest}, indent=1) + "\n")
+        chunks = folder / _CHUNKS
+        chunks.mkdir(parents=True, exist_ok=True)  # one that is empty is what a run leaves that is killed here
+        try:
+            write_atomically(folder / RUN, json.dumps(document | {"digest": store.digest}, indent=1) + "\n")
+        except BaseException:
+            store.take_back()
+            raise
         return store
 
     @classmethod
@@ -75,7 +86,8 @@ class Store:
             folder: of the sweep.
             given: fields of the configuration that the user has repeated. Those of `config.SHOWN` replace what the
                 folder says; the others must be the same. The user's own code that the folder names is run only if
-                ``policies`` names it too, alone or with all the other policies.
+                ``policies`` names it too, alone or with all the other policies; a policy whose file is no longer where
+                it was may be named with its path.
 
         Raises:
             ValueError: there is no sweep; its file is damaged or of another format; it was begun with another
@@ -93,24 +105,23 @@ class Store:
         for name, value in given.items():
             _check_same(folder, name, getattr(config, name), value)
         config = dataclasses.replace(config, **shown)
-        specs = {
-            label: resolve(spec.name, run_code=spec.name in named)
-            for label, spec in resolve_all(config.policies).items()
-        }
+        found = found_again(config.policies, then["policies"], named, folder)
+        specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(found).items()}
         now = sweep_identity(config, specs)
         for name, what in (("made_with", "versions"), ("policies", "policy files")):
-            if found := difference(then[name], now[name]):
+            if changed := difference(then[name], now[name]):
                 raise ValueError(
-                    f"{folder} was begun with other {what} than there are now ({found}), and results are not mixed: "
+                    f"{folder} was begun with other {what} than there are now ({changed}), and results are not mixed: "
                     "begin anew in another folder"
                 )
         return cls(folder, config, specs, digest)
 
     def take_back(self) -> None:
         """Undo `create` if there are no chunks yet."""
-        if not any((self.folder / _CHUNKS).iterdir()):
-            (self.folder / _CHUNKS).rmdir()
-            (self.folder / RUN).unlink()
+        chunks = self.folder / _CHUNKS
+        if not any(chunks.iterdir()):
+            chunks.rmdir()
+            (self.folder / RUN).unlink(missing_ok=True)
 
     def missing(self) -> list[int]:
         """Return the chunks that are still to be run; ValueError if one that exists is damaged or of another sweep."""
@@ -164,7 +175,7 @@ def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
     try:
         document = check_schema(content, SCHEMA)
         config, digest = SweepConfig.from_dict(document["config"]), document["digest"]
-        then = {name: document[name] for name in ("numbers", "policies", "made_with")}
+        then = {name: instance(name, document[name], dict) for name in ("numbers", "policies", "made_with")}
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} cannot be used ({_line(error)}): begin anew in another folder") from None
     if digest != digest_of_identity(then) or then["numbers"] != config.numbers():
@@ -194,7 +205,10 @@ def _check_policies(path: Path, config: SweepConfig, named: Sequence[str]) -> No
             f"{path} names code that is not part of fuzzyarm, which a file alone does not get run; if you trust it, "
             f"add {flags}"
         )
-    if named and tuple(named) != config.policies and set(named) != set(code):
+    labels = [resolve(name).label for name in config.policies]
+    all_named = [resolve(name).label for name in named] == labels
+    moved = [name for name in named if (spec := resolve(name)).path and not spec.named and spec.label in labels]
+    if not all_named and set(named) - set(moved) - set(code):
         raise ValueError(
             f"{path.parent} holds a sweep with policies = {', '.join(config.policies)}, not {', '.join(named)}: "
             "choose another --out"

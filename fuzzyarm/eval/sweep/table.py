@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +9,7 @@ from rich.console import Console
 from rich.text import Text
 
 from fuzzyarm.common.console import print_paragraphs, print_table, table
+from fuzzyarm.common.files import csv_text
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.sweep.summary import QUANTILES
 
@@ -48,7 +47,6 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
 
 def summary_csv(rows: Sequence[dict[str, Any]]) -> str:
     """Return a line for each policy and case, every number with its interval; empty for larger than any error."""
-    text = io.StringIO()
     flat = [
         {"policy": row["policy"], "case": row["case"], "ended_early": row["ended_early"]}
         | {f"success_{name}": value for name, value in row["success"].items()}
@@ -60,10 +58,7 @@ def summary_csv(rows: Sequence[dict[str, Any]]) -> str:
         }
         for row in rows
     ]
-    writer = csv.DictWriter(text, fieldnames=list(flat[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(flat)
-    return text.getvalue()
+    return csv_text(flat)
 
 
 def _cell(found: dict[str, float | None], form: str, terminal: bool) -> Text:

@@ -14,9 +14,11 @@ reference like q_d, so the inequalities of the certificate hold for it, too; d t
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
+from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.observation import JOINTS, MEASURED, REFERENCE, START
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
@@ -94,7 +96,8 @@ def tip_statement(reference: JointReference) -> str:
 
     The inequality of the certificate holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the
     dropped premises make of the error (it vanishes with it), and u_ff without friction less the rigid arm's inverse
-    dynamics at θ_d: that is τ_d less the torque the links would need at θ_d, known beforehand and bounded here.
+    dynamics at θ_d: that is τ_d less the torque the links would need at θ_d, known beforehand. Its largest value, and
+    the share of the box, are those of `CHECKED_INSTANTS` instants.
     """
     try:
         elastic = ElasticReference(reference)
@@ -107,8 +110,8 @@ def tip_statement(reference: JointReference) -> str:
         "Told to bring the tip to the reference, it tracks theta_d = q_d + delta, where the motors must be for the "
         "bent joints to put the links on q_d. theta_d is a twice differentiable reference like any other (its second "
         "derivative jumps where that of q_d has a corner), so the same inequalities hold for the error from theta_d; d "
-        "then also holds what the feedforward adds for the elastic joints, at most "
-        f"({known[0]:.2g}, {known[1]:.2g}) N m here, and friction only as far as the feedforward misses it. "
-        f"Along this reference theta_d takes {100 * elastic.box_use:.0f} % of the box. That the tip then follows is "
-        "measured, not proven."
+        "then also holds what the feedforward adds for the elastic joints, and friction only as far as the feedforward "
+        f"misses it. Sampled at {CHECKED_INSTANTS} instants of this reference and not bounded between them, what it "
+        f"adds reaches ({at_most(known[0], 2)}, {at_most(known[1], 2)}) N m, and theta_d takes "
+        f"{math.ceil(100.0 * elastic.box_use)} % of the box. That the tip then follows is measured, not proven."
     )

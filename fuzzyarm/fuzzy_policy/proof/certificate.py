@@ -7,17 +7,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
 from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
-from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue
+from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue, stated
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import statement
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
-from fuzzyarm.fuzzy_policy.states import PLANT_STATES, VELOCITY
-from fuzzyarm.fuzzy_policy.ts_model import TSModel
+from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
-__all__ = ["Certificate", "Claim", "certify", "exact_vertices", "residual_bound"]
+__all__ = ["Certificate", "Claim", "certify", "exact_vertices"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,13 +60,14 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
     """Prove P > 0 and every inequality of the controller's form, from the stored gains (M := K P).
 
     Those are Ψ of its theorem and, for a bound of the fastest pole, Φ of `consistent_reference`.
-    The vertices are computed from the robot parameters; all arithmetic is exact and rational (`exact`).
+    The vertices are computed from the robot parameters; all arithmetic is exact and rational (`exact`). α, γ and the
+    bound of the fastest pole are the decimal numbers that are printed (`stated`), every other float is what it is.
     `progress` is called after each inequality.
     """
     data = exact_vertices(controller)
     P, Q, X, tau = exact(controller.P), exact(controller.Q), exact(controller.X), exact(controller.tau)
     gains, L = exact(controller.gains), exact(controller.feedforward_gains)
-    alpha, gamma = rational(controller.alpha), rational(controller.gamma)
+    alpha, gamma = stated(controller.alpha), stated(controller.gamma)
     M = gains @ P[: data.n_e, : data.n_e]
 
     def psi(i: int, j: int, k: int, position: int) -> np.ndarray:
@@ -80,7 +78,7 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
 
     families = {"Psi": psi}
     if controller.fastest_pole is not None:
-        fastest_pole = rational(controller.fastest_pole)
+        fastest_pole = stated(controller.fastest_pole)
         pole_Q, pole_X, pole_tau = (exact(getattr(controller, name)) for name in POLE_ARRAYS)
 
         def phi(i: int, j: int, k: int, position: int) -> np.ndarray:
@@ -120,21 +118,6 @@ def exact_vertices(controller: Controller) -> Vertices:
     return TrackingVertices(
         plain.E, plain.A, plain.B, plain.integral, terms, exact(A_r), exact(B_r), Q_inverse=Q_inverse
     )
-
-
-def residual_bound(model: TSModel, reference: JointReference) -> np.ndarray:
-    """Return a bound (2,) [N m] on the feedforward residual of the consistent form along a reference.
-
-    The feedforward holds dropped premises at mid-range: what is left is Σ f_i r_i S_i y, |f_i| <= 1, with r_i half the
-    range and S_i the slope of premise i, y = (q_d, q̇_d) for A and its derivative for E. The bound sums absolute
-    values, for any state in the box, at 2001 instants of the reference.
-    """
-    motion = reference.sample(np.linspace(0.0, reference.duration, 2001))
-    x_r, dx_r = np.hstack([motion.q, motion.dq]), np.hstack([motion.dq, motion.ddq])
-    total = np.zeros((len(x_r), JOINTS))
-    for u in model.uncertainties:
-        total += np.abs((x_r if u.on == "A" else dx_r) @ (u.H.T @ u.W).T)[:, VELOCITY]
-    return np.asarray(total.max(axis=0))
 
 
 def _claim(name: str, matrix: np.ndarray) -> Claim:

@@ -8,17 +8,26 @@ the Cholesky factor of A, which makes T A Tᵀ almost the identity; the product 
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-__all__ = ["exact", "is_positive_definite", "rational", "smallest_eigenvalue"]
+__all__ = ["exact", "is_positive_definite", "rational", "smallest_eigenvalue", "stated"]
 
 
 def rational(value: Any) -> fmpq:
     """Return a float, an integer or a rational as the exact rational it is."""
     return value if isinstance(value, fmpq) else fmpq(*value.as_integer_ratio())
+
+
+def stated(value: float) -> fmpq:
+    """Return the shortest decimal number that identifies a float, its `repr`, as an exact rational.
+
+    It is the number that a text states and a person means: 0.1 is 1/10, where the float itself is a little more.
+    """
+    return rational(Fraction(repr(float(value))))
 
 
 def exact(array: Any) -> np.ndarray:
@@ -37,12 +46,8 @@ def smallest_eigenvalue(matrix: np.ndarray) -> float:
     -inf if the diagonal is not positive. It measures the distance from a singular matrix, whatever the units; it is no
     proof.
     """
-    numbers = np.array(matrix, dtype=np.float64)
-    diagonal = np.diag(numbers)
-    if not (np.isfinite(numbers).all() and (diagonal > 0.0).all()):
-        return -np.inf
-    scale = 1.0 / np.sqrt(diagonal)
-    return float(np.linalg.eigvalsh(scale[:, np.newaxis] * numbers * scale)[0])
+    scaled = _scaled(matrix)
+    return -np.inf if scaled is None else float(np.linalg.eigvalsh(scaled[0])[0])
 
 
 def is_positive_definite(matrix: np.ndarray) -> bool:
@@ -52,16 +57,16 @@ def is_positive_definite(matrix: np.ndarray) -> bool:
     """
     if not np.array_equal(matrix, matrix.T):
         return False
-    numbers = np.array(matrix, dtype=np.float64)
-    diagonal = np.diag(numbers)
-    if not (np.isfinite(numbers).all() and (diagonal > 0.0).all()):
+    scaled = _scaled(matrix)
+    if scaled is None:
         return False
-    scale = 1.0 / np.sqrt(diagonal)
     try:
-        factor = np.linalg.cholesky(scale[:, np.newaxis] * numbers * scale)
+        factor = np.linalg.cholesky(scaled[0])
     except np.linalg.LinAlgError:
         return False
-    T = np.linalg.inv(factor) * scale
+    T = np.linalg.inv(factor) * scaled[1]
+    if not np.isfinite(T).all():
+        return False
     n = len(T)
     left = fmpq_mat(n, n, list(exact(T).ravel()))
     product = left * fmpq_mat(n, n, list(matrix.ravel())) * left.transpose()
@@ -70,3 +75,21 @@ def is_positive_definite(matrix: np.ndarray) -> bool:
         if not product[i, i] > others:
             return False
     return True
+
+
+def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return a symmetric matrix in floating point, scaled to unit diagonal, and the scale (n,) of its rows.
+
+    None if the diagonal is not positive, or the numbers are beyond those of floating point.
+    """
+    try:
+        numbers = np.array(matrix, dtype=np.float64)
+    except OverflowError:
+        return None
+    diagonal = np.diag(numbers)
+    if not (np.isfinite(numbers).all() and (diagonal > 0.0).all()):
+        return None
+    scale = 1.0 / np.sqrt(diagonal)
+    with np.errstate(over="ignore"):
+        scaled = scale[:, np.newaxis] * numbers * scale
+    return (scaled, scale) if np.isfinite(scaled).all() else None

@@ -1,10 +1,11 @@
-"""What a proven controller file promises, in words and in numbers."""
+"""What a proven controller file promises, in words and in numbers; every number is rounded so that it holds."""
 
 from __future__ import annotations
 
 import dataclasses
 from typing import Any
 
+from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.fuzzy_policy.controller import Controller
 
 __all__ = ["NOT_COVERED", "PolicyCertificate", "controller_certificate", "statement"]
@@ -51,30 +52,32 @@ def controller_certificate(controller: Controller) -> PolicyCertificate:
 def statement(controller: Controller) -> str:
     """Return what the certificate proves and what it does not, with the numbers of this controller."""
     p, model = controller.model.parameters, controller.model
+    # A smaller box, decay rate or strip than proven is proven as well, and so is a larger gain.
+    angles, speeds = (", ".join(at_least(x, 6) for x in limit) for limit in (p.joint_limit, p.velocity_limit))
+    alpha, gamma, strip = at_least(controller.alpha, 6), at_most(controller.gamma, 3), ""
     box = (
-        f"For the rigid arm in continuous time, as long as |q| <= ({p.joint_limit[0]:.6g}, {p.joint_limit[1]:.6g}) rad "
-        f"and |dq/dt| <= ({p.velocity_limit[0]:g}, {p.velocity_limit[1]:g}) rad/s, and for every twice differentiable "
-        f"reference: "
+        f"For the rigid arm in continuous time, as long as |q| <= ({angles}) rad and |dq/dt| <= ({speeds}) rad/s, and "
+        "for every twice differentiable reference: "
     )
     if controller.form == "paper":
         claim = (
             "with V over error and reference model, dV/dt + e'Qe - gamma^2 w'w + 2 alpha V < 0, w = (d, r): both decay "
-            f"at least as exp(-{controller.alpha:g} t) where w vanishes, and from zero initial conditions the L2 gain "
-            f"from w to Q^(1/2) e is at most {controller.gamma:.3g}. d is friction, tip forces and payload "
+            f"at least as exp(-{alpha} t) where w vanishes, and from zero initial conditions the L2 gain "
+            f"from w to Q^(1/2) e is at most {gamma}. d is friction, tip forces and payload "
             "as joint torques. "
         )
         return box + claim + NOT_COVERED
     dropped = [u.premise for u in model.uncertainties]
     residual = f", and the feedforward residual of the dropped premises {', '.join(dropped)}" if dropped else ""
-    alpha, beta, strip = controller.alpha, controller.fastest_pole, ""
-    if beta is not None:
+    if controller.fastest_pole is not None:
+        beta = at_most(controller.fastest_pole, 6)
         strip = (
-            f" and no faster than exp(-{beta:g} t), so that the poles of the loop frozen at any such state have real "
-            f"parts between -{beta:g} and -{alpha:g} 1/s"
+            f" and no faster than exp(-{beta} t), so that the poles of the loop frozen at any such state have real "
+            f"parts between -{beta} and -{alpha} 1/s"
         )
     claim = (
-        f"without disturbance the tracking error decays at least as exp(-{alpha:g} t){strip}, and from zero error the "
-        f"L2 gain from the disturbance torque d to the position error is at most {controller.gamma:.3g} rad/(N m). "
+        f"without disturbance the tracking error decays at least as exp(-{alpha} t){strip}, and from zero error the "
+        f"L2 gain from the disturbance torque d to the position error is at most {gamma} rad/(N m). "
         f"d holds friction, tip forces and payload as joint torques{residual}. "
     )
     return box + claim + NOT_COVERED

@@ -109,7 +109,10 @@ def test_spread_is_median_and_quartiles():
     ("error", "reason"),
     [
         (NotMeasured("no GPU\nhere."), "no GPU here"),
-        (ModuleNotFoundError("No module", name="envpool"), "envpool is not installed: pip install 'fuzzyarm[bench]'"),
+        (
+            ModuleNotFoundError("No module", name="envpool"),
+            'envpool is not installed: pip install -c constraints.txt -e ".[bench]" in the repository',
+        ),
         (ImportError("libGL.so is missing"), "libGL.so is missing"),
         (gym.error.DependencyNotInstalled("mujoco wanted"), "mujoco wanted"),
         (RuntimeError(), "RuntimeError"),
@@ -506,7 +509,7 @@ def test_no_compiler_is_a_reason(torch_env, monkeypatch):
 def test_no_torch_is_a_reason(monkeypatch):
     monkeypatch.setitem(sys.modules, "fuzzyarm.rl_baselines.torch_env", None)
     (row,) = race("64 lanes", [torch_entry("cpu", "float32")], 5, 0.5, silent)
-    assert row.reason.endswith("is not installed: pip install 'fuzzyarm[rl]'")
+    assert row.reason.endswith('is not installed: pip install -c constraints.txt -e ".[rl]" in the repository')
 
 
 def test_tip_error_of_a_batch_is_that_of_its_first_lane(torch_env, monkeypatch):

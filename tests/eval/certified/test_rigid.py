@@ -16,7 +16,7 @@ from fuzzyarm.eval.certified.frozen import find_worst_point, freeze, gain_at, ly
 from fuzzyarm.eval.certified.probes import HELD, Uniform, _discrete, joined, library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion, Run, simulate
-from fuzzyarm.fuzzy_policy.proof.certificate import residual_bound
+from fuzzyarm.fuzzy_policy.proof.residual import feedforward_residual
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import load_policy
 
@@ -123,7 +123,7 @@ def test_residual_of_dropped_premises() -> None:
     for name in NAMES:
         loop = shipped(name)
         rho = np.abs(loop.error_rate(*nothing, total=False)[1]).max(axis=0)
-        assert np.all(rho > 10.0) and np.all(rho <= residual_bound(loop.controller.model, CIRCLE))
+        assert np.all(rho > 10.0) and np.all(rho <= feedforward_residual(loop.controller.model, CIRCLE).bound)
         hanging = ReferenceSample(*np.zeros((3, 1, 2)))
         assert not loop.error_rate(errors(loop, 8, 5, 0.5), hanging, np.zeros((5, 2)), total=False)[1].any()
 

@@ -159,10 +159,24 @@ def test_tip_errors_decades_apart_are_all_seen():
     good, bad = episode("good", error=3e-6), episode("bad", error=20e-3)
     tip = draw_figures([good, bad])["overview"].axes[0]
     assert tip.get_yscale() == "log"
-    assert tip.get_ylim() == (1e-3, 100.0)  # mm; from the decade of the best one's rms to that of the worst one's peak
+    lowest, peak = tip.get_ylim()  # mm; from the decade that the best one is above, but for a twentieth of the time
+    assert lowest == 1e-3 and peak == pytest.approx(1.5e3 * bad.tip_error.max())
     for line, drawn in zip(curves(tip, 60), (good, bad), strict=True):
-        np.testing.assert_allclose(line.get_ydata(), np.maximum(1e3 * drawn.tip_error, 1e-3))
+        np.testing.assert_allclose(line.get_ydata(), np.maximum(1e3 * drawn.tip_error, lowest))
+        assert np.mean(line.get_ydata() > lowest) >= 0.95
     assert not tip.texts
+
+
+def test_each_case_has_the_decades_of_its_own_errors():
+    figure = draw_figures([episode(error=1e-7), episode(case="payload", error=5e-3)])["overview"]
+    nominal, payload, *below = figure.axes
+    assert nominal.get_ylim()[0] == 1e-5 and payload.get_ylim()[0] >= 1e-2  # mm
+    for axes in (nominal, payload):
+        (line,) = curves(axes, 60)
+        assert np.mean(line.get_ydata() > axes.get_ylim()[0]) >= 0.95
+        assert axes.yaxis.get_tick_params()["labelleft"]
+    assert below[0].get_ylim() == below[1].get_ylim()
+    assert nominal.get_position().height > 1.3 * below[0].get_position().height
 
 
 def test_an_episode_that_ended_early_is_marked():

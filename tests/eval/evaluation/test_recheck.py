@@ -141,7 +141,40 @@ def test_another_file_of_the_same_name_is_noticed(folder, capsys):
     assert "mine.json-tip is not the one that was measured: mine.json has another content" in one_line_error(capsys)
     mine.unlink()
     assert main(["evaluate", "--check", "results.json"]) == 2
-    assert "mine.json: No such file" in one_line_error(capsys)
+    assert "mine.json-tip is neither in the current folder nor beside the results" in one_line_error(capsys)
+
+
+def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsys, undrawn):
+    """It is recorded by its name; what is found under that name has to have the digest that was measured."""
+    elsewhere, out = folder / "elsewhere", folder / "out"
+    elsewhere.mkdir()
+    mine = elsewhere / "mine.json"
+    shutil.copy(SHIPPED / "fuzzy-1.json", mine)
+    learned = shutil.copytree(ROOT / "fuzzyarm/learned_policy/policies/ppo-nominal", elsewhere / "taught")
+    names = [f"{mine}-tip", str(learned), "elsewhere/mine.json"]
+    arguments = [word for name in names for word in ("--policy", name)]
+    assert main(["evaluate", *arguments, "--case", "nominal", "--out", str(out)]) == 0
+    text = (out / "results.json").read_text()
+    assert str(folder) not in text + (out / "results.csv").read_text() + capsys.readouterr().err
+    assert json.loads(text)["config"]["policies"] == ["mine.json-tip", "taught", "elsewhere/mine.json"]
+    assert "--policy mine.json-tip --policy taught --policy elsewhere/mine.json" in json.loads(text)["command"]
+    assert main(["report", str(out)]) == 0
+    assert str(folder) not in (out / "report.html").read_text(encoding="utf-8")
+    capsys.readouterr()
+
+    check = ["evaluate", "--check", str(out)]
+    assert main(check) == 2
+    assert "add --policy PATH/mine.json-tip" in one_line_error(capsys)
+    assert main([*check, "--policy", names[0], names[1]]) == 0
+    shutil.copy(mine, out)
+    shutil.copytree(learned, out / "taught")
+    assert main(check) == 0
+    capsys.readouterr()
+    shutil.copy(SHIPPED / "fuzzy-2.json", out / "mine.json")
+    assert main(check) == 2
+    assert "another content" in one_line_error(capsys)
+    assert main([*check, "--policy", str(elsewhere / "other.json")]) == 2
+    assert "or says where a policy's file is now" in one_line_error(capsys)
 
 
 def test_a_file_alone_runs_no_code(folder, capsys):

@@ -4,6 +4,8 @@ import json
 import os
 import subprocess
 import sys
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -166,15 +168,57 @@ def test_versions_are_not_mixed(folder, capsys, monkeypatch, name):
 
 
 def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys):
-    from importlib import resources
-
     file, out = tmp_path / "mine.json", tmp_path / "sweep"
     shipped = resources.files("fuzzyarm.fuzzy_policy.controllers")
     file.write_bytes((shipped / "fuzzy-1.json").read_bytes())
     assert main(["sweep", *QUICK, "--policy", str(file), "--out", str(out)]) == 0
     capsys.readouterr()
     file.write_bytes((shipped / "fuzzy-2.json").read_bytes())
-    refused(capsys, out, ["--resume", "--out", str(out)], "other policy files than there are now (mine: mine.json ")
+    resumed = ["--resume", "--out", str(out), "--policy", str(file)]
+    refused(capsys, out, resumed, "other policy files than there are now (mine: mine.json ")
+
+
+def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys):
+    """The folder of the chunks is made before the file that says what is run."""
+    out = tmp_path / "sweep"
+    (out / "chunks").mkdir(parents=True)
+    (out / "chunks" / ".000000.npz.1a2b.part").write_text("half")
+    refused(capsys, out, ["--resume", "--out", str(out)], "begin one without --resume")
+    assert main(["sweep", *QUICK, "--out", str(out)]) == 0
+
+
+def test_results_without_the_file_that_says_of_what_are_not_overwritten(folder, capsys):
+    (folder / "run.json").unlink()
+    refused(capsys, folder, [*QUICK, "--out", str(folder)], "remove chunks, or choose another --out")
+
+
+def test_a_disk_that_is_full_at_the_beginning_leaves_nothing(tmp_path, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    refused(capsys, tmp_path, [*QUICK, "--out", str(tmp_path / "sweep")], "run.json: No space left on device")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, capsys):
+    file, out = tmp_path / "there" / "mine.json", tmp_path / "sweep"
+    file.parent.mkdir()
+    shipped = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers"))) / "fuzzy-1.json"
+    file.write_bytes(shipped.read_bytes())
+    begun = ["--policy", str(file), *QUICK[2:], "--out", str(out)]
+    assert main(["sweep", *begun]) == 0
+    capsys.readouterr()
+    for name in ("run.json", "sweep.json", "sweep.csv"):
+        assert str(tmp_path) not in (out / name).read_text()
+    assert json.loads((out / "run.json").read_text())["config"]["policies"] == ["mine.json"]
+    refused(capsys, out, ["--resume", "--out", str(out)], "add --policy PATH/mine.json")
+    assert main(["sweep", "--resume", "--out", str(out), "--policy", str(file)]) == 0
+    (out / "mine.json").write_bytes(file.read_bytes())
+    assert main(["sweep", "--resume", "--out", str(out)]) == 0
+    capsys.readouterr()
+    (out / "mine.json").write_bytes(shipped.with_name("fuzzy-2.json").read_bytes())
+    refused(capsys, out, ["--resume", "--out", str(out)], "begun with other policy files")
 
 
 def test_workers_that_die_again_and_again_end_the_sweep_with_one_line(tmp_path, capsys, monkeypatch):
@@ -194,7 +238,7 @@ def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     monkeypatch.delitem(sys.modules, "fuzzyarm.eval.sweep.ray_backend", raising=False)
     monkeypatch.delattr("fuzzyarm.eval.sweep.ray_backend", raising=False)
-    refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], "pip install 'fuzzyarm[cluster]'")
+    refused(capsys, tmp_path, [*QUICK, "--backend", "ray", "--out", str(tmp_path)], '-e ".[cluster]"')
     assert not list(tmp_path.iterdir())
 
 

@@ -203,7 +203,7 @@ def test_another_arm_with_a_controller_that_was_designed_for_it(arm, tmp_path, c
     summary = json.loads((out / "sweep.json").read_text())
     assert [row["policy"] for row in summary["rows"]] == ["mine", "mine-tip", "elastic-observer"]
     assert all(row["ended_early"] == 0 for row in summary["rows"])
-    assert main(["sweep", "--resume", "--robot", robot, "--out", str(out)]) == 0
+    assert main(["sweep", "--resume", *policies, "--robot", robot, "--out", str(out)]) == 0
 
 
 def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys):

@@ -62,3 +62,17 @@ def test_margin_is_free_of_units():
     scale = np.array([1.0, 1e3, 1e-3, 1e6, 1e-6, 1.0])
     assert smallest_eigenvalue(matrix) == pytest.approx(smallest_eigenvalue(matrix * np.outer(scale, scale)))
     assert smallest_eigenvalue(-matrix) == -np.inf
+
+
+@pytest.mark.parametrize("entry", [fmpq(10) ** 400, -(fmpq(10) ** 400), fmpq(1, 10) ** 400])
+def test_numbers_beyond_floating_point_are_not_proven_and_raise_nothing(entry):
+    one, nil = fmpq(1), fmpq(0)
+    for matrix in ([[entry, nil], [nil, one]], [[one, entry], [entry, entry]], [[entry, entry], [entry, entry]]):
+        array = np.array(matrix, dtype=object)
+        assert not is_positive_definite(array)
+        assert smallest_eigenvalue(array) == -np.inf
+
+
+def test_a_scale_that_overflows_is_not_proven():
+    tiny, large = fmpq(1, 10) ** 300, fmpq(10) ** 200
+    assert not is_positive_definite(np.array([[tiny, large], [large, tiny]], dtype=object))

@@ -1,0 +1,79 @@
+"""The `info` of a batch: for each key an array with a row per lane, and a mask ``_key`` of the lanes that have it.
+
+Quantities are in SI units [m, rad, rad/s, N m, N, s], as the kernels leave them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.envs.batch.layout import INFO, SCALARS
+from fuzzyarm.envs.termination import Termination
+
+__all__ = ["final_info", "masked", "partial_info", "reasons", "values"]
+
+_REWARD, _CLIPPED, _REASON = map(SCALARS.index, ("reward", "torque_clipped", "reason"))
+_REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
+
+
+def values(vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
+    """Return the numbers of `info` by name, from the vectors (9, lanes, 2) and scalars (10, lanes) of the results."""
+    numbers = (*vectors, *scalars[:_REWARD], scalars[_REASON] == 0.0, scalars[_CLIPPED] != 0.0)
+    return dict(zip(INFO, numbers, strict=True))
+
+
+def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+    """Return the entries with the mask (lanes,) of lanes that have them beside each, as Gymnasium's infos do."""
+    return {**entries, **{f"_{key}": mask for key in entries}}
+
+
+def partial_info(
+    vectors: np.ndarray, scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
+) -> dict[str, Any]:
+    """Return the info of some lanes; the rows of the others are zero.
+
+    Args:
+        vectors: (9, lanes, 2), as in the results.
+        scalars: (10, lanes).
+        drawn: what the episodes drew, by quantity: (lanes,) or (lanes, 2); empty if nothing is drawn.
+        mask: (lanes,) of booleans.
+    """
+    info = values(np.where(mask[:, np.newaxis], vectors, 0.0), np.where(mask, scalars, 0.0))
+    info["in_domain"] &= mask
+    if drawn:
+        theirs = {
+            name: np.where(mask if rows.ndim == 1 else mask[:, np.newaxis], rows, 0.0) for name, rows in drawn.items()
+        }
+        info["randomisation"] = masked(theirs, mask)
+    return masked(info, mask)
+
+
+def reasons(scalars: np.ndarray) -> dict[str, Any]:
+    """Return why episodes were terminated, from the scalars (10, lanes) of the results; empty if none was."""
+    terminated = scalars[_REASON] != 0.0
+    if not terminated.any():
+        return {}
+    texts = np.full(len(terminated), None, dtype=object)
+    texts[terminated] = _REASON_TEXTS[scalars[_REASON, terminated].astype(int)]
+    return masked({"reason": texts}, terminated)
+
+
+def final_info(
+    observation: np.ndarray, vectors: np.ndarray, scalars: np.ndarray, drawn: dict[str, np.ndarray], ended: np.ndarray
+) -> dict[str, Any]:
+    """Return the last observation and info of the episodes that ended, for the step in which the next ones begin.
+
+    Args:
+        observation: (lanes, 10), as in the results.
+        vectors: as in `partial_info`, and so are the next two.
+        scalars: with a column per lane.
+        drawn: by quantity.
+        ended: (lanes,) of booleans.
+    """
+    final_obs = np.full(len(ended), None, dtype=object)
+    for lane in np.flatnonzero(ended):
+        final_obs[lane] = observation[lane].copy()
+    info = {**partial_info(vectors, scalars, drawn, ended), **reasons(scalars)}
+    return masked({"final_obs": final_obs, "final_info": info}, ended)

@@ -1,0 +1,68 @@
+"""The last lines of `fuzzyarm evaluate`: who won each case, which policies are proven, and what to type next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval.evaluation.ranking import LOST
+
+__all__ = ["verdict"]
+
+_FEW = 3  # policies that a line names; of more it says how many
+
+
+def verdict(
+    rows: Sequence[Mapping[str, Any]], certificates: Mapping[str, str | None], folder: Path, files: int
+) -> list[str]:
+    """Return a line for each case, one about certificates and one about the next command.
+
+    A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
+    lost the path: that followed the reference to its end in every episode, with the tip at most 100 mm off.
+
+    Args:
+        rows: of metrics, as in `Evaluation.rows`.
+        certificates: by policy, in words; None without one.
+        folder: that the evaluation was written to.
+        files: how many files.
+    """
+    cases = dict.fromkeys(row["case"] for row in rows)
+    lines = [_won([row for row in rows if row["case"] == case]) for case in cases]
+    there = shlex.quote(str(folder))
+    return [*lines, _proven(certificates), f"{files} files in {there}; next: fuzzyarm report {there}"]
+
+
+def _won(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return who won a case, given its rows."""
+    case = rows[0]["case"]
+    title = CASES[case].title if case in CASES else case
+    lost = {row["policy"] for row in rows if not row["completed"] or row["tip_error_max_mm"] > LOST}
+    errors = {
+        policy: median(row["tip_error_rms_mm"] for row in rows if row["policy"] == policy)
+        for policy in dict.fromkeys(row["policy"] for row in rows)
+        if policy not in lost
+    }
+    if not errors:
+        return f"{title}: no policy followed the path to its end"
+    best = min(errors.values())
+    winners = [policy for policy, error in errors.items() if error == best]
+    after = f"; {_named(sorted(lost))} lost the path" if lost else ""
+    verb = "followed" if len(errors) == 1 else "won"
+    return f"{title}: {_named(winners)} {verb}, rms tip error {best:#.3g} mm{after}"
+
+
+def _proven(certificates: Mapping[str, str | None]) -> str:
+    proven = [policy for policy, text in certificates.items() if text is not None]
+    if not proven:
+        return "Proven of the rigid arm: nothing, since none of these policies has a certificate"
+    others = len(certificates) - len(proven)
+    return f"Proven of the rigid arm: {_named(proven)}" + (f"; {others} without a certificate" if others else "")
+
+
+def _named(policies: Sequence[str]) -> str:
+    """Return up to `_FEW` policies by name, and how many there are beyond."""
+    return ", ".join(policies[:_FEW]) + (f" and {len(policies) - _FEW} more" if len(policies) > _FEW else "")

@@ -1,0 +1,91 @@
+"""Good files of every format, made once in a process, and a place for changed copies."""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.rl_baselines.ppo import PPOConfig
+from fuzzyarm.rl_baselines.training import Training
+
+__all__ = ["CANARY", "SMALL_TRAINING", "evaluation", "room", "scratch", "sweep", "training"]
+
+ROOM = Path(tempfile.mkdtemp(prefix="abuse-"))
+CANARY = ROOM / "canary"
+SMALL_TRAINING = {
+    "total_timesteps": 256,
+    "lanes": 2,
+    "n_steps": 16,
+    "batch_size": 32,
+    "n_epochs": 1,
+    "hidden": (4,),
+    "evaluation_interval": 10**6,
+    "checkpoint_interval": 64,
+    "tensorboard": False,
+}
+_MODULE = "import os\nos.mkdir({!r})\n\ndef make():\n    return None\n"
+
+
+@atexit.register
+def _clear() -> None:
+    shutil.rmtree(ROOM, ignore_errors=True)
+
+
+def room() -> Path:
+    """A folder for files of a process, with a module that leaves the canary if it is ever imported; on `sys.path`."""
+    module = ROOM / "abuse_canary.py"
+    if not module.exists():
+        module.write_text(_MODULE.format(str(CANARY)))
+        sys.path.append(str(ROOM))
+    return ROOM
+
+
+def scratch() -> Path:
+    """An empty folder for one try, the only one at a time."""
+    folder = room() / "try"
+    if folder.exists():
+        for path, folders, _ in os.walk(folder):
+            for name in folders:
+                os.chmod(os.path.join(path, name), 0o700) if not os.path.islink(os.path.join(path, name)) else None
+        shutil.rmtree(folder)
+    folder.mkdir()
+    return folder
+
+
+@functools.cache
+def evaluation() -> Path:
+    """The folder of an evaluation, without figures."""
+    folder = room() / "evaluation"
+    folder.mkdir()
+    done = evaluate(EvaluationConfig(policies=("fuzzy-1",), cases=("nominal",)))
+    write_results(done, folder)
+    write_rollouts(done.rollouts, folder)
+    return folder
+
+
+@functools.cache
+def sweep() -> Path:
+    """The folder of a sweep with two chunks, without its summary."""
+    folder = room() / "sweep"
+    config = SweepConfig(policies=("fuzzy-1",), cases=("nominal",), plants=4, chunk=2)
+    for _ in Sweep.begin(folder, config).run(Engine(jobs=1)):
+        pass
+    return folder
+
+
+@functools.cache
+def training() -> Path:
+    """The folder of a training that is at its end."""
+    folder = room() / "training"
+    Training(PPOConfig(**SMALL_TRAINING), folder).run()
+    return folder

@@ -1,0 +1,204 @@
+"""Every command with closed, full and narrow standard streams: whole files, one line, an exit code that says so."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.cli.application import GROUPS
+from fuzzyarm.common.console import SPELLED_OUT, escaped, output, say
+
+CONTROLLER = str(resources.files("fuzzyarm.fuzzy_policy.controllers") / "fuzzy-1.json")
+NAMES = [name for commands in GROUPS.values() for name in commands]
+HELP = [["--help"], ["--version"], *([name, "--help"] for name in NAMES), ["train", "ppo", "--help"]]
+RUNS = {
+    "leaderboard": ["leaderboard", "evaluated"],
+    "leaderboard as Markdown": ["leaderboard", "evaluated", "--markdown"],
+    "verify": ["verify", CONTROLLER],
+    "verify as JSON": ["verify", "--json", CONTROLLER],
+    "check": ["evaluate", "--check", "evaluated"],
+}
+BRIEF = ["--n-steps", "32", "--batch-size", "64", "--hidden", "4"]
+LONG_RUNS = {
+    "evaluate": ["evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--out", "new"],
+    "evaluate as JSON": ["evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--json", "--out", "new"],
+    "design": ["design", "--rules", "1", "--no-integral", "--out", "c.json"],
+    "margins": ["margins", "--policy", "fuzzy-1", "--out", "m.json"],
+    "sweep": ["sweep", "--policy", "fuzzy-1", "--case", "nominal", "--plants", "2", "--jobs", "1", "--out", "new"],
+    "report": ["report", "evaluated"],
+    "train": ["train", "ppo", "--out", "new", "--total-timesteps", "64", "--lanes", "2", *BRIEF],
+    "paper": ["paper", "--out", "new"],
+    "bench": ["bench", "--seconds", "1e-4", "--json"],
+}
+EVERY_RUN = [
+    *(pytest.param(words, id=name) for name, words in RUNS.items()),
+    *(pytest.param(words, id=name, marks=pytest.mark.slow) for name, words in LONG_RUNS.items()),
+]
+BAD = [["verify", "missing.json"], ["fly"]]
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    """A folder with a small evaluation."""
+    folder = tmp_path_factory.mktemp("streams") / "evaluated"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
+        assert main(["evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--json", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path, evaluated):
+    """A current folder in which ``evaluated`` is an evaluation."""
+    (tmp_path / "evaluated").symlink_to(evaluated)
+    return tmp_path
+
+
+def shell(folder, words, redirected="", **environment):
+    """Run the command in a shell with redirections; return the exit code, and standard output and error as bytes."""
+    command = f'exec "$0" -m fuzzyarm "$@" {redirected}'
+    environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **os.environ, **environment}
+    done = subprocess.run(
+        ["bash", "-c", command, sys.executable, *words], cwd=folder, env=environment, capture_output=True
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("words", [*HELP[:3], *EVERY_RUN])
+def test_a_closed_standard_output_is_refused_before_anything_is_done(folder, words):
+    before = set(folder.iterdir())
+    code, _, err = shell(folder, words, ">&-")
+    assert (code, err) == (2, b"fuzzyarm: standard output is closed; send it to a file, or to /dev/null\n")
+    assert set(folder.iterdir()) == before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("words", [*HELP[:3], HELP[-1], *EVERY_RUN])
+def test_a_full_standard_output_is_one_line_and_no_success(folder, words):
+    code, _, err = shell(folder, words, ">/dev/full")
+    name = " ".join(["fuzzyarm", *(words[:1] if words[0] in NAMES else [])])
+    assert code == 2
+    assert err.decode().splitlines()[-1] == f"{name}: standard output: No space left on device"
+    assert b"Traceback" not in err and b"Exception" not in err
+
+
+@pytest.mark.parametrize("redirected", ["2>&-", "2>/dev/full", "<&- 2>&-"])
+@pytest.mark.parametrize("words", [RUNS["leaderboard"], RUNS["verify"], *BAD], ids=" ".join)
+def test_without_standard_error_the_exit_code_and_the_output_are_the_same(folder, words, redirected):
+    (code, out, _), (other_code, other_out, _) = shell(folder, words), shell(folder, words, redirected)
+    time = re.compile(rb"\d+\.\d\d s")  # that a proof has taken
+    assert (other_code, time.sub(b"", other_out)) == (code, time.sub(b"", out))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("closed", ["<&- 2>&-", "2>&-"])
+def test_a_file_never_gets_the_number_of_a_closed_stream(folder, closed):
+    """Or what is printed to standard error would go into it."""
+    code, _, _ = shell(folder, ["report", "evaluated", "--out", "page.html"], closed)
+    assert code == 0 and (folder / "page.html").read_bytes().startswith(b"<!doctype html>")
+
+
+@pytest.mark.parametrize("words", [*HELP[2:3], *EVERY_RUN])
+def test_a_locale_without_our_letters_is_no_obstacle(folder, words):
+    code, out, err = shell(folder, words, LC_ALL="C", PYTHONIOENCODING="ascii", PYTHONUTF8="0", COLUMNS="80")
+    assert code == 0, err
+    assert out and out.isascii() and err.isascii()
+
+
+def test_micro_is_spelled_out():
+    assert "predict [µs], 3 × 2 m²".encode("ascii", SPELLED_OUT) == b"predict [us], 3 x 2 m^2"
+    assert "γ \udcff".encode("latin-1", SPELLED_OUT) == rb"\u03b3 \udcff"
+
+
+@pytest.mark.parametrize("words", [HELP[0], LONG_RUNS["evaluate"]])
+def test_the_drawing_back_end_of_the_user_is_not_asked(folder, words):
+    code, _, err = shell(folder, words, MPLBACKEND="nope")
+    assert code == 0, err
+
+
+HOSTILE = "\x1b[31mred\x1b[0m\x07\x9b2J\u202e.json"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["verify", HOSTILE],
+        ["evaluate", "--policy", HOSTILE],
+        ["evaluate", "--case", HOSTILE],
+        ["evaluate", "--check", HOSTILE],
+        ["evaluate", "--robot", HOSTILE],
+        ["report", HOSTILE],
+        ["leaderboard", HOSTILE],
+        ["design", "--out", HOSTILE + "/x.json"],
+        ["margins", "--policy", HOSTILE],
+        ["sweep", "--policy", HOSTILE],
+        ["sweep", "--resume", "--out", HOSTILE],
+        ["train", "ppo", "--out", "x", "--base", HOSTILE],
+        ["paper", "--out", "x", "--expected", HOSTILE],
+        ["bench", HOSTILE],
+        [HOSTILE],
+    ],
+    ids=lambda words: " ".join(words[:2]) if words[0] != HOSTILE else "a command",
+)
+def test_nothing_that_a_terminal_obeys_reaches_it(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1
+    assert all(letter.isprintable() for letter in err[:-1])
+
+
+def test_a_name_that_exists_is_escaped_too(tmp_path, capsys):
+    path = tmp_path / "\x1b[31m\nfuzzy-4.json: PROVEN.json"
+    path.write_bytes(Path(CONTROLLER).read_bytes())
+    assert main(["verify", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "\x1b" not in out and r"\x1b[31m\nfuzzy-4.json: PROVEN.json: PROVEN" in out
+    assert main(["evaluate", "--policy", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "cannot be printed; rename the file" in capsys.readouterr().err
+
+
+def test_the_console_escapes_in_tables_and_paragraphs(capsys):
+    screen = output()
+    screen.print(HOSTILE, markup=False)
+    say(f"{HOSTILE}\nsecond line")
+    out = capsys.readouterr().out
+    assert out.count("\n") == 3
+    assert all(letter.isprintable() for letter in out.replace("\n", ""))
+    assert escaped("a\nb\tc µ") == r"a\nb\tc µ"
+
+
+@pytest.mark.parametrize("words", [["evaluate"], ["sweep"]])
+@pytest.mark.parametrize("wrong", [["--policy", "nobody"], ["--case", "nowhere"], ["--policy", "missing.json"]])
+def test_a_refused_run_leaves_no_folder(tmp_path, monkeypatch, capsys, words, wrong):
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, *wrong]) == 2
+    assert main([*words, *wrong, "--out", "a/b/c"]) == 2
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "mine").mkdir()
+    assert main([*words, *wrong, "--out", "mine"]) == 2
+    assert list(tmp_path.iterdir()) == [tmp_path / "mine"]  # it was there before
+
+
+def test_two_evaluations_into_one_folder_at_once(tmp_path, capsys):
+    """The second is refused; the first that dies blocks nobody."""
+    from fuzzyarm.common.files import locked_folder
+
+    words = ["--policy", "fuzzy-4", "--case", "nominal", "--json", "--out", str(tmp_path)]
+    with locked_folder(tmp_path):
+        for command in (["evaluate", *words], ["sweep", "--out", str(tmp_path)], ["paper", "--out", str(tmp_path)]):
+            assert main(command) == 2
+            err = capsys.readouterr().err
+            assert err.count("\n") == 1 and f"another process is writing to {tmp_path}; wait until" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_printed_as_json_is_json_in_ascii(folder):
+    code, out, _ = shell(folder, ["verify", "--json", CONTROLLER], PYTHONIOENCODING="ascii")
+    assert code == 0 and json.loads(out)[0]["proven"]

@@ -1,0 +1,112 @@
+"""The end of `fuzzyarm evaluate`: five lines, and on a narrow terminal fewer columns but all digits."""
+
+import fcntl
+import io
+import os
+import pty
+import re
+import struct
+import subprocess
+import sys
+import termios
+from pathlib import Path
+
+import pytest
+import rich.console
+
+from fuzzyarm.cli import main
+from fuzzyarm.eval.evaluation.result_table import COLUMNS, print_results
+from fuzzyarm.eval.evaluation.verdict import verdict
+
+
+def row(policy, case, rms, *, seed=0, completed=True, largest=1.0):
+    """A row of results; its numbers have as many digits as there can be."""
+    metrics = dict.fromkeys((key for _, keys, _ in COLUMNS for key in keys), -123456.789)
+    own = {"tip_error_rms_mm": rms, "tip_error_max_mm": largest}
+    return {"case": case, "policy": policy, "seed": seed, "completed": completed, **metrics, **own}
+
+
+THREE = [
+    *(row(name, "nominal", rms) for name, rms in (("a", 1.0), ("b", 0.000419), ("c", 2.0))),
+    *(row(name, "machining", rms) for name, rms in (("a", 1.0), ("b", 1.0), ("c", 2.0))),
+    *(row(name, "payload", 1.0, completed=False) for name in "abc"),
+]
+
+
+def test_the_verdict_of_three_cases_has_five_lines():
+    assert verdict(THREE, {"a": "For the ...", "b": None, "c": None}, Path("my folder"), 43) == [
+        "Case 1: nominal: b won, rms tip error 0.000419 mm",
+        "Case 2: machining force: a, b won, rms tip error 1.00 mm",
+        "Case 3: 5 kg payload: no policy followed the path to its end",
+        "Proven of the rigid arm: a; 2 without a certificate",
+        "43 files in 'my folder'; next: fuzzyarm report 'my folder'",
+    ]
+
+
+def test_who_lost_the_path_once_cannot_win():
+    rows = [row("a", "nominal", 1e-3, seed=seed, completed=seed != 1) for seed in range(3)]
+    rows += [row("far", "nominal", 1e-3, largest=101.0)]
+    rows += [row("b", "nominal", rms, seed=seed) for seed, rms in enumerate((5.0, 1.0, 2.0))]
+    assert verdict(rows, {"a": None}, Path("x"), 3)[:2] == [
+        "Case 1: nominal: b followed, rms tip error 2.00 mm; a, far lost the path",
+        "Proven of the rigid arm: nothing, since none of these policies has a certificate",
+    ]
+
+
+def test_many_policies_are_counted():
+    names = [f"policy-{number}" for number in range(18)]
+    lines = verdict([row(name, "nominal", 1.0) for name in names], dict.fromkeys(names, "x"), Path("x"), 3)
+    assert "policy-0, policy-1, policy-2 and 15 more won" in lines[0]
+    assert lines[1].endswith("policy-0, policy-1, policy-2 and 15 more")
+    assert max(map(len, lines)) <= 100
+
+
+@pytest.mark.parametrize(("width", "left_out"), [(200, ()), (80, (6,)), (60, (3, 4, 5, 6)), (34, (1, 3, 4, 5, 6))])
+def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width, left_out):
+    rows = [row("computed-torque-tip", "nominal", 1234.5, largest=0.000412)]
+    screen = rich.console.Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
+    print_results(rows, screen)
+    text = screen.file.getvalue()
+    assert max(map(len, text.splitlines())) <= width and "…" not in text
+    assert "1.23e+03" in text and "0.000412" in text  # rms and the largest error are always there
+    note = " ".join(text.split("Left out on")[1].split()) if left_out else ""
+    assert ("Left out on" in text) == bool(left_out)
+    for number in left_out:
+        assert COLUMNS[number][0] in note
+
+
+@pytest.mark.parametrize("width", [80, 60])
+def test_a_real_terminal_ends_with_the_verdict(tmp_path, width):
+    out = on_a_terminal(tmp_path, width, "evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--out", "x")
+    lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", out).replace("\r", "").rstrip().splitlines()
+    assert max(map(len, lines)) <= width
+    assert lines[-1].startswith("17 files in x; next: fuzzyarm report x")
+    assert any(line.startswith("Case 1: nominal: fuzzy-4 followed, rms tip error 1.75 mm") for line in lines)
+    (numbers,) = [line.split() for line in lines if line.startswith(" fuzzy-4 ")]
+    assert {"3.90", "1.75"} <= set(numbers)
+
+
+def on_a_terminal(folder, width, *words):
+    """Run the command on a terminal of its own; return what it shows."""
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
+    environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "LINES")}
+    environment |= {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "TERM": "xterm"}
+    command = [sys.executable, "-m", "fuzzyarm", *words]
+    with subprocess.Popen(command, cwd=folder, env=environment, stdout=slave, stderr=subprocess.DEVNULL) as process:
+        os.close(slave)
+        shown = b""
+        try:
+            while chunk := os.read(master, 65536):
+                shown += chunk
+        except OSError:  # how Linux says that the other end is closed
+            pass
+        assert process.wait() == 0
+    os.close(master)
+    return shown.decode()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_json_has_no_verdict(tmp_path, capsys):
+    assert main(["evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--json", "--out", str(tmp_path)]) == 0
+    assert "next:" not in capsys.readouterr().out

@@ -1,0 +1,261 @@
+"""The three autoreset modes of the batch: each is that of Gymnasium's loop over single environments, bit for bit."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import vector as wrappers
+from support.results import assert_identical, identical
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Lemniscate, Line
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+
+LIMIT = np.array(ArmParameters().torque_limit)
+NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
+SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
+LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.05), duration=0.4)
+LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box within a few steps
+LANES = 4
+SETTINGS = {
+    "nominal": {},
+    "short": {"reference": SHORT, "disturbance": NOISY},
+    "robust": {"disturbance": NOISY, "randomisation": "robust"},
+    "plants": {"case": "machining", "randomisation": "plants"},
+}
+
+
+def batch(mode, lanes=LANES, **arguments):
+    return gym.make_vec("FuzzyArm-v0", num_envs=lanes, autoreset_mode=mode, **arguments)
+
+
+def loop(mode, lanes=LANES, **arguments):
+    kwargs = {"autoreset_mode": mode}
+    return gym.make_vec("FuzzyArm-v0", num_envs=lanes, vectorization_mode="sync", vector_kwargs=kwargs, **arguments)
+
+
+def torques(seed, steps, lanes=LANES):
+    """Torques that throw arms out after different times."""
+    generator = np.random.default_rng(seed)
+    signs = np.repeat(generator.choice([-1.0, 1.0], (steps // 100 + 1, lanes, 2)), 100, axis=0)[:steps]
+    return signs * generator.uniform(0.2, 1.0, signs.shape) * LIMIT
+
+
+def random_mask(generator, ended):
+    """Lanes that have ended, and sometimes others."""
+    return ended | (generator.random(len(ended)) < 0.2)
+
+
+# --- equal to Gymnasium's loop -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_next_step_equals_gymnasiums_loop(setting):
+    envs, expected = batch("NextStep", **SETTINGS[setting]), loop("NextStep", **SETTINGS[setting])
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert_identical(envs.reset(seed=3), expected.reset(seed=3))
+    ends, resets = 0, 0
+    for step, action in enumerate(torques(5, 900)):
+        results, others = envs.step(action), expected.step(action)
+        assert_identical(results, others, step)
+        ends += int((results[2] | results[3]).sum())
+        resets += int((results[-1]["time"] == 0.0).sum())
+    assert ends > 4 and abs(ends - resets) <= LANES
+    assert_identical(envs.reset(seed=4), expected.reset(seed=4))  # with lanes that wait
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_disabled_equals_gymnasiums_loop_with_masks_seeds_and_options(setting):
+    envs, expected = batch("Disabled", **SETTINGS[setting]), loop("Disabled", **SETTINGS[setting])
+    generator, resets = np.random.default_rng(0), 0
+    assert_identical(envs.reset(seed=3), expected.reset(seed=3))
+    for step, action in enumerate(torques(6, 900)):
+        results = envs.step(action)
+        assert_identical(results, expected.step(action), step)
+        ended = results[2] | results[3]
+        if ended.any() or step % 97 == 0:
+            mask = random_mask(generator, ended) if ended.any() else np.arange(LANES) == step % LANES
+            options = [{}, {"case": "payload"}, {"reference": LONGER}, {"initial_state": LEAVING}][resets % 4]
+            seed = [None, 17, [None, 5, 6, None]][resets % 3]
+            masks = {"reset_mask": mask} | options
+            assert_identical(envs.reset(seed=seed, options=masks), expected.reset(seed=seed, options=dict(masks)), step)
+            assert masks["reset_mask"] is mask  # the caller's options stay as they are
+            resets += 1
+    assert resets > 9
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_a_mask_works_in_every_mode(mode):
+    setting = SETTINGS["short"]
+    envs, expected, generator = batch(mode, **setting), loop(mode, **setting), np.random.default_rng(1)
+    envs.reset(seed=0)
+    expected.reset(seed=0)
+    for step, action in enumerate(torques(8, 200)):
+        results = envs.step(action)
+        assert_identical(results, expected.step(action), step)
+        ended = results[2] | results[3]
+        if ended.any() and (mode is AutoresetMode.DISABLED or step % 2):
+            mask = random_mask(generator, ended)
+            assert_identical(
+                envs.reset(options={"reset_mask": mask}), expected.reset(options={"reset_mask": mask}), step
+            )
+
+
+def test_the_default_is_same_step_and_each_instance_says_its_own_mode():
+    assert batch(AutoresetMode.NEXT_STEP).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert batch("Disabled").metadata["autoreset_mode"] is AutoresetMode.DISABLED
+    assert FuzzyArmVectorEnv.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert FuzzyArmVectorEnv(2).metadata == FuzzyArmVectorEnv.metadata
+    again = gym.make_vec(batch("NextStep").spec)
+    assert again.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP and again.num_envs == LANES
+    with pytest.raises(gym.error.Error, match="only through kwargs"):  # as for every vector_entry_point
+        gym.make_vec("FuzzyArm-v0", num_envs=2, vector_kwargs={"autoreset_mode": "NextStep"})
+
+
+@pytest.mark.parametrize("wrong", ["next-step", "", None, 1, True, "NEXT_STEP", np.array(["SameStep"])])
+def test_an_unknown_mode_names_the_choices(wrong):
+    with pytest.raises((TypeError, ValueError), match=r"autoreset_mode.*NextStep.*SameStep.*Disabled"):
+        FuzzyArmVectorEnv(2, autoreset_mode=wrong)
+
+
+# --- what a user can do wrong ------------------------------------------------------------------------------------
+
+
+def test_disabled_refuses_to_step_a_lane_that_is_over_and_names_it():
+    envs = batch("Disabled", reference=SHORT)
+    envs.reset(seed=0, options={"initial_state": LEAVING})
+    while True:
+        results = envs.step(np.zeros((LANES, 2)))
+        ended = results[2] | results[3]
+        if ended.any():
+            break
+    with pytest.raises(ResetNeeded, match=r"over in lanes 0, 1, 2, 3: call envs\.reset\(options=\{'reset_mask'"):
+        envs.step(np.zeros((LANES, 2)))
+    envs.reset(options={"reset_mask": ended})
+    envs.step(np.zeros((LANES, 2)))
+
+
+def test_next_step_ignores_whatever_the_action_of_an_ended_lane_is_and_refuses_others_without_moving():
+    envs, twin = batch("NextStep", reference=[SHORT, LONGER, LONGER, LONGER]), None
+    envs.reset(seed=0)
+    for _ in range(50):
+        *_, truncated, _ = envs.step(np.zeros((LANES, 2)))
+    assert truncated.tolist() == [True, False, False, False]
+    twin = copy.deepcopy(envs)
+    ignored, refused = np.zeros((LANES, 2)), np.zeros((LANES, 2))
+    ignored[0], refused[1] = np.nan, np.inf
+    with pytest.raises(ValueError, match=r"of lane 1 is not finite"):
+        envs.step(refused)
+    results = envs.step(ignored)
+    assert_identical(results, twin.step(np.zeros((LANES, 2))))
+    assert results[-1]["time"][0] == 0.0 and results[1][0] == 0.0 and np.isnan(ignored[0]).all()
+
+
+def test_a_mask_before_the_first_reset_is_refused_unless_it_names_all():
+    envs = batch("Disabled")
+    with pytest.raises(ResetNeeded, match="for all lanes before one with a reset_mask"):
+        envs.reset(options={"reset_mask": np.arange(LANES) == 1})
+    assert identical(
+        envs.reset(seed=1, options={"reset_mask": np.ones(LANES, dtype=bool)})[0], batch("Disabled").reset(seed=1)[0]
+    )
+
+
+# --- tables, states and copies -----------------------------------------------------------------------------------
+
+
+def test_tables_of_scenarios_that_no_lane_is_in_are_dropped():
+    envs, sizes = batch("Disabled", reference=SHORT), []
+    envs.reset(seed=0)
+    generator = np.random.default_rng(2)
+    for _ in range(60):
+        mask = generator.random(LANES) < 0.5
+        mask[generator.integers(LANES)] = True
+        envs.reset(options={"reset_mask": mask, "case": "machining"})
+        sizes.append(len(envs._lanes.arrays[2]))
+    assert max(sizes) <= (1 + LANES) * 51
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
+def test_states_and_copies_remember_which_lanes_wait(mode):
+    envs = batch(mode, reference=[SHORT, LONGER, LONGER, SHORT], disturbance=NOISY)
+    envs.reset(seed=0)
+    for _ in range(50):
+        envs.step(np.zeros((LANES, 2)))
+    state, other = envs.get_state(), batch(mode, reference=[SHORT, LONGER, LONGER, SHORT], disturbance=NOISY)
+    other.set_state(state)
+    twins = [other, copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))]
+
+    def goes_on(made):
+        if mode == "Disabled":
+            with pytest.raises(ResetNeeded, match="lanes 0, 3"):
+                made.step(np.zeros((LANES, 2)))
+            return made.reset(options={"reset_mask": np.array([True, False, False, True])}), made.step(torques(0, 1)[0])
+        return made.step(torques(0, 1)[0]), made.step(torques(0, 1)[0])
+
+    expected = goes_on(envs)
+    assert all(identical(goes_on(twin), expected) for twin in twins)
+    same = batch("SameStep", reference=[SHORT, LONGER, LONGER, SHORT], disturbance=NOISY)
+    with pytest.raises(ValueError, match="wait for a reset; make the environment with the autoreset_mode"):
+        same.set_state(state)
+
+
+# --- Gymnasium's wrappers ----------------------------------------------------------------------------------------
+
+WRAPPED = {
+    "NormalizeObservation": wrappers.NormalizeObservation,
+    "NormalizeReward": wrappers.NormalizeReward,
+    "TransformObservation": lambda envs: wrappers.RescaleObservation(envs, -1, 1),
+    "FlattenObservation": wrappers.FlattenObservation,
+    "DictInfoToList": wrappers.DictInfoToList,
+    "ClipReward": lambda envs: wrappers.ClipReward(envs, 0.25, 0.75),
+    "learning stack": lambda envs: wrappers.NormalizeReward(
+        wrappers.NormalizeObservation(wrappers.RescaleAction(wrappers.RecordEpisodeStatistics(envs), -1, 1))
+    ),
+}
+
+
+def without_clock(results):
+    """The results without the seconds that RecordEpisodeStatistics measures."""
+    info = results[-1]
+    if isinstance(info, dict) and "episode" in info:
+        info["episode"] = {name: value for name, value in info["episode"].items() if "t" not in name}
+    return results
+
+
+@pytest.mark.parametrize("name", WRAPPED)
+def test_wrappers_show_the_same_around_the_batch_and_around_the_loop(name):
+    setting = SETTINGS["short"]
+    envs, expected = WRAPPED[name](batch("NextStep", **setting)), WRAPPED[name](loop("NextStep", **setting))
+    assert identical(envs.reset(seed=0), expected.reset(seed=0))
+    ends = 0
+    for step, action in enumerate(torques(4, 170) / LIMIT):
+        scaled = action * envs.single_action_space.high
+        results = without_clock(envs.step(scaled))
+        assert identical(results, without_clock(expected.step(scaled))), step
+        ends += int((results[2] | results[3]).sum())
+    assert ends > LANES
+
+
+def test_normalised_observations_have_mean_0_and_deviation_1():
+    envs = wrappers.NormalizeObservation(batch("NextStep", lanes=16, **SETTINGS["robust"]))
+    envs.reset(seed=0)
+    seen = np.array([envs.step(action)[0] for action in torques(4, 1500, 16)])[500:]
+    assert np.abs(seen.mean(axis=(0, 1))).max() < 0.5 and np.abs(np.log(seen.std(axis=(0, 1)))).max() < 0.7
+
+
+def test_episode_statistics_go_on_in_the_lanes_that_a_mask_leaves():
+    envs = wrappers.RecordEpisodeStatistics(batch("Disabled", reference=[SHORT, LONGER, LONGER, LONGER]))
+    envs.reset(seed=0)
+    lengths = []
+    for _ in range(420):
+        *_, terminated, truncated, info = envs.step(np.zeros((LANES, 2)))
+        if "episode" in info:
+            lengths.extend(info["episode"]["l"][info["_episode"]].tolist())
+            envs.reset(options={"reset_mask": terminated | truncated})
+    assert lengths[:1] == [50] and set(lengths[1:]) - {50}  # lane 0 was over first, the others went on

@@ -1,0 +1,95 @@
+"""The sentence at the head of the page: who won, by the rule of the leaderboard, with ties and lost paths."""
+
+import re
+
+import pytest
+from support.altered_evaluations import NASTY
+
+from fuzzyarm.eval.evaluation.ranking import Standing, rank_policies, standings_of
+from fuzzyarm.eval.evaluation.statistics import Estimate
+from fuzzyarm.eval.report.headline import headline, rule
+from fuzzyarm.eval.report.stored import read_evaluation
+
+
+def standing(policy, lost=0, score=None, **rms):
+    """A standing with these rms tip errors [mm], None where the path was lost."""
+    product = 1.0
+    for error in rms.values():
+        product *= error or 0.0
+    mean = Estimate(product ** (1.0 / len(rms)), None, None)
+    return Standing(policy, "", None if lost else score or mean, rms, 9.0, lost, len(rms), certified=False)
+
+
+def words(*standings):
+    return re.sub(r"</?strong>", "", headline(standings)).replace("\u00a0", " ")
+
+
+def test_one_policy_wins_overall_and_others_their_cases():
+    a, b = standing("a", nominal=4.0, machining=1.0), standing("b", nominal=0.5, machining=9.0)
+    assert words(a, b) == (
+        "a wins overall with a score of 2.00 mm and in Case 2 (machining force) with 1.00 mm rms; "
+        "b wins in Case 1 (nominal) with 0.500 mm rms."
+    )
+    assert headline((a, b)).startswith("<strong>a</strong> wins")
+
+
+def test_one_case_has_no_overall_winner():
+    text = words(standing("a", machining=3.0), standing("b", machining=2.0))
+    assert text == "b wins in Case 2 (machining force) with 2.00 mm rms."
+    assert "Score" not in rule([standing("a", machining=3.0)])
+
+
+def test_values_that_read_the_same_tie():
+    a, b, c = (standing(name, nominal=error) for name, error in (("a", 2.0), ("b", 2.0004), ("c", 2.01)))
+    assert words(a, b, c) == "a and b tie in Case 1 (nominal) with 2.00 mm rms."
+    many = [standing(f"p{k}", nominal=1.0) for k in range(9)]
+    assert words(*many).startswith("p0, p1, p2 and 6 others tie in ")
+
+
+def test_who_lost_the_path_wins_neither_that_case_nor_overall():
+    a, b = standing("a", nominal=4.0, machining=1.0), standing("b", lost=1, nominal=0.5, machining=None)
+    assert words(a, b) == (
+        "a wins overall with a score of 2.00 mm and in Case 2 (machining force) with 1.00 mm rms; b wins in Case 1 "
+        "(nominal) with 0.500 mm rms; b lost the path in 1 of 2 episodes and is not ranked overall."
+    )
+
+
+def test_nobody_may_be_left():
+    a, b = standing("a", lost=2, nominal=None, machining=None), standing("b", lost=1, nominal=1.0, machining=None)
+    assert words(a, b) == (
+        "b wins in Case 1 (nominal) with 1.00 mm rms; nobody held the path in Case 2 (machining force); "
+        "b (in 1 of 2 episodes) and a (in 2 of 2 episodes) lost the path and are not ranked overall."
+    )
+    all_lost = [standing(f"p{k}", lost=1, nominal=None) for k in range(5)]
+    assert words(*all_lost).startswith("nobody held the path in Case 1 (nominal); p0 (in 1 of 1 episode), ")
+    assert words(*all_lost).endswith("and 2 others lost the path and are not ranked.")
+
+
+def test_a_policy_alone_wins_nothing():
+    assert words(standing("a", nominal=4.0, machining=1.0)) == (
+        "a ran alone; its rms tip error is 4.00 mm in Case 1 (nominal) and 1.00 mm in Case 2 (machining force)."
+    )
+    assert words(standing("a", lost=1, nominal=None)) == "a ran alone and lost the path in 1 of 1 episode."
+
+
+@pytest.mark.parametrize(("low", "told"), [(2.1, True), (2.3, False)])
+def test_scores_that_the_seeds_do_not_tell_apart_are_told(low, told):
+    a = standing("a", score=Estimate(2.0, 1.8, 2.2), nominal=2.0)
+    b = standing("b", score=Estimate(2.4, low, 2.7), nominal=2.4)
+    assert ("the 95 % interval of the score of a overlaps that of b." in words(a, b)) is told
+
+
+def test_names_are_escaped():
+    assert "<img" not in headline([standing(NASTY, nominal=1.0), standing("b", nominal=2.0)])
+
+
+def test_the_winner_leads_the_leaderboard_and_stands_on_the_page(folder):
+    stored = read_evaluation(folder)
+    standings = standings_of(stored.config, stored.rows, stored.certificates)
+    first = rank_policies([folder]).standings[0]
+    text = headline(standings)
+    assert text.startswith(
+        f"<strong>{first.policy}</strong> wins overall with a score of {first.score.mean:#.3g}\u00a0mm"
+    )
+    page = (folder / "report.html").read_text()
+    assert f'<p id="headline">{text}</p>' in page and rule(standings) in page
