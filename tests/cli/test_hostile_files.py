@@ -1,4 +1,4 @@
-"""Files that never end or explode, given to each command that reads one: one line, exit code 2, little time and memory."""
+"""Files that never end or explode, given to each command that reads one: one line, and little time and memory."""
 
 import json
 import subprocess
