@@ -231,10 +231,11 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
                 values, clock, table, period, substeps, torque1, torque2, observation, vectors
             )
         time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
-        if reason < 0:
+        inside = reason == 0
+        if not inside and reason < 0:
             limit = list(self.parameters.torque_limit)
             raise ValueError(f"action = {[torque1, torque2]} N m is not finite; allowed: ±{limit} N m")
-        self._ended = truncated or reason > 0
+        self._ended = truncated or not inside
         info = {
             "time": time,
             "tip": vectors[_TIP],
@@ -249,16 +250,16 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             "torque": vectors[_TORQUE],
             "friction_torque": vectors[_FRICTION],
             "external_force": vectors[_FORCE],
-            "in_domain": reason == 0,
+            "in_domain": inside,
             "torque_clipped": clipped,
             "reward_tracking": tracking,
             "reward_effort": effort,
         }
-        if reason:
+        if not inside:
             info["reason"] = Termination(reason).text
         if self._extras:
             self._complete(info)
-        return observation, reward, reason > 0, truncated, info
+        return observation, reward, not inside, truncated, info
 
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""
