@@ -200,10 +200,12 @@ def _network_parts() -> dict[str, Any]:
     rng = np.random.default_rng(0)
     shapes = [(4, 6), (2, 4)]
     return {
-        "mean": rng.normal(size=6), "std": np.ones(6), "clip": 10.0,
+        "mean": rng.normal(size=6),
+        "std": np.ones(6),
+        "clip": 10.0,
         "weights": tuple(rng.normal(size=shape).astype(np.float32) for shape in shapes),
         "biases": tuple(np.zeros(shape[0], dtype=np.float32) for shape in shapes),
-    }  # fmt: skip
+    }
 
 
 SURFACES = (
@@ -217,29 +219,46 @@ SURFACES = (
     Surface("path of one's own", "arguments", 200, _own_path, prepare=_warm),
     Surface("ElasticReference", "arguments", 100, _elastic),
     settings(MachiningForce, MachiningForce(), lambda one: _disturbed(Disturbance(tip_force=one)), count=400),
-    settings(ConstantForce, ConstantForce((0.0, 50.0), 0.1, math.inf), lambda one: _disturbed(Disturbance(tip_force=one)), count=400),
-    settings(TorqueBias, TorqueBias((5.0, 1.0), 0.1, 0.5), lambda one: _disturbed(Disturbance(torque_bias=one)), count=400),
+    settings(
+        ConstantForce,
+        ConstantForce((0.0, 50.0), 0.1, math.inf),
+        lambda one: _disturbed(Disturbance(tip_force=one)),
+        count=400,
+    ),
+    settings(
+        TorqueBias, TorqueBias((5.0, 1.0), 0.1, 0.5), lambda one: _disturbed(Disturbance(torque_bias=one)), count=400
+    ),
     settings(EncoderNoise, EncoderNoise(1e-5, 1e-3), lambda one: _disturbed(Disturbance(encoder_noise=one)), count=300),
     settings(Payload, Payload(5.0), lambda one: _disturbed(Disturbance(payload=one)), count=300),
     settings(
-        Disturbance, Disturbance(MachiningForce(), Payload(1.0), TorqueBias((1.0, 1.0)), EncoderNoise(1e-5, 1e-3)), _disturbed, count=300
+        Disturbance,
+        Disturbance(MachiningForce(), Payload(1.0), TorqueBias((1.0, 1.0)), EncoderNoise(1e-5, 1e-3)),
+        _disturbed,
+        count=300,
     ),
     Surface("force of one's own", "arguments", 200, _own_force, prepare=_warm),
     settings(Case, Case("own", "Own", Disturbance()), count=100),
     construction(
-        "DomainRandomisation", DomainRandomisation, {**dict.fromkeys(ALLOWED, (0.5, 0.5)), "references": (JointReference(),)},
-        _randomised, count=500,
+        "DomainRandomisation",
+        DomainRandomisation,
+        {**dict.fromkeys(ALLOWED, (0.5, 0.5)), "references": (JointReference(),)},
+        _randomised,
+        count=500,
     ),
     Surface("names", "arguments", 500, _lookups, prepare=_warm),
     construction("load_policy", load_policy, _policy_arguments(), count=200, optional=("robot",)),
     settings(EvaluationConfig, EvaluationConfig(policies=("fuzzy-1",)), EvaluationConfig.command, count=500),
-    settings(SweepConfig, SweepConfig(policies=("fuzzy-1",), ranges=(("mass", 0.9, 1.1),)), SweepConfig.command, count=700),
+    settings(
+        SweepConfig, SweepConfig(policies=("fuzzy-1",), ranges=(("mass", 0.9, 1.1),)), SweepConfig.command, count=700
+    ),
     settings(BenchConfig, BenchConfig(threads=1), BenchConfig.command, count=300),
-    settings(MarginsConfig, MarginsConfig(robot=Path("robot.toml")), MarginsConfig.command, count=200, optional=("robot",)),
+    settings(
+        MarginsConfig, MarginsConfig(robot=Path("robot.toml")), MarginsConfig.command, count=200, optional=("robot",)
+    ),
     settings(Engine, Engine(jobs=1), count=200, optional=("jobs",)),
     settings(PPOConfig, PPOConfig(), lambda one: PPOConfig.from_dict(one.to_dict()), count=1200),
     settings(Specification, Specification(), lambda one: one.objective, count=400, optional=("alpha", "gamma")),
     settings(FeatureDefinition, FeatureDefinition(), lambda one: one.size, count=300),
     settings(ActionDefinition, ActionDefinition(), lambda one: one.smoothing, count=200),
     construction("Network", _network, _network_parts(), lambda one: one.sizes, count=300),
-)  # fmt: skip
+)

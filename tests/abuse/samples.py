@@ -23,9 +23,16 @@ __all__ = ["CANARY", "SMALL_TRAINING", "evaluation", "room", "scratch", "sweep",
 ROOM = Path(tempfile.mkdtemp(prefix="abuse-"))
 CANARY = ROOM / "canary"
 SMALL_TRAINING = {
-    "total_timesteps": 256, "lanes": 2, "n_steps": 16, "batch_size": 32, "n_epochs": 1, "hidden": (4,),
-    "evaluation_interval": 10**6, "checkpoint_interval": 64, "tensorboard": False,
-}  # fmt: skip
+    "total_timesteps": 256,
+    "lanes": 2,
+    "n_steps": 16,
+    "batch_size": 32,
+    "n_epochs": 1,
+    "hidden": (4,),
+    "evaluation_interval": 10**6,
+    "checkpoint_interval": 64,
+    "tensorboard": False,
+}
 _MODULE = "import os\nos.mkdir({!r})\n\ndef make():\n    return None\n"
 
 

@@ -31,9 +31,14 @@ START = np.array([0.3, 0.5, 0.3, 0.5, 0.0, 0.0, 0.0, 0.0])
 POLICIES = ("fuzzy-1", "fuzzy-4-tip", "computed-torque", "elastic-observer", "ppo-nominal", "ppo-residual")
 OPTIONAL = ("disturbance", "reference", "parameters", "substep", "threads", "render_mode")
 COMMON = {
-    "case": "nominal", "disturbance": Disturbance(), "reference": JointReference(), "parameters": ArmParameters(),
-    "control_period": 1e-3, "substep": 2e-4, "randomisation": "nominal",
-}  # fmt: skip
+    "case": "nominal",
+    "disturbance": Disturbance(),
+    "reference": JointReference(),
+    "parameters": ArmParameters(),
+    "control_period": 1e-3,
+    "substep": 2e-4,
+    "randomisation": "nominal",
+}
 
 
 def _run_batch(envs: FuzzyArmVectorEnv) -> None:
@@ -236,15 +241,26 @@ SURFACES = (
     _lanes(FuzzyArmEnv, "FuzzyArmEnv", {**COMMON, "render_mode": "rgb_array"}, driven, 800),
     _lanes(FuzzyArmVectorEnv, "FuzzyArmVectorEnv", {**COMMON, "num_envs": LANES, "threads": 1}, _run_batch, 800),
     _lanes(
-        TorchFuzzyArm, "TorchFuzzyArm",
-        {**COMMON, "num_envs": LANES, "device": "cpu", "dtype": torch.float64, "compiled": False}, _run_tensors, 500,
+        TorchFuzzyArm,
+        "TorchFuzzyArm",
+        {**COMMON, "num_envs": LANES, "device": "cpu", "dtype": torch.float64, "compiled": False},
+        _run_tensors,
+        500,
     ),
     Surface("training_envs", "environments", 100, _stable_baselines, raises=(MemoryError,), prepare=_warm),
     Surface("FuzzyArmEnv.reset", "environments", 700, _reset(_env, "FuzzyArmEnv"), prepare=_warm),
     Surface("FuzzyArmVectorEnv.reset", "environments", 700, _reset(_batch, "FuzzyArmVectorEnv"), prepare=_warm),
-    Surface("FuzzyArmEnv.step", "environments", 600, _actions(_env, "FuzzyArmEnv", np.array([5.0, 2.0])), prepare=_warm),
-    Surface("FuzzyArmVectorEnv.step", "environments", 600, _actions(_batch, "FuzzyArmVectorEnv", np.full((LANES, 2), 5.0)), prepare=_warm),
+    Surface(
+        "FuzzyArmEnv.step", "environments", 600, _actions(_env, "FuzzyArmEnv", np.array([5.0, 2.0])), prepare=_warm
+    ),
+    Surface(
+        "FuzzyArmVectorEnv.step",
+        "environments",
+        600,
+        _actions(_batch, "FuzzyArmVectorEnv", np.full((LANES, 2), 5.0)),
+        prepare=_warm,
+    ),
     Surface("TorchFuzzyArm.step", "environments", 300, _tensor_actions, prepare=_warm),
     Surface("set_state", "environments", 800, _states, prepare=_warm),
     Surface("predict", "policies", 1000, _predictions, prepare=_warm),
-)  # fmt: skip
+)
