@@ -198,7 +198,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 "lanes of this state wait for a reset; make the environment with the autoreset_mode that it had"
             )
         over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)
-        self._lanes.set_state({name: part for name, part in state.items() if name != _OVER})
+        self._lanes.set_state(state, over)
         self._begun, self._over = True, over
 
     def close_extras(self, **kwargs: Any) -> None:

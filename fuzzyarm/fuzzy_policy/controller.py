@@ -34,8 +34,6 @@ RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
 GAINS = (1e-30, 1e30)  # gamma, in the units of either form
 LARGEST = 1e60  # of any entry of an array
 MAX_BYTES = 8 * 1024 * 1024  # far above the file of the largest model
-
-
 _ABSENT = "absent"  # no hexadecimal number: a field that the file does not have
 
 
@@ -102,8 +100,7 @@ class Controller:
         pole_tau: (p, N_e, m) multipliers.
 
     Raises:
-        ControllerFileError: a number is out of range, an array has another shape or holds a number that is not finite
-            or beyond ±1e60, or the parts do not go together.
+        ControllerFileError: a number is out of range, in an array beyond ±1e60, or the parts do not go together.
     """
 
     model: TSModel

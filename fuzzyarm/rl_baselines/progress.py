@@ -44,11 +44,11 @@ def train_with_progress(config: TrainingConfig | None, folder: Path, total: int 
     show = _Display()
     with console.status("compiling and loading"):
         training = Training.resume(folder, show, total) if config is None else Training(config, folder, show)
-    with console.progress("training", training.config.total_timesteps) as advance:
+    threads = training.config.threads
+    title = f"training, {threads} {'thread' if threads == 1 else 'threads'}"
+    with console.progress(title, training.config.total_timesteps) as advance:
         if training.config.tensorboard and not tensorboard_installed():
             advance(line="no TensorBoard logs: tensorboard is not installed (pip install tensorboard)")
-        threads = training.config.threads
-        advance(line=f"{threads} {'thread' if threads == 1 else 'threads'} for torch and the arms (--threads)")
         show.begin(training.algorithm.steps, advance)
         return training.run()
 

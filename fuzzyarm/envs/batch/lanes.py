@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -12,13 +11,13 @@ from fuzzyarm.envs.batch.beginning import begin
 from fuzzyarm.envs.batch.kernels import advance, observe_again, prepare
 from fuzzyarm.envs.batch.layout import CLOCK, LANE, START, WIDTH, Clock, Lane, split
 from fuzzyarm.envs.batch.randomness import key_before, key_of
-from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays
+from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays, digest
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.batch.tables import Tables, check_reference, distinct
+from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.compiled import announced_compilation
 from fuzzyarm.envs.physics.dynamics import State, plant_of
-from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import JOINTS, size
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Draw, by_quantity
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -96,17 +95,15 @@ class Lanes:
         if seeds is not None and len(seeds) != len(lanes):
             raise ValueError(f"{len(seeds)} seeds for {len(lanes)} lanes; give one per lane")
         if initial is not None:
-            needed = len(lanes), size(State)
             initial = np.array(initial, dtype=np.float64, order="C")
-            if initial.shape != needed:
-                raise ValueError(f"initial has shape {initial.shape}; needed: {needed}")
+            if initial.shape != (len(lanes), size(State)):
+                raise ValueError(f"initial has shape {initial.shape}; needed: {(len(lanes), size(State))}")
         if scenarios is None:
             self._leave(lanes)
         else:
             extra, start_of, radius_of = self._tabulated(scenarios, lanes)
             self._leave(lanes)
-            # The tables of these scenarios come after the lanes' own, to which a lane returns at its next automatic
-            # reset.
+            # These tables come after the lanes' own, to which a lane returns at its next automatic reset.
             self._start_of[lanes], self._radius_of[lanes] = start_of + len(self._tables.schedules), radius_of
             self._tables = self._tables.followed_by(extra)
         for lane, seed in zip(lanes, seeds or (), strict=seeds is not None):
@@ -143,28 +140,27 @@ class Lanes:
         self._workers.close()
 
     def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
-        results, tables = np.empty(WIDTH * len(which)), self._tables
-        if initial is None:
-            initial = np.full((len(which), size(State)), np.nan)
         self.drawn = self.drawn.copy()  # infos returned earlier keep the old array
-        begin(
-            which,
-            self._plants,
-            self._plant_of,
-            tables.starts,
-            self._start_of[which],
-            self._radius_of[which],
-            self._ranges,
-            initial,
-            self.values,
-            self.clock,
-            self.drawn,
-            tables.table,
-            self.period,
-            results,
-        )
+        places = self._start_of[which], self._radius_of[which]
+        results = self._begin_in(which, self._tables, places, (self.values, self.clock, self.drawn), initial)
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn)
+        return results
+
+    def _begin_in(
+        self,
+        which: np.ndarray,
+        tables: Tables,
+        places: tuple[np.ndarray, np.ndarray],
+        arrays: Iterable[np.ndarray],
+        initial: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Begin episodes in these arrays, see `beginning.begin`; `places` are its `start_of` and `radius_of`."""
+        results = np.empty(WIDTH * len(which))
+        if initial is None:
+            initial = np.full((len(which), size(State)), np.nan)
+        arms, ends = (self._plants, self._plant_of), (tables.table, self.period, results)
+        begin(which, *arms, tables.starts, *places, self._ranges, initial, *arrays, *ends)
         return results
 
     def step(self, action: np.ndarray) -> np.ndarray:
@@ -240,8 +236,12 @@ class Lanes:
             "made_of": self._digest(),
         }
 
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
+    def set_state(self, state: dict[str, np.ndarray], over: np.ndarray | None = None) -> None:
         """Restore a state that `get_state` returned for these lanes or for lanes with the same configuration.
+
+        Args:
+            state: arrays by name.
+            over: (n,) the lanes whose episode has ended, which `restart` must begin anew before a step moves them.
 
         Raises:
             TypeError: the state is no dictionary.
@@ -255,7 +255,7 @@ class Lanes:
                 "the state is of lanes with other plants, scenarios, randomisation, periods or another number"
             )
         arrays = checked_arrays(state, own)
-        check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]))
+        check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]), over)
         self._return_to_own()
         self.values, self.clock, self.drawn = arrays["values"], arrays["clock"], arrays["drawn"]
         if self.randomisation.varies:
@@ -265,64 +265,28 @@ class Lanes:
         """Return ``values``, ``clock`` and ``drawn`` where the lanes' own episodes with these keys (count,) begin."""
         begun = {"values": self.values.copy(), "clock": self.clock.copy(), "drawn": self.drawn.copy()}
         begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
-        begin(
-            np.arange(self.count),
-            self._plants,
-            self._plant_of,
-            self._own.starts,
-            self._own_start_of,
-            self._own_radius_of,
-            self._ranges,
-            np.full((self.count, size(State)), np.nan),
-            *begun.values(),
-            self._own.table,
-            self.period,
-            np.empty(WIDTH * self.count),
-        )
+        self._begin_in(np.arange(self.count), self._own, (self._own_start_of, self._own_radius_of), begun.values())
         return begun
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
         own = self._own.starts, self._own.table, self._own_start_of, self._own_radius_of
-        parts = self._plants, self._plant_of, self._ranges, *own
         period = np.array([self.period, self.substeps, self.count], dtype=np.float64)
-        content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in (*parts, period)))
-        return np.frombuffer(content.digest(), dtype=np.uint8)
+        return digest((self._plants, self._plant_of, self._ranges, *own, period))
 
     def _tabulated(self, scenarios: Sequence[Scenario], lanes: np.ndarray) -> tuple[Tables, np.ndarray, np.ndarray]:
-        """Return the tables of the scenarios, and by lane the schedule it begins with and its payload's radius [m]."""
-        kinds, scenario_of = distinct(scenarios, len(lanes))
-        plant_of = self._plant_of[lanes]
-        for number, (_, reference) in enumerate(kinds):
-            for plant in np.unique(plant_of[scenario_of == number]):
-                for member in self.randomisation.references if reference is None else (reference,):
-                    check_reference(member, self.parameters[plant])
-        tables = Tables.build(kinds, self.randomisation.references, self.period)
-        payloads = [disturbance.payload for disturbance, _ in kinds]
-        places = list(zip(scenario_of.tolist(), plant_of.tolist(), strict=True))
-        known: dict[tuple[int, int], float] = {}
-        for place in places:
-            if place not in known:
-                distance = payloads[place[0]].radius(self.parameters[place[1]])
-                known[place] = checks.real("payload radius", distance, "m", low=0.0, high=LARGEST)
-        return tables, tables.firsts[scenario_of], np.array([known[place] for place in places])
+        return tabulated(scenarios, self.parameters, self._plant_of[lanes], self.randomisation.references, self.period)
 
     def _leave(self, lanes: np.ndarray) -> None:
         """Put these lanes into their own scenarios, and drop the tables that no lane is in any longer."""
+        if len(lanes) == self.count:
+            self._return_to_own()
+            return
         self._start_of[lanes], self._radius_of[lanes] = self._own_start_of[lanes], self._own_radius_of[lanes]
         visiting = np.flatnonzero(self._start_of >= len(self._own.schedules))
-        before = self._tables
-        if len(visiting) == 0:
-            self._tables = self._own
-            return
-        scenario_of = np.searchsorted(before.firsts, self._start_of[visiting])
-        kept = np.union1d(np.arange(len(self._own.firsts)), scenario_of)
-        self._tables = before.only(kept)
-        after = self._tables.firsts[np.searchsorted(kept, scenario_of)]
-        moved = self._tables.starts[after, START.first] - before.starts[self._start_of[visiting], START.first]
-        for row in (CLOCK.row, CLOCK.first, CLOCK.last):
-            self.clock[row, visiting] += moved.astype(np.int64)
-        self._start_of[visiting] = after
+        own, places = len(self._own.firsts), self._start_of[visiting]
+        self._tables, self._start_of[visiting], moved = self._tables.keeping(own, places)
+        self.clock[[[CLOCK.row], [CLOCK.first], [CLOCK.last]], visiting] += moved
 
     def _return_to_own(self) -> None:
         """Put every lane into its own scenario."""

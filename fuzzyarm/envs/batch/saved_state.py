@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.layout import CLOCK, Lane
 from fuzzyarm.envs.physics.records import columns
 
-__all__ = ["SavedArrays", "check_contents", "checked_arrays"]
+__all__ = ["SavedArrays", "check_contents", "checked_arrays", "digest"]
 
 SavedArrays = dict[str, np.ndarray]
 """Arrays of a state by name: ``values``, ``clock`` and ``drawn`` of the lanes, and ``made_of``; see `Lanes`."""
@@ -38,7 +40,7 @@ def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
     return arrays
 
 
-def check_contents(arrays: SavedArrays, begun: SavedArrays) -> None:
+def check_contents(arrays: SavedArrays, begun: SavedArrays, over: np.ndarray | None = None) -> None:
     """Raise ValueError unless a state is one that the lanes can come to.
 
     All but the state of the arm and the present instant follows from the key of the episode.
@@ -46,18 +48,28 @@ def check_contents(arrays: SavedArrays, begun: SavedArrays) -> None:
     Args:
         arrays: of the state.
         begun: ``values``, ``clock`` and ``drawn`` at the beginning of the episodes with the keys of the state.
+        over: (n,) the numbers of the lanes whose episode has ended: only these may be at their last row.
     """
     clock, expected = arrays["clock"], begun["clock"]
     row, first, last = clock[CLOCK.row], clock[CLOCK.first], clock[CLOCK.last]
-    wrong = (first != expected[CLOCK.first]) | (last != expected[CLOCK.last]) | (row < first) | (row >= last)
+    latest = last - 1
+    if over is not None:
+        latest[over] += 1
+    wrong = (first != expected[CLOCK.first]) | (last != expected[CLOCK.last]) | (row < first) | (row > latest)
     if wrong.any():
         lane = int(np.argmax(wrong))
         begins, ends = expected[CLOCK.first, lane], expected[CLOCK.last, lane]
         raise ValueError(
             f"state['clock'] has lane {lane} at row {row[lane]} of {first[lane]} to {last[lane]}; allowed: {begins} to "
-            f"{ends - 1} of {begins} to {ends}"
+            f"{latest[lane]} of {begins} to {ends}"
         )
     if not np.array_equal(arrays["drawn"], begun["drawn"]):
         raise ValueError("state['drawn'] is not what the keys of its episodes draw")
     if not np.array_equal(arrays["values"][_OWN_STATE.stop :], begun["values"][_OWN_STATE.stop :]):
         raise ValueError("state['values'] holds other arms than the keys of its episodes draw")
+
+
+def digest(parts: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the SHA-256 of arrays of any shape as 32 numbers of uint8, shape (32,)."""
+    content = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
+    return np.frombuffer(content.digest(), dtype=np.uint8)

@@ -15,7 +15,7 @@ from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
-__all__ = ["MAX_ACCELERATION", "Tables", "check_reference", "distinct"]
+__all__ = ["MAX_ACCELERATION", "Tables", "check_reference", "distinct", "tabulated"]
 
 MAX_ACCELERATION = 1e4  # rad/s², bound of the observation space for the reference's acceleration
 CHECKED_INSTANTS = 501  # evenly spaced, at which a reference is checked against a plant
@@ -88,6 +88,58 @@ class Tables:
         firsts = np.cumsum([0, *map(len, places[:-1])])
         table = np.concatenate([schedule.table for schedule in schedules])
         return Tables(tuple(self.references[place] for place in kept), schedules, starts, table, firsts)
+
+    def keeping(self, first: int, start_of: np.ndarray) -> tuple[Tables, np.ndarray, np.ndarray]:
+        """Return the tables of the first scenarios and of those that some lanes are in.
+
+        Args:
+            first: how many scenarios to keep anyhow.
+            start_of: (n,) the first schedule of the scenario that each of these lanes is in.
+
+        Returns:
+            The tables, the lanes' `start_of` (n,) in them, and by how many rows (n,) their schedules have moved.
+        """
+        scenario_of = np.searchsorted(self.firsts, start_of)
+        kept = np.union1d(np.arange(first), scenario_of)
+        tables = self if len(kept) == len(self.firsts) else self.only(kept)
+        after = tables.firsts[np.searchsorted(kept, scenario_of)]
+        moved = tables.starts[after, START.first] - self.starts[start_of, START.first]
+        return tables, after, moved.astype(np.int64)
+
+
+def tabulated(
+    scenarios: Sequence[Scenario],
+    plants: Sequence[ArmParameters],
+    plant_of: np.ndarray,
+    family: tuple[JointReference, ...],
+    control_period: float,
+) -> tuple[Tables, np.ndarray, np.ndarray]:
+    """Return tables of scenarios, and by lane the schedule (n,) it begins with and its payload's radius (n,) [m].
+
+    Args:
+        scenarios: one for all n lanes, or one per lane.
+        plants: the arms.
+        plant_of: (n,) the number of each lane's among them.
+        family: the references that episodes are drawn from where the scenario has none.
+        control_period: [s].
+
+    Raises:
+        ValueError: a reference does not fit the plant of its lane, or a payload has no distance from joint 2.
+    """
+    kinds, scenario_of = distinct(scenarios, len(plant_of))
+    for number, (_, reference) in enumerate(kinds):
+        for plant in np.unique(plant_of[scenario_of == number]):
+            for member in family if reference is None else (reference,):
+                check_reference(member, plants[plant])
+    tables = Tables.build(kinds, family, control_period)
+    places = list(zip(scenario_of.tolist(), plant_of.tolist(), strict=True))
+    known: dict[tuple[int, int], float] = {}
+    for number, plant in places:
+        if (number, plant) not in known:
+            disturbance, _ = kinds[number]
+            distance = disturbance.payload.radius(plants[plant])
+            known[number, plant] = checks.real("payload radius", distance, "m", low=0.0, high=LARGEST)
+    return tables, tables.firsts[scenario_of], np.array([known[place] for place in places])
 
 
 def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]:

@@ -118,7 +118,7 @@ def test_any_changed_field_is_refused_in_a_line_or_reported_on(data, name):
 
 
 @pytest.mark.slow
-@settings(max_examples=2000, deadline=None)
+@settings(max_examples=1000, deadline=None)
 @given(data=st.data(), name=st.sampled_from(BASES))
 def test_many_changed_fields_are_refused_in_a_line_or_reported_on(data, name):
     attack(data, name)
