@@ -181,10 +181,8 @@ def _check_points(path: TipPath, s: np.ndarray) -> None:
         raise TypeError(f"path.points(s) gave {checks.shown(parts)}; needed: p, dp/ds and d²p/ds²")
     for name, part in zip(("p", "dp/ds", "d²p/ds²"), parts, strict=True):
         if np.shape(part) != (*s.shape, 2):
-            raise ValueError(
-                f"path.points(s) gave shape {np.shape(part)} for {name} and s of shape {s.shape}; allowed: "
-                f"{(*s.shape, 2)}"
-            )
+            found = f"shape {np.shape(part)} for {name} and s of shape {s.shape}"
+            raise ValueError(f"path.points(s) gave {found}; allowed: {(*s.shape, 2)}")
         if np.asarray(part).dtype.kind not in "fiu":
             raise TypeError(f"path.points(s) gave {name} = {checks.shown(part)}; needed: real numbers [m]")
     if not all(np.isfinite(part).all() for part in parts[1:]):  # p is checked with the reach
