@@ -59,6 +59,7 @@ RESUMED = {
     "train": ["train", "ppo", "--resume", "--out", "out"],
 }
 PATIENCE = 1200  # s of wall time; a command takes three
+LINE = 1500  # bytes; no line of an error is longer
 
 _Setting = Callable[[], None]
 
@@ -160,11 +161,20 @@ def _check_file(path: Path) -> None:
             assert data.startswith(b"fuzzyarm-checkpoint")
 
 
+def _whole_folder(name: str) -> Path:
+    """Where `uninterrupted` lets a command work."""
+    return room() / f"whole-{name}" / "out"
+
+
+def _names(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
 @functools.cache
 def uninterrupted(name: str) -> tuple[float, dict[str, bytes]]:
     """Return how long a command takes [s], and what it makes, if nothing happens to it."""
     evaluation()
-    folder = room() / f"whole-{name}"
+    folder = _whole_folder(name).parent
     (folder / "out").mkdir(parents=True)
     if name in ("sweep", "train"):
         (folder / "out").rmdir()
@@ -244,8 +254,11 @@ def _full_disk(rng: np.random.Generator) -> Try:
         folder = _begun(name)
         command = _Run(COMMANDS[name], folder, largest=largest)
         code = command.wait()
-        check_errors(code, command.err, f", files up to {largest} bytes")
+        check_errors(code, command.err, f", files up to {largest} bytes", heard=largest > LINE)
         check_whole(folder)
+        missing = _names(_whole_folder(name)) - _names(folder / "out")
+        if code == 0 and missing:
+            raise Broken(f"exit code 0 without {sorted(missing)}, files up to {largest} bytes")
 
     return Try(f"fuzzyarm {name} where files may have {largest} bytes", run)
 

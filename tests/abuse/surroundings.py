@@ -46,8 +46,10 @@ def _streams(rng: np.random.Generator) -> Try:
         err = done.stderr.decode(errors="replace")
         if done.returncode not in codes:
             raise Broken(f"exit code {done.returncode}, expected {codes}: {err[-300:]!r}")
-        check_errors(done.returncode, err)
+        check_errors(done.returncode, err, heard="2>&-" not in redirection)
         check_whole(folder)
+        if done.returncode == 2 and ">&-" in redirection and (folder / "out").exists():
+            raise Broken("refused before anything ran, but left a folder")
 
     return Try(f"fuzzyarm {' '.join(words)}: {name}", run)
 
