@@ -225,7 +225,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             scalars = kernels.advance_one(
                 values, clock, table, period, substeps, torque1, torque2, observation, vectors
             )
-        except (AttributeError, TypeError, ValueError):  # no array of two numbers
+        except (AttributeError, MemoryError, TypeError, ValueError):  # no array of two numbers
             torque1, torque2 = self._two_numbers(action)
             scalars = kernels.advance_one(
                 values, clock, table, period, substeps, torque1, torque2, observation, vectors
@@ -276,7 +276,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     @staticmethod
     def _two_numbers(action: Any) -> list[float]:
         """Return what was given for an action as two floats, or raise ValueError."""
-        array = np.asarray(action)
+        array = checks.array_of("action", action)
         if array.shape != _ACTION_SHAPE:
             raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
         try:

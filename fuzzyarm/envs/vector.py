@@ -151,7 +151,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Hold the torques `actions` (num_envs, 2) [N m] for one control period."""
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        given = np.asarray(actions)
+        given = checks.array_of("actions", actions)
         if given.shape != (self.num_envs, JOINTS):
             needed = (self.num_envs, JOINTS)
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")

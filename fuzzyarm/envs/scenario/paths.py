@@ -10,7 +10,6 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -247,7 +246,7 @@ def _positive(name: str, value: Any) -> float:
 
 
 def _point(name: str, value: Any) -> Point:
-    if not (isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and len(value) == 2):
+    if not checks.is_sequence(value, 2):
         raise ValueError(f"{name} = {checks.shown(value)} must be a pair (x, y) of finite numbers [m]")
     x, y = value
     return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m")
