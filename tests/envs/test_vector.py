@@ -917,13 +917,12 @@ def test_the_mask_all_keys_share_is_read_only():
 # --- scale -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("randomisation", ["nominal", "robust"])
-def test_a_lane_needs_less_than_a_thousand_bytes(randomisation):
+def test_a_lane_needs_less_than_a_thousand_bytes():
     def taken(lanes):
         gc.collect()
         tracemalloc.start()
         try:
-            envs = batch(lanes, randomisation=randomisation)
+            envs = batch(lanes, randomisation="robust")
             envs.reset()
             envs.step(np.zeros((lanes, 2)))
             gc.collect()
