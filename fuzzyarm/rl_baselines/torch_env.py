@@ -239,8 +239,9 @@ def _device(device: str | torch.device) -> torch.device:
 def _real(action: Any) -> Any:
     """Return an action as an array or a tensor; TypeError unless its numbers are real."""
     if not isinstance(action, Tensor):
-        action = checks.array_of("action", action)
-        checks.real_entries("action", action, "N m")
+        given = checks.array_of("action", action)
+        checks.real_entries("action", given, "N m")
+        action = given.astype(np.float64)  # a copy: a tensor shares memory, and may be written
     elif action.is_complex() or action.dtype == torch.bool:
         raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
     return action

@@ -19,8 +19,8 @@ from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.report.stored import read_evaluation
 from fuzzyarm.rl_baselines.training import Training
 
-from .damage import copied, damaged_bytes
-from .documents import no_code_ran, prepared, resumed_sweep
+from .damage import damaged_bytes
+from .documents import no_code_ran, prepared, read_changed, resumed_sweep
 from .samples import CANARY, evaluation, scratch, sweep, training
 from .surface import Surface, Try
 
@@ -34,14 +34,7 @@ def _archive(name: str, source: Callable[[], Path], target: str, read: Callable[
         good = (source() / target).read_bytes()
         content, text = _changed_archive(rng, good) if rng.random() < 0.7 else damaged_bytes(rng, good)
 
-        def run() -> None:
-            folder = copied(source(), target, content)
-            try:
-                read(folder)
-            finally:
-                no_code_ran()
-
-        return Try(f"{target}: {text}", run)
+        return Try(f"{target}: {text}", lambda: read_changed(source(), target, content, read))
 
     return Surface(name, "files", count, attempt, prepare=prepared)
 

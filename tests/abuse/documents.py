@@ -37,7 +37,7 @@ from .damage import copied, damaged_bytes, damaged_document, to_json
 from .samples import CANARY, evaluation, scratch, sweep, training
 from .surface import Broken, Surface, Try
 
-__all__ = ["BUNDLES", "CONTROLLERS", "SURFACES", "no_code_ran", "prepared", "resumed_sweep"]
+__all__ = ["BUNDLES", "CONTROLLERS", "SURFACES", "no_code_ran", "prepared", "read_changed", "resumed_sweep"]
 
 CONTROLLERS = Path(fuzzyarm.__file__).parent / "fuzzy_policy" / "controllers"
 BUNDLES = Path(fuzzyarm.__file__).parent / "learned_policy" / "policies"
@@ -55,6 +55,15 @@ def no_code_ran() -> None:
     if CANARY.exists() or "abuse_canary" in sys.modules:
         CANARY.unlink(missing_ok=True)
         raise Broken("code from a file was run")
+
+
+def read_changed(source: Path, target: str, content: bytes, read: Callable[[Path], Any]) -> None:
+    """Read a copy of a folder in which one file has another content; nothing in it may be run."""
+    folder = copied(source, target, content)
+    try:
+        read(folder)
+    finally:
+        no_code_ran()
 
 
 def _document(content: bytes) -> Any:
@@ -99,11 +108,7 @@ def file_of(
             signed = False
 
         def run() -> None:
-            folder = copied(source(), target, content)
-            try:
-                read(folder)
-            finally:
-                no_code_ran()
+            read_changed(source(), target, content, read)
             same(_document(good), _document(content), signed)
 
         return Try(f"{target}: {text}", run)
