@@ -121,12 +121,10 @@ def _force_lines(tip_force: TipForce, reference: JointReference, starts: np.ndar
     """Return (len(starts), 4): mean force over each step and change of its least-squares line, from samples inside."""
     shares = (np.arange(FORCE_SAMPLES) + 0.5) / FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
-    force = tip_force.at(times, reference.tip(times).velocity)
-    if np.shape(force) != (len(times), 2):
+    force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity))
+    if force.shape != (len(times), 2):
         # Compiled code checks no bounds.
-        raise ValueError(
-            f"tip_force.at gave shape {np.shape(force)} for {len(times)} times; it must be ({len(times)}, 2)"
-        )
+        raise ValueError(f"tip_force.at gave shape {force.shape} for {len(times)} times; it must be ({len(times)}, 2)")
     force = checks.finite_array("tip_force.at", force, (len(times), 2), "N")
     samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, 2)), shares - 0.5
     return np.concatenate([samples.mean(axis=1), np.einsum("j,kja->ka", lever, samples) / (lever @ lever)], axis=-1)

@@ -29,6 +29,7 @@ _SINGLE = {
     "reason": "U",
     "step_time": "f",
 }
+_LARGEST = 1e60  # whose powers are numbers
 _ONE_NUMBER = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
 
 
@@ -80,7 +81,7 @@ def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
         kind, shape = _SINGLE.get(name, "f"), () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, 2)
         if array.dtype.kind != kind or array.shape != shape or steps == 0:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
-        if kind == "f" and name != "step_time" and not np.isfinite(array).all():
-            raise ValueError(f"{name} is not finite")
+        if kind == "f" and name != "step_time" and not (np.abs(array) <= _LARGEST).all():
+            raise ValueError(f"{name} is not finite, or beyond {_LARGEST:g}")
         values[name] = array.item() if name in _SINGLE else array
     return Rollout(**values)
