@@ -94,12 +94,15 @@ def real_numbers(name: str, given: Any) -> np.ndarray:
         TypeError: an entry is no real number.
         ValueError: rows differ in length, or a number is too large.
     """
-    array = np.asarray(given)
+    array = checks.array_of(name, given)
     if array.dtype.kind == "O":
         entries = [checks.real(name, entry) if checks.is_real(entry) else entry for entry in array.ravel()]
         array = np.reshape(np.asarray(entries), array.shape)
     checks.real_entries(name, array)
-    return np.array(array, dtype=np.float64, order="C")
+    try:
+        return np.array(array, dtype=np.float64, order="C")
+    except MemoryError:
+        raise ValueError(f"{name} has shape {array.shape}: more numbers than the memory holds") from None
 
 
 def action_space(arms: Sequence[AnyArm]) -> spaces.Box:

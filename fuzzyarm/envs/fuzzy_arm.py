@@ -228,14 +228,15 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             kind = action.dtype  # compiled code would take texts and dates for numbers
             torque = tuple(action.tolist()) if kind is _DOUBLE or kind is _SINGLE else self._numbers(action)
             scalars = advance(values, clock, table, period, substeps, torque, observation, vectors)
-        except (AttributeError, TypeError, ValueError):  # no array of as many numbers as joints
+        except (AttributeError, MemoryError, TypeError, ValueError):  # no array of as many numbers as joints
             torque = self._numbers(action)
             scalars = advance(values, clock, table, period, substeps, torque, observation, vectors)
         time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
-        if reason < 0:
+        inside = reason == 0
+        if not inside and reason < 0:
             limit = self._lanes.torque_limit(0)
             raise ValueError(f"action = {list(torque)} N m is not finite; allowed: ±{limit} N m")
-        self._ended = truncated or reason > 0
+        self._ended = truncated or not inside
         tip, tip_reference, q_motor, dq_motor, q_link, dq_link, applied, friction, force = self._places
         info = {
             "time": time,
@@ -251,16 +252,16 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             "torque": vectors[applied],
             "friction_torque": vectors[friction],
             "external_force": vectors[force],
-            "in_domain": reason == 0,
+            "in_domain": inside,
             "torque_clipped": clipped,
             "reward_tracking": tracking,
             "reward_effort": effort,
         }
-        if reason:
+        if not inside:
             info["reason"] = Termination(reason).text
         if self._extras:
             self._complete(info, vectors)
-        return observation, reward, reason > 0, truncated, info
+        return observation, reward, not inside, truncated, info
 
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""
@@ -276,7 +277,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _numbers(self, action: Any) -> tuple[float, ...]:
         """Return what was given for an action as floats, or raise ValueError."""
-        array, joints = np.asarray(action), self._lanes.physics.joints
+        array, joints = checks.array_of("action", action), self._lanes.physics.joints
         words = _COUNTS.get(joints, str(joints))
         if array.shape != (joints,):
             raise ValueError(f"action has shape {array.shape}; it must be ({joints},): the {words} motor torques [N m]")

@@ -153,7 +153,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Hold the torques `actions` (num_envs, joints) [N m] for one control period."""
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        given = np.asarray(actions)
+        given = checks.array_of("actions", actions)
         needed = self.num_envs, self._lanes.physics.joints
         if given.shape != needed:
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")

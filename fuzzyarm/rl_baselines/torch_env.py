@@ -241,9 +241,11 @@ def _device(device: str | torch.device) -> torch.device:
 
 
 def _real(action: Any) -> Any:
-    """Return an action; TypeError unless its numbers are real."""
+    """Return an action as an array or a tensor; TypeError unless its numbers are real."""
     if not isinstance(action, Tensor):
-        checks.real_entries("action", np.asarray(action), "N m")
+        given = checks.array_of("action", action)
+        checks.real_entries("action", given, "N m")
+        action = given.astype(np.float64)  # a copy: a tensor shares memory, and may be written
     elif action.is_complex() or action.dtype == torch.bool:
         raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
     return action

@@ -124,11 +124,11 @@ def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, 
     """
     shares = (np.arange(FORCE_SAMPLES) + 0.5) / FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
-    force = tip_force.at(times, reference.tip(times).velocity[..., :axes])
-    if np.shape(force) != (len(times), axes):
+    force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
+    if force.shape != (len(times), axes):
         # Compiled code checks no bounds.
         raise ValueError(
-            f"tip_force.at gave shape {np.shape(force)} for {len(times)} times; it must be ({len(times)}, {axes})"
+            f"tip_force.at gave shape {force.shape} for {len(times)} times; it must be ({len(times)}, {axes})"
         )
     force = checks.finite_array("tip_force.at", force, (len(times), axes), "N")
     samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, axes)), shares - 0.5

@@ -30,6 +30,7 @@ _SINGLE = {
     "step_time": "f",
 }
 _POINTS = ("tip", "tip_reference", "external_force")
+_LARGEST = 1e60  # whose powers are numbers
 _ONE_NUMBER = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
 
 
@@ -83,7 +84,7 @@ def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
         shape = () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, row)
         if array.dtype.kind != kind or array.shape != shape or steps == 0:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
-        if kind == "f" and name != "step_time" and not np.isfinite(array).all():
-            raise ValueError(f"{name} is not finite")
+        if kind == "f" and name != "step_time" and not (np.abs(array) <= _LARGEST).all():
+            raise ValueError(f"{name} is not finite, or beyond {_LARGEST:g}")
         values[name] = array.item() if name in _SINGLE else array
     return Rollout(**values)

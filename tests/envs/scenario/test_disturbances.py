@@ -132,7 +132,14 @@ class OneColumn:
         return np.ones((len(time), 1))
 
 
+class Uneven:
+    def at(self, time, tip_velocity):
+        return [1.0, [2.0]]
+
+
 def test_a_force_of_the_wrong_shape_never_reaches_the_kernel():
+    with pytest.raises(ValueError, match=r"tip_force\.at = \[1\.0, \[2\.0\]\] is no array"):
+        sampled(Disturbance(tip_force=Uneven()))
     with pytest.raises(ValueError, match=r"tip_force\.at gave shape \(12000, 1\).*\(12000, 2\)"):
         sampled(Disturbance(tip_force=OneColumn()))
 
