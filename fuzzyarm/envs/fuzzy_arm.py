@@ -153,7 +153,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             randomisation=drawn,
         )
         self._kernels, layout = self._lanes.kernels, self._lanes.layout
-        self._shapes, self._places = (layout.observed, (len(VECTORS), layout.longest)), layout.vector_places
+        self._observed, self._vectors = layout.observed, (len(VECTORS), layout.longest)
+        self._places = layout.vector_places
         self._extras = drawn.varies or render_mode is not None
         self.action_space = action_space([self.parameters])
         self.observation_space = observation_space([self.parameters])
@@ -207,7 +208,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
         observations, vectors, scalars = self._lanes.layout.split(results)
         numbers = dict(zip(SCALARS, scalars[:, 0].tolist(), strict=True))
-        info = self._lanes.layout.named(vectors[:, 0]) | numbers
+        info = dict(zip(VECTORS, self._lanes.layout.each(vectors[:, 0]), strict=True)) | numbers
         # A start outside the box ends with the first step.
         info["in_domain"], info["torque_clipped"] = numbers["reason"] == Termination.NONE, False
         info = {name: info[name] for name in INFO}
@@ -220,8 +221,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Hold the torques `action` [N m] for one control period."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        advance, (observed, shape) = self._kernels.advance_one, self._shapes
-        observation, vectors = empty(observed), empty(shape)
+        advance, observation, vectors = self._kernels.advance_one, empty(self._observed), empty(self._vectors)
         values, clock, table, period, substeps = self._arm
         # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
         try:

@@ -154,7 +154,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
         given = checks.array_of("actions", actions)
-        needed = self.num_envs, self._lanes.physics.joints
+        needed = self._lanes.action_shape
         if given.shape != needed:
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
         torque = real_numbers("actions", given)
@@ -170,7 +170,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._mode is not AutoresetMode.SAME_STEP:
             self._over = which
             return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **reasons(scalars)}
-        final = final_info(observation, self._named(vectors), scalars, self._lanes.randomisation_info(), ended)
+        final = final_info(
+            observation, self._lanes.layout.each(vectors), scalars, self._lanes.randomisation_info(), ended
+        )
         reward = reward.copy()
         observation[which], vectors[:, which], scalars[:, which] = split(self._lanes.restart(which))
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
@@ -217,12 +219,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._everywhere.flags.writeable = False  # one mask serves every key of every info
         self._masks = {f"_{key}": self._everywhere for key in INFO}
 
-    def _named(self, vectors: np.ndarray) -> dict[str, np.ndarray]:
-        return self._lanes.layout.named(vectors)
-
     def _info(self, vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
         """Return info of every lane."""
-        info = values(self._named(vectors), scalars)
+        info = values(self._lanes.layout.each(vectors), scalars)
         info.update(self._masks)
         if self._randomisation.varies:
             drawn = masked(self._lanes.randomisation_info(), self._everywhere)
@@ -268,7 +267,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         waiting = np.setdiff1d([] if self._over is None else self._over, which)
         self._begun, self._over = True, waiting if len(waiting) else None
         drawn = self._lanes.randomisation_info()
-        return self._lanes.observation(), partial_info(self._named(vectors), scalars, drawn, begun)
+        return self._lanes.observation(), partial_info(self._lanes.layout.each(vectors), scalars, drawn, begun)
 
     def _per_lane(self, name: str, value: Any) -> list[Any]:
         """Return a list of one entry for all lanes, or of one per lane."""

@@ -59,7 +59,7 @@ class Lanes:
         self.count, self.randomisation = count, randomisation
         self.parameters, self._plant_of = distinct(plants, count)
         self.physics = _common_equations(self.parameters)
-        self.kernels = kernels_of(self.physics)
+        self.kernels, self.action_shape = kernels_of(self.physics), (count, self.physics.joints)
         self.layout = self.kernels.layout
         self._plants = np.array([flat(self.physics.plant_of(arm)) for arm in self.parameters])
         self._ranges = randomisation.ranges(self.physics.joints)
@@ -175,9 +175,8 @@ class Lanes:
         Raises:
             ValueError: a torque is not finite; no lane has moved then.
         """
-        needed = self.count, self.physics.joints
-        if action.shape != needed:
-            raise ValueError(f"action has shape {action.shape}; needed: {needed}")
+        if action.shape != self.action_shape:
+            raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
         results, arrays, advance = np.empty(self.layout.width * self.count), self.arrays, self.kernels.advance
         if self.threads == 1:
             bad = advance(*arrays, action, 0, self.count, results)
@@ -295,8 +294,6 @@ def _common_equations(arms: Sequence[AnyArm]) -> Physics:
     """Return the equations of all these arms; ValueError if they differ."""
     first, *others = map(equations_of, arms)
     if any(other is not first for other in others):
-        raise ValueError(
-            "the arms of a batch must have the same structure: joint axes, joint rotations, and which of their other "
-            "numbers are zero; make one batch for each"
-        )
+        same = "joint axes, joint rotations, and which of their other numbers are zero"
+        raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each")
     return first
