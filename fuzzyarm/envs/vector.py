@@ -24,9 +24,9 @@ from fuzzyarm.envs.arguments import (
 from fuzzyarm.envs.autoreset import RESET_MASK, chosen_mode, masked_lanes
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS
-from fuzzyarm.envs.lane_arguments import each_lane, initial_states, per_lane, seeds_of
+from fuzzyarm.envs.lane_arguments import arms_of, each_lane, initial_states, per_lane, seeds_of
 from fuzzyarm.envs.periods import checked_periods
-from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -101,7 +101,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
         self.control_period, self.substeps = checked_periods(control_period, substep)
-        plants = each_lane(chosen_arm, self._per_lane("robot", robot), self._per_lane("parameters", parameters))
+        plants = arms_of(robot, parameters, self.num_envs)
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = each_lane(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance), plants

@@ -15,7 +15,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.physics.two_joints import two_joints
 
-__all__ = ["PAPER", "AnyArm", "Bounds", "bounds_of", "chosen_arm", "equations_of", "robot_of"]
+__all__ = ["PAPER", "AnyArm", "Bounds", "bounds_of", "checked_parameters", "chosen_arm", "equations_of", "robot_of"]
 
 AnyArm = ArmParameters | Robot
 """The two-joint arm by its parameters, or any serial robot."""
@@ -50,6 +50,11 @@ def bounds_of(arm: AnyArm) -> Bounds:
     return Bounds(*(np.array(part) for part in (low, high, limits.velocity, limits.torque)))
 
 
+def checked_parameters(parameters: Any) -> ArmParameters:
+    """Return parameters of the two-joint arm; TypeError if they are none."""
+    return checks.instance("parameters", parameters, ArmParameters)
+
+
 def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
     """Return the arm that the arguments ``robot`` and ``parameters`` of an environment name; neither: Table 1.
 
@@ -64,7 +69,7 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
         OSError: the file cannot be read.
     """
     if robot is None:
-        return ArmParameters() if parameters is None else checks.instance("parameters", parameters, ArmParameters)
+        return ArmParameters() if parameters is None else checked_parameters(parameters)
     if parameters is not None:
         raise ValueError(
             f"give either robot = {checks.shown(getattr(robot, 'name', robot))} or parameters of the two-joint arm, "
