@@ -151,6 +151,11 @@ def test_a_file_too_large_is_not_read(folder, name, limit, monkeypatch):
         PolicyBundle.load(folder)
 
 
+def test_the_clip_is_a_float_whatever_number_it_was():
+    layer = (np.zeros((2, 2), np.float32),), (np.zeros(2, np.float32),)
+    assert Network(np.zeros(2), np.ones(2), 10**60, *layer).clip == 1e60
+
+
 def test_a_layer_of_any_size_is_not_taken():
     wide = 5000
     with pytest.raises(ValueError, match="allowed: 1 to 4096 in each"):
