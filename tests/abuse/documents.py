@@ -9,6 +9,7 @@ import math
 import shutil
 import sys
 import tempfile
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ import fuzzyarm
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.certified.frozen import freeze, gain_at, pole_rate
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.verification import verify_file
@@ -41,6 +43,7 @@ __all__ = ["BUNDLES", "CONTROLLERS", "SURFACES", "no_code_ran", "prepared", "rea
 
 CONTROLLERS = Path(fuzzyarm.__file__).parent / "fuzzy_policy" / "controllers"
 BUNDLES = Path(fuzzyarm.__file__).parent / "learned_policy" / "policies"
+ROBOTS = Path(fuzzyarm.__file__).parent / "envs" / "physics" / "robots"
 CLAIMED = ("fuzzy-1", "fuzzy-2", "paper-1", "paper-4")  # files that are quickly proven
 
 
@@ -158,20 +161,39 @@ def _same_controller(original: Any, changed: Any, signed: bool) -> None:
         raise Broken("a changed file with the old digest was taken")
 
 
-def _robot(rng: np.random.Generator) -> Try:
-    if rng.random() < 0.6:
-        values, text = damaged_document(rng, ArmParameters().to_dict())
-        lines = (f"{key if key.isidentifier() else json.dumps(key)} = {_toml(value)}" for key, value in values.items())
-        content = "\n".join(lines).encode("utf-8", "surrogatepass")
-    else:
-        content, text = damaged_bytes(rng, ArmParameters().to_toml().encode())
+def _robot(good: str, use: Callable[[Path], Any]) -> Callable[[np.random.Generator], Try]:
+    """Tries of a TOML file: its values or its bytes."""
 
-    def run() -> None:
-        path = scratch() / "robot.toml"
-        path.write_bytes(content)
-        driven(FuzzyArmEnv(parameters=ArmParameters.from_toml(path)))
+    def attempt(rng: np.random.Generator) -> Try:
+        if rng.random() < 0.6:
+            values, text = damaged_document(rng, tomllib.loads(good))
+            pairs = values.items() if isinstance(values, dict) else ()
+            lines = (f"{key if key.isidentifier() else json.dumps(key)} = {_toml(value)}" for key, value in pairs)
+            content = "\n".join(lines).encode("utf-8", "surrogatepass")
+        else:
+            content, text = damaged_bytes(rng, good.encode())
 
-    return Try(f"robot.toml: {text}", run)
+        def run() -> None:
+            path = scratch() / "robot.toml"
+            path.write_bytes(content)
+            use(path)
+
+        return Try(f"robot.toml: {text}", run)
+
+    return attempt
+
+
+def _driven_arm(path: Path) -> None:
+    driven(FuzzyArmEnv(parameters=ArmParameters.from_toml(path)))
+
+
+def _serial_robot(path: Path) -> None:
+    """Read a robot; its equations are generated from finite numbers and unit vectors alone."""
+    robot = Robot.from_toml(path)
+    for joint in robot.joints:
+        numbers = np.array([*joint.axis, *joint.position, *joint.link.center, joint.link.mass])
+        if not np.isfinite(numbers).all() or abs(np.linalg.norm(joint.axis) - 1.0) > 1e-6:
+            raise Broken(f"joint {joint.name} has numbers or an axis that is none")
 
 
 def _toml(value: Any) -> str:
@@ -264,7 +286,11 @@ SURFACES = (
         )
         for name in CLAIMED
     ),
-    Surface("robot TOML", "files", 1500, _robot, prepare=prepared),
+    Surface("robot TOML", "files", 1500, _robot(ArmParameters().to_toml(), _driven_arm), prepare=prepared),
+    *(
+        Surface(f"{name}.toml", "files", 600, _robot((ROBOTS / f"{name}.toml").read_text(), _serial_robot))
+        for name in ("planar-3r", "panda")
+    ),
     file_of("policy.json", _bundle, "policy.json", _acted, None, count=800),
     Surface("weights.safetensors", "files", 600, _weights, prepare=prepared),
     file_of("results.json", evaluation, "results.json", _read_results, None, count=800),
