@@ -5,11 +5,9 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import math
 import shutil
 import sys
 import tempfile
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,6 @@ import fuzzyarm
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.certified.frozen import freeze, gain_at, pole_rate
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.verification import verify_file
@@ -36,14 +33,13 @@ from fuzzyarm.rl_baselines.training import Training
 
 from .arguments import driven
 from .damage import copied, damaged_bytes, damaged_document, to_json
-from .samples import CANARY, evaluation, scratch, sweep, training
+from .samples import CANARY, evaluation, sweep, training
 from .surface import Broken, Surface, Try
 
 __all__ = ["BUNDLES", "CONTROLLERS", "SURFACES", "no_code_ran", "prepared", "read_changed", "resumed_sweep"]
 
 CONTROLLERS = Path(fuzzyarm.__file__).parent / "fuzzy_policy" / "controllers"
 BUNDLES = Path(fuzzyarm.__file__).parent / "learned_policy" / "policies"
-ROBOTS = Path(fuzzyarm.__file__).parent / "envs" / "physics" / "robots"
 CLAIMED = ("fuzzy-1", "fuzzy-2", "paper-1", "paper-4")  # files that are quickly proven
 
 
@@ -161,51 +157,6 @@ def _same_controller(original: Any, changed: Any, signed: bool) -> None:
         raise Broken("a changed file with the old digest was taken")
 
 
-def _robot(good: str, use: Callable[[Path], Any]) -> Callable[[np.random.Generator], Try]:
-    """Tries of a TOML file: its values or its bytes."""
-
-    def attempt(rng: np.random.Generator) -> Try:
-        if rng.random() < 0.6:
-            values, text = damaged_document(rng, tomllib.loads(good))
-            pairs = values.items() if isinstance(values, dict) else ()
-            lines = (f"{key if key.isidentifier() else json.dumps(key)} = {_toml(value)}" for key, value in pairs)
-            content = "\n".join(lines).encode("utf-8", "surrogatepass")
-        else:
-            content, text = damaged_bytes(rng, good.encode())
-
-        def run() -> None:
-            path = scratch() / "robot.toml"
-            path.write_bytes(content)
-            use(path)
-
-        return Try(f"robot.toml: {text}", run)
-
-    return attempt
-
-
-def _driven_arm(path: Path) -> None:
-    driven(FuzzyArmEnv(parameters=ArmParameters.from_toml(path)))
-
-
-def _serial_robot(path: Path) -> None:
-    """Read a robot; its equations are generated from finite numbers and unit vectors alone."""
-    robot = Robot.from_toml(path)
-    for joint in robot.joints:
-        numbers = np.array([*joint.axis, *joint.position, *joint.link.center, joint.link.mass])
-        if not np.isfinite(numbers).all() or abs(np.linalg.norm(joint.axis) - 1.0) > 1e-6:
-            raise Broken(f"joint {joint.name} has numbers or an axis that is none")
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, float) and not math.isfinite(value):
-        return "nan" if math.isnan(value) else f"{'-' * (value < 0)}inf"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return "''" if value is None else json.dumps(value)
-
-
 def _bundle() -> Path:
     return BUNDLES / "ppo-nominal"
 
@@ -285,11 +236,6 @@ SURFACES = (
             same=_same_controller,
         )
         for name in CLAIMED
-    ),
-    Surface("robot TOML", "files", 1500, _robot(ArmParameters().to_toml(), _driven_arm), prepare=prepared),
-    *(
-        Surface(f"{name}.toml", "files", 600, _robot((ROBOTS / f"{name}.toml").read_text(), _serial_robot))
-        for name in ("planar-3r", "panda")
     ),
     file_of("policy.json", _bundle, "policy.json", _acted, None, count=800),
     Surface("weights.safetensors", "files", 600, _weights, prepare=prepared),
