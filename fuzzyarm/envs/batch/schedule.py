@@ -113,7 +113,12 @@ class Schedule:
         if disturbance.tip_force is not None:
             table[:-1, at.force] = _force_lines(disturbance.tip_force, reference, times[:-1], control_period)
         if disturbance.torque_bias is not None:
-            table[:-1, at.bias] = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
+            bias = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
+            if bias.shape[-1] != joints:
+                raise ValueError(
+                    f"TorqueBias.torque has {bias.shape[-1]} numbers; needed: {joints}, one for each joint"
+                )
+            table[:-1, at.bias] = bias
         return cls(disturbance, table, joints, axes)
 
 

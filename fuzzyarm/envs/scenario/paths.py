@@ -277,7 +277,7 @@ def _point(name: str, value: Any) -> Point:
 
 def any_point(name: str, value: Any, size: int | None = None) -> AnyPoint:
     """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
-    if checks.is_sequence(value, 3) and size in (None, 3):
+    if size in (None, 3) and checks.is_sequence(value, 3):
         x, y, z = value
         return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m"), _finite(f"{name} z", z, "m")
     if size == 3:
