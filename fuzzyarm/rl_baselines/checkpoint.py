@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from fuzzyarm.common.checks import shown, whole
+from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, read_bytes
 from fuzzyarm.common.files import write_atomically
 
@@ -110,7 +111,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
             loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
         _check_values(loaded, len(data))
     except _UNREADABLE as error:
-        reason = str(error).split("\n", maxsplit=1)[0][:_SHOWN]
+        reason = escaped(str(error).split("\n", maxsplit=1)[0][:_SHOWN])
         raise CheckpointError(
             f"{path} holds something else than tensors, numbers and text: {reason}; start the training anew"
         ) from None

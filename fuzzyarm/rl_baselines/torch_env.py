@@ -181,10 +181,13 @@ class TorchFuzzyArm:
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        action = torch.as_tensor(_real(action), dtype=self.dtype, device=self.device)
+        given = _real(action)
         needed = self.num_envs, self._shared.equations.physics.joints
-        if action.shape != needed:
-            raise ValueError(f"action has shape {tuple(action.shape)}; needed: {needed}, motor torques [N m]")
+        if tuple(given.shape) != needed:
+            raise ValueError(f"action has shape {tuple(given.shape)}; needed: {needed}, motor torques [N m]")
+        if isinstance(given, np.ndarray):  # which torch takes if it is of a usual type and may be written
+            given = given.astype(np.float64)
+        action = torch.as_tensor(given, dtype=self.dtype, device=self.device)
         with torch.no_grad():
             torque = action.detach().t().contiguous()
             if self._stepped or not self.compiled:
@@ -243,9 +246,8 @@ def _device(device: str | torch.device) -> torch.device:
 def _real(action: Any) -> Any:
     """Return an action as an array or a tensor; TypeError unless its numbers are real."""
     if not isinstance(action, Tensor):
-        given = checks.array_of("action", action)
-        checks.real_entries("action", given, "N m")
-        action = given.astype(np.float64)  # a copy: a tensor shares memory, and may be written
+        action = checks.array_of("action", action)
+        checks.real_entries("action", action, "N m")
     elif action.is_complex() or action.dtype == torch.bool:
         raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
     return action

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import math
 import shutil
 import sys
 import tempfile
@@ -34,7 +33,7 @@ from fuzzyarm.rl_baselines.training import Training
 
 from .arguments import driven
 from .damage import copied, damaged_bytes, damaged_document, to_json
-from .samples import CANARY, evaluation, scratch, sweep, training
+from .samples import CANARY, evaluation, sweep, training
 from .surface import Broken, Surface, Try
 
 __all__ = ["BUNDLES", "CONTROLLERS", "SURFACES", "no_code_ran", "prepared", "read_changed", "resumed_sweep"]
@@ -158,32 +157,6 @@ def _same_controller(original: Any, changed: Any, signed: bool) -> None:
         raise Broken("a changed file with the old digest was taken")
 
 
-def _robot(rng: np.random.Generator) -> Try:
-    if rng.random() < 0.6:
-        values, text = damaged_document(rng, ArmParameters().to_dict())
-        lines = (f"{key if key.isidentifier() else json.dumps(key)} = {_toml(value)}" for key, value in values.items())
-        content = "\n".join(lines).encode("utf-8", "surrogatepass")
-    else:
-        content, text = damaged_bytes(rng, ArmParameters().to_toml().encode())
-
-    def run() -> None:
-        path = scratch() / "robot.toml"
-        path.write_bytes(content)
-        driven(FuzzyArmEnv(parameters=ArmParameters.from_toml(path)))
-
-    return Try(f"robot.toml: {text}", run)
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, float) and not math.isfinite(value):
-        return "nan" if math.isnan(value) else f"{'-' * (value < 0)}inf"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return "''" if value is None else json.dumps(value)
-
-
 def _bundle() -> Path:
     return BUNDLES / "ppo-nominal"
 
@@ -264,7 +237,6 @@ SURFACES = (
         )
         for name in CLAIMED
     ),
-    Surface("robot TOML", "files", 1500, _robot, prepare=prepared),
     file_of("policy.json", _bundle, "policy.json", _acted, None, count=800),
     Surface("weights.safetensors", "files", 600, _weights, prepare=prepared),
     file_of("results.json", evaluation, "results.json", _read_results, None, count=800),

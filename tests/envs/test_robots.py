@@ -288,7 +288,7 @@ REFUSED = {
     "bias of two": (
         {"robot": "planar-3r", "disturbance": Disturbance(torque_bias=TorqueBias((1.0, 2.0)))},
         ValueError,
-        "torque_bias has 2 torques for 3 joints",
+        "TorqueBias.torque has 2 numbers; needed: 3",
     ),
 }
 

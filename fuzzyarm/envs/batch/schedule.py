@@ -112,7 +112,9 @@ class Schedule:
         if disturbance.torque_bias is not None:
             bias = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
             if bias.shape[-1] != joints:
-                raise ValueError(f"torque_bias has {bias.shape[-1]} torques for {joints} joints; give one per joint")
+                raise ValueError(
+                    f"TorqueBias.torque has {bias.shape[-1]} numbers; needed: {joints}, one for each joint"
+                )
             table[:-1, at.bias] = bias
         return cls(disturbance, table, joints, axes)
 

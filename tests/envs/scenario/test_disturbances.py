@@ -144,6 +144,11 @@ def test_a_force_of_the_wrong_shape_never_reaches_the_kernel():
         sampled(Disturbance(tip_force=OneColumn()))
 
 
+def test_a_bias_of_another_robot_never_reaches_the_kernel():
+    with pytest.raises(ValueError, match=r"TorqueBias\.torque has 3 numbers; needed: 2, one for each joint"):
+        sampled(Disturbance(torque_bias=TorqueBias((1.0, 2.0, 3.0))))
+
+
 # --- machining ---------------------------------------------------------------------------------------------------
 
 
