@@ -24,7 +24,8 @@ class Options:
     """Policy: fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip
     to bring the tip to the reference instead of the motors; elastic-observer; ppo-nominal, -robust, -residual or a
     learned policy's folder; or code of your own as package.module:factory. May be repeated (default: fuzzy-4 and
-    computed-torque, both with and without -tip, elastic-observer and the learned ones)"""
+    computed-torque, both with and without -tip, elastic-observer and the learned ones; for another robot
+    computed-torque, with and without -tip, and elastic-observer)"""
     case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
     seeds: Annotated[int | None, Parameter(metavar="N")] = None
@@ -85,12 +86,13 @@ def run(options: Options) -> int:
 def _config(options: Options) -> EvaluationConfig:
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.eval.evaluation.run import EvaluationConfig
+    from fuzzyarm.envs.physics.robot import Robot
+    from fuzzyarm.eval.evaluation.run import ANY_ROBOT, EvaluationConfig
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
 
     given: dict[str, Any] = {
-        "policies": options.policy or None,
+        "policies": options.policy or (ANY_ROBOT if isinstance(arm, Robot) else None),
         "cases": options.case or None,
         "seeds": options.seeds,
         "encoder_noise": options.encoder_noise,

@@ -24,11 +24,14 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.policies import COMPARED, recorded, resolve_all
+from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 
-__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
+__all__ = ["ANY_ROBOT", "SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
+
+ANY_ROBOT = ("computed-torque", "computed-torque-tip", "elastic-observer")
+"""Policies that are compared on a robot other than the two-joint arm, if none are named."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,7 +154,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     """
     specs = resolve_all(config.policies, run_code=True)
     arm: Any = config.arm
-    policies = {label: spec.load(config.control_period, arm) for label, spec in specs.items()}
+    policies = {label: _loaded(spec, config, label) for label, spec in specs.items()}
     reference: Any = default_reference(arm)
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts = []
@@ -186,6 +189,20 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with)
+
+
+def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
+    """Return a policy for the arm of a configuration; ValueError if it knows no robot but the two-joint arm."""
+    arm: Any = config.arm
+    try:
+        return spec.load(config.control_period, arm)
+    except TypeError as error:
+        if config.robot is None:
+            raise
+        raise ValueError(
+            f"policy {label} knows the two-joint arm alone, not {config.robot.name}: leave it out, or evaluate without "
+            "a robot"
+        ) from error
 
 
 def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:
