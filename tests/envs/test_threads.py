@@ -47,7 +47,7 @@ KINDS = {
 BEYOND = """
 import numpy as np
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-env = FuzzyArmEnv(control_period=0.1)
+env = FuzzyArmEnv(control_period=0.1, substep=1e-3)
 env.reset(seed=0)
 last = 0.0
 for _ in range(400_000):
