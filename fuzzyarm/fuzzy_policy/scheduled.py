@@ -4,9 +4,10 @@ The law, with M̄ = M + R, R the reflected rotor inertias, and e = q - q_d, x_I 
 
     u = M̄(q) q̈_d + C(q, q̇) q̇ + f_v q̇ + g(q) - M̂(q) (k_p e + k_d ė + k_i x_I),      M̂(q) = Σ_r h_r(q) S_r,
 
-so that on the rigid arm M̄(q) ë = -M̂(q) (k_p e + k_d ė + k_i x_I) + d. The rules schedule the gains k ⊗ S_r over the kept
-premises z_l, cosines and sines of single angles or of twice an angle; each has two rules, with the weights (1 - z_l)/2
-and (1 + z_l)/2, and h_r is their product, the first premise changing fastest with r. One rule holds M̂ constant.
+so that on the rigid arm M̄(q) ë = -M̂(q) (k_p e + k_d ė + k_i x_I) + d. The rules schedule the gains k ⊗ S_r over the
+kept premises z_l, cosines and sines of single angles or of twice an angle; each has two rules, with the weights
+(1 - z_l)/2 and (1 + z_l)/2, and h_r is their product, the first premise changing fastest with r. One rule holds M̂
+constant.
 """
 
 from __future__ import annotations
@@ -159,7 +160,7 @@ class ScheduledController:
                 f"different joints from 2 to the split, {self.split}"
             )
         alpha = real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
-        values = {
+        values: dict[str, Any] = {
             "alpha": alpha,
             "kappa": real("kappa", self.kappa, above=1.0, high=1.0 / GAINS[0]),
             "floor": real("floor", self.floor, "kg m^2", above=0.0),
@@ -256,7 +257,7 @@ class ScheduledController:
         choice("form", document.form, (FORM,))
         if document.robot_digest != document.robot.digest:
             raise ControllerFileError("the robot's digest does not match: the file was changed")
-        arrays = {name: np.array(decoded(getattr(document, name)), dtype=np.float64) for name in ARRAYS}
+        arrays: dict[str, Any] = {name: np.array(decoded(getattr(document, name)), dtype=np.float64) for name in ARRAYS}
         if document.split == len(document.robot):  # JSON keeps no shape of an empty array
             arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
         return cls(
@@ -270,7 +271,7 @@ class ScheduledController:
 
 
 def rule_weights(premises: Sequence[Premise], q: np.ndarray) -> np.ndarray:
-    """Return the weights h (..., 2^premises) of the rules at angles (..., n) [rad]; they are >= 0 and their sum is 1."""
+    """Return the weights h (..., 2^premises) of the rules at angles (..., n) [rad]: >= 0, with the sum 1."""
     weights = np.ones((*q.shape[:-1], 1))
     for premise in premises:
         ratio = 0.5 * (1.0 + premise.at(q))[..., np.newaxis]

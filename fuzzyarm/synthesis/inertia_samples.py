@@ -11,13 +11,14 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.proof.box_cover import widened
 from fuzzyarm.fuzzy_policy.proof.kinetic_energy import TWIST, inertia_polynomial
 from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
+from fuzzyarm.synthesis.extremes import angles_in
 
-__all__ = ["InertiaSamples", "sampled_angles", "twist_map"]
+__all__ = ["InertiaSamples", "twist_map"]
 
 
 @dataclasses.dataclass(frozen=True)
 class InertiaSamples:
-    """The inertia M̄ = near + Jᵀ D J + R of a chain that is split behind link a, at sampled angles.
+    """The inertia M̄ = near + Jᵀ D J of a chain that is split behind link a, at sampled angles.
 
     Attributes:
         q: angles (B, n) [rad].
@@ -34,7 +35,8 @@ class InertiaSamples:
     @classmethod
     def of(cls, robot: Robot, split: int, count: int, seed: int) -> InertiaSamples:
         """Return `count` samples of the robot's box."""
-        n, q = len(robot), sampled_angles(robot, count, seed)
+        n = len(robot)
+        q = angles_in(widened(np.array([joint.angle_range for joint in robot.joints])), count, seed)
         whole = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
         if split == n:
             return cls(q, whole, np.zeros((count, 0, n)), np.zeros((count, 0, 0)))
@@ -46,17 +48,6 @@ class InertiaSamples:
         """Return M̄ (B, n, n), with a constant (6 + n - a, 6 + n - a) in place of D if one is given."""
         D = self.distal if distal is None else distal
         return np.asarray(self.near + np.swapaxes(self.twist, 1, 2) @ D @ self.twist)
-
-
-def sampled_angles(robot: Robot, count: int, seed: int) -> np.ndarray:
-    """Return angles (count, n) [rad] of the box: half of them at random, half on multiples of π/4 and on its faces."""
-    generator = np.random.default_rng(seed)
-    low, high = widened(np.array([joint.angle_range for joint in robot.joints])).T
-    q = generator.uniform(low, high, (count, len(robot)))
-    snapped = np.clip(np.round(q * 4.0 / np.pi) * np.pi / 4.0, low, high)
-    ends = np.where(generator.random(q.shape) < 0.5, low, high)
-    snapped = np.where(generator.random(q.shape) < 0.15, ends, snapped)
-    return np.where((np.arange(count) % 2 == 0)[:, np.newaxis], q, snapped)
 
 
 def twist_map(robot: Robot, q: np.ndarray, split: int) -> np.ndarray:

@@ -1,8 +1,8 @@
 """The proof of `box_cover` again in balls, box by box, without any assumption about floating point.
 
-The coefficients are exact, sines and cosines are balls with outward rounding (`arb` of FLINT), and each control matrix is
-proven positive definite by Gershgorin's theorem on T A Tᵀ, as in `definiteness`, where T is any matrix; it comes from a
-Cholesky factor in floating point.
+The coefficients are exact, sines and cosines are balls with outward rounding (`arb` of FLINT), and each control matrix
+is proven positive definite by Gershgorin's theorem on T A Tᵀ, as in `definiteness`, where T is any matrix; it comes
+from a Cholesky factor in floating point.
 """
 
 from __future__ import annotations

@@ -8,13 +8,14 @@ taken by the hundred, in floating point with a bound of every rounding error:
 - Cholesky's factorisation of A - δI in floating point ends with real roots only if A - δI + ΔA is positive semidefinite
   for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a larger δ proves A.
 
-Sines and cosines of the mathematical library are taken to be right to `LIBRARY` units in the last place, which is the one
-assumption; `ball_cover` proves the same boxes again in balls, without it.
+Sines and cosines of the mathematical library are taken to be right to `LIBRARY` units in the last place, which is the
+one assumption; `ball_cover` proves the same boxes again in balls, without it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def first_boxes(ranges: np.ndarray) -> np.ndarray:
         ends = np.linspace(low, high, int(np.ceil((high - low) / (1.9 * WIDEST))) + 1)
         ends[0], ends[-1] = low, high
         parts = []
-        for left, right in zip(ends[:-1], ends[1:], strict=True):
+        for left, right in itertools.pairwise(ends):
             part = boxes.copy()
             part[:, k] = left, right
             parts.append(part)

@@ -4,8 +4,8 @@ With M̄(q) = M(q) + R, R the reflected rotor inertias, and the scheduled inerti
 
     M̂(q) < M̄(q) < κ M̂(q),      σ I < M̂(q),      -2 μ_k M̂(q) < ∂M̂/∂q_k < 2 μ_k M̂(q) for each kept angle q_k
 
-for all angles of the box. M depends on too many angles for one cover, so the chain is split behind link a. The energy of
-the links beyond it is a quadratic form D(q_(a+1) ... q_n) of that link's twist and the rates beyond, see
+for all angles of the box. M depends on too many angles for one cover, so the chain is split behind link a. The energy
+of the links beyond it is a quadratic form D(q_(a+1) ... q_n) of that link's twist and the rates beyond, see
 `kinetic_energy`; constants with
 
     D_low < D(q_(a+1) ... q_n) < D_high

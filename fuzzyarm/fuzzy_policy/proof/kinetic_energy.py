@@ -1,8 +1,8 @@
 """The inertia of a robot, or of its last links on a moving base, as an exact trigonometric polynomial of its angles.
 
-The kinetic energy of links a + 1 to n, whose base is link a, is T = ½ yᵀ D(q) y. Here y holds the base's twist, velocity
-of its origin and angular velocity in its own frame, and the joint rates q̇_(a+1) ... q̇_n; a base at rest leaves only the
-rates, and D is the mass matrix M of (3). In the frame of link i, with A_i(q_i) = rotation_i exp([u_i]× q_i),
+The kinetic energy of links a + 1 to n, whose base is link a, is T = ½ yᵀ D(q) y. Here y holds the base's twist, the
+velocity of its origin and its angular velocity in its own frame, and the joint rates q̇_(a+1) ... q̇_n; a base at rest
+leaves only the rates, and D is the mass matrix M. In the frame of link i, with A_i(q_i) = rotation_i exp([u_i]× q_i),
 
     ω_i = A_iᵀ ω_(i-1) + u_i q̇_i,    v_i = A_iᵀ (v_(i-1) + ω_(i-1) × d_i),
     T = ½ Σ_i m_i |v_i + ω_i × c_i|² + ω_iᵀ I_i ω_i,
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_mat
@@ -94,7 +95,7 @@ def inertia_polynomial(robot: Robot, first: int, last: int, tail: np.ndarray | N
     return np.asarray(result)
 
 
-def _matrix(rows: Sequence[Sequence[float]]) -> fmpq_mat:
+def _matrix(rows: Any) -> fmpq_mat:
     return fmpq_mat(len(rows), len(rows[0]), list(exact(rows).ravel()))
 
 

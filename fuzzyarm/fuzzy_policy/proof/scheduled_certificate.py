@@ -1,8 +1,8 @@
 """The claims of a controller of the form "semidefinite", proven anew from its stored numbers.
 
-The inequalities of `scalar_loop` are proven in exact rationals, the bounds of the inertia on covers of boxes, in floating
-point with a bound of all rounding errors (`box_cover`) and, if asked for, again in balls (`ball_cover`). Theorem, for the
-rigid arm in continuous time, while its angles and the speeds of its kept angles stay in the box:
+The inequalities of `scalar_loop` are proven in exact rationals, the bounds of the inertia on covers of boxes, in
+floating point with a bound of all rounding errors (`box_cover`) and, if asked for, again in balls (`ball_cover`).
+Theorem, for the rigid arm in continuous time, while its angles and the speeds of its kept angles stay in the box:
 
     V' + 2αV + eᵀ M̂ e - γ² dᵀ M̂⁻¹ d <= 0,      V = (e, ė, x_I)ᵀ (X ⊗ M̂) (e, ė, x_I).
 
@@ -77,16 +77,14 @@ def _loop_claims(controller: ScheduledController) -> list[Claim]:
 def _covered(bound: Bound, in_balls: bool) -> Claim:
     outcome = cover(bound.matrix, bound.ranges)
     name = f"{bound.name}, {len(outcome.boxes)} boxes of {bound.matrix.angles} angles"
-    if not outcome.proven:
-        return Claim(f"{name}; not at {np.round(outcome.witness, 4).tolist()} rad", False, _margin(bound, outcome.witness))
+    if outcome.witness is not None:
+        return Claim(f"{name}; not at {outcome.witness.round(4).tolist()} rad", False, _margin(bound, outcome.witness))
     proven = proven_in_balls(bound.matrix, outcome.boxes) if in_balls else True
     centers = outcome.boxes.mean(axis=2)
     return Claim(name + (", also in balls" if in_balls and proven else ""), proven, _margin(bound, centers))
 
 
-def _margin(bound: Bound, angles: np.ndarray | None) -> float:
-    if angles is None:
-        return -np.inf
+def _margin(bound: Bound, angles: np.ndarray) -> float:
     matrices = bound.matrix.at(np.atleast_2d(angles))
     return min(smallest_eigenvalue(matrix) for matrix in matrices)
 
@@ -95,8 +93,7 @@ def scheduled_statement(controller: ScheduledController) -> str:
     """Return what the certificate proves and what it does not, with the numbers of this controller."""
     robot, kept = controller.robot, controller.premises
     ranges = ", ".join(
-        f"[{at_most(low, 6)}, {at_least(high, 6)}]"
-        for low, high in (joint.angle_range for joint in robot.joints)
+        f"[{at_most(low, 6)}, {at_least(high, 6)}]" for low, high in (joint.angle_range for joint in robot.joints)
     )
     speeds = ", ".join(
         f"|dq{premise.joint + 1}/dt| <= {at_least(speed, 6)} rad/s"
@@ -108,9 +105,9 @@ def scheduled_statement(controller: ScheduledController) -> str:
         f"For the rigid arm of {len(robot)} joints in continuous time, as long as its angles lie in {ranges} rad"
         f"{' and ' + speeds if speeds else ', at any speed'}, and for every twice differentiable reference: without "
         f"disturbance the tracking error decays at least as exp(-{alpha} t), and the poles of the loop frozen at any "
-        f"such state have real parts between -{beta} and -{alpha} 1/s. From zero error the L2 gain from the disturbance "
-        f"torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in the norms of the scheduled "
-        f"inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "
+        f"such state have real parts between -{beta} and -{alpha} 1/s. From zero error the L2 gain from the "
+        f"disturbance torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in the norms of the "
+        f"scheduled inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "
         f"d holds friction other than viscous, tip forces and payload as joint torques. {NOT_COVERED}"
     )
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 
@@ -71,16 +72,15 @@ class TrigMatrix:
         return unpacked(values, self.size)
 
     def derivative(self, angle: int) -> TrigMatrix:
-        """Return the derivative by one angle: cos q, sin q, cos 2q, sin 2q become -sin q, cos q, -2 sin 2q, 2 cos 2q."""
+        """Return the derivative by one angle."""
         source = np.moveaxis(self.exact, angle, 0)
+        # cos q, sin q, cos 2q, sin 2q become -sin q, cos q, -2 sin 2q, 2 cos 2q.
         result = np.stack([0 * source[0], source[2], -source[1], 2 * source[4], -2 * source[3]])
         return TrigMatrix(np.moveaxis(result, 0, angle))
 
     def needed(self) -> list[int]:
         """Return the angles that the matrix depends on."""
-        return [
-            k for k in range(self.angles) if any(entry != 0 for entry in np.moveaxis(self.exact, k, 0)[1:].ravel())
-        ]
+        return [k for k in range(self.angles) if any(entry != 0 for entry in np.moveaxis(self.exact, k, 0)[1:].ravel())]
 
     def of_needed(self) -> TrigMatrix:
         """Return the matrix as one of the `needed` angles only."""
@@ -102,7 +102,7 @@ def unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
     return result
 
 
-def control_weights(cos_m, sin_m, cos_h, sin_h):  # type: ignore[no-untyped-def]
+def control_weights(cos_m: Any, sin_m: Any, cos_h: Any, sin_h: Any) -> list[list[Any]]:
     """Return the matrix (5, 5) from the coefficients of one angle to its control values, as nested lists.
 
     Generic in its numbers: arrays of many boxes, or balls.
