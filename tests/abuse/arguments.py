@@ -28,7 +28,7 @@ from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.network import Network
-from fuzzyarm.rl_baselines.ppo import PPOConfig
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.synthesis import Specification
 
 from .surface import Broken, Surface, Try, described

@@ -14,8 +14,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 from support.values import strange_values  # noqa: E402
 
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
-from fuzzyarm.rl_baselines.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
 CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1, tensorboard=False, hidden=(8,))

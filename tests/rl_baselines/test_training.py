@@ -22,8 +22,8 @@ from fuzzyarm.cli import main  # noqa: E402
 from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.learned_policy.policy import LearnedPolicy  # noqa: E402
 from fuzzyarm.rl_baselines import training as trainer  # noqa: E402
+from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
-from fuzzyarm.rl_baselines.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.progress import train_with_progress  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
@@ -325,7 +325,7 @@ def test_without_the_extra_it_is_named(missing, tmp_path):
     code = f"""
 import sys
 sys.modules[{missing!r}] = None  # an import of it fails
-from fuzzyarm.rl_baselines.ppo import PRESETS
+from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS
 from fuzzyarm.rl_baselines.progress import train_with_progress
 from pathlib import Path
 try:

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from support.two_joints import hold
 
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, solve_mass_matrix, tip_jacobian
-from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
@@ -380,7 +380,8 @@ WRONG = [
     (ConstantForce, {"force": FORCE, "start": -1.0}, r"ConstantForce\.start = -1\.0 .*\[0, inf\)"),
     (ConstantForce, {"force": FORCE, "start": 1.0, "stop": 1.0}, r"ConstantForce: .*stop = 1\.0.*0 <= start < stop"),
     (TorqueBias, {"torque": (math.inf, 0.0)}, r"TorqueBias\.torque\[0\] = inf .*\[-1e\+12, 1e\+12\] N m"),
-    (TorqueBias, {"torque": (1.0, 2.0, 3.0)}, r"TorqueBias\.torque = .* must be 2 real numbers"),
+    (TorqueBias, {"torque": (1.0,) * 13}, r"TorqueBias\.torque = .* must be 2 real numbers"),
+    (ConstantForce, {"force": (1.0,) * 4}, r"ConstantForce\.force = .* must be 2 real numbers"),
     (TorqueBias, {"torque": BIAS, "start": math.nan}, r"TorqueBias\.start = nan .*\[0, inf\)"),
     (TorqueBias, {"torque": BIAS, "stop": math.nan}, r"TorqueBias: .*stop = nan.*0 <= start < stop"),
     (EncoderNoise, {"position": -1e-4}, r"EncoderNoise\.position = -0\.0001 .*\[0, inf\)"),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
-__all__ = ["PPO", "PRESETS", "PPOAlgorithm", "PPOConfig"]
+__all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
 
 _LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
     "learning_rate": "train/learning_rate",
@@ -246,7 +246,7 @@ def _set_moments(running: Any, moments: dict[str, Any]) -> None:
     running.count = moments["count"]
 
 
-PPO = AlgorithmSpec(
+SPEC = AlgorithmSpec(
     name="ppo",
     title="PPO of stable-baselines3",
     config=PPOConfig,
