@@ -120,7 +120,7 @@ class ScheduledController:
         lyapunov: X (3, 3), see `proof.scalar_loop`.
         alpha: guaranteed decay rate [1/s].
         gamma: guaranteed L2 gain [s²], from d in the norm (dᵀ M̂⁻¹ d)^½ to e in the norm (eᵀ M̂ e)^½.
-        fastest_pole: β [1/s]; no pole of the loop frozen at a state of the box has a real part below -β.
+        fastest_pole: β [1/s]; no pole of the loop frozen at a state of the box has a modulus above β.
         origin: how it was made: objective, versions.
 
     Raises:

@@ -2,8 +2,8 @@
 
 With P = X⁻¹ and m = k P, in the time unit 1/a, a = α + μ, the inequalities are linear in P, m and γ²:
 
-    | He(A P - λ b m) + 2P   λb    P cᵀ |
-    | ⋆                      -γ²   0    | < 0,      He(A P - λ b m) + 2 (β/a) P > 0,      λ = 1/κ and 1.
+    | He(A P - λ b m) + 2P   λb    P cᵀ |             | (β/a) P       ⋆       |
+    | ⋆                      -γ²   0    | < 0,        | A P - λ b m   (β/a) P | > 0,        λ = 1/κ and 1.
     | ⋆                      ⋆     -1   |
 
 There is a solution for every β above (3κ - 2) a, where γ grows without bound; twice that brings γ down twentyfold.
@@ -96,16 +96,18 @@ def _families(kappa: float, pole: float) -> list[Family]:
     P, rows = symmetric_units(SCALAR_STATES), np.eye(SCALAR_STATES)[:, np.newaxis]
     families = []
     for share in (1.0 / kappa, 1.0):
-        state = np.concatenate([A @ P + P @ A.T, -share * (b @ rows + np.swapaxes(b @ rows, 1, 2))])
+        moved = np.concatenate([A @ P, -share * (b @ rows)])
+        state = moved + np.swapaxes(moved, 1, 2)
         alone = np.concatenate([P, np.zeros_like(P[:SCALAR_STATES])])
         whole, constant = np.zeros((1, 10, 5, 5)), np.zeros((1, 5, 5))
         whole[0, :9, :3, :3] = -state - 2.0 * (1.0 + STRICT) * alone
         whole[0, :6, :3, 4:], whole[0, :6, 4:, :3] = -P @ c.T, -c @ P
         whole[0, 9, 3, 3] = 1.0
         constant[0, :3, 3:4], constant[0, 3:4, :3], constant[0, 4, 4] = -share * b, -share * b.T, 1.0
-        slow = np.zeros((1, 10, 3, 3))
-        slow[0, :9] = state + 2.0 * pole * (1.0 - STRICT) * alone
-        families += [Family(constant, whole), Family(np.zeros((1, 3, 3)), slow)]
+        slow = np.zeros((1, 10, 6, 6))
+        slow[0, :9, :3, :3] = slow[0, :9, 3:, 3:] = pole * (1.0 - STRICT) * alone
+        slow[0, :9, 3:, :3], slow[0, :9, :3, 3:] = moved, np.swapaxes(moved, 1, 2)
+        families += [Family(constant, whole), Family(np.zeros((1, 6, 6)), slow)]
     positive = np.zeros((1, 10, 3, 3))
     positive[0, :6] = P
     return [*families, Family(np.zeros((1, 3, 3)), positive)]

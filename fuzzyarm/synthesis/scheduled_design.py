@@ -25,7 +25,7 @@ __all__ = ["MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_pre
 MOST_JOINTS = 7
 """More joints than that would need more than one split of the chain."""
 
-POLE_FACTOR = 1.25
+POLE_FACTOR = 1.5
 """Fastest pole over the smallest one where neither it nor γ is asked for."""
 
 SAMPLES, SEARCH_SAMPLES = 2000, 600
@@ -35,7 +35,7 @@ WIDENINGS = (2e-3, 1e-2, 4e-2)
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledSpecification:
-    """What is asked of a design. Without γ and fastest pole, that pole is 1.25 times the smallest possible one.
+    """What is asked of a design. Without γ and fastest pole, that pole is 1.5 times the smallest possible one.
 
     Attributes:
         premises: the kept ones; None for the best ones, found automatically.

@@ -10,8 +10,12 @@ V = xᵀ X x, for all joints together eᵀ(X ⊗ M̂)e, falls at least as exp(-2
     | He(X (A - λ b k)) + 2 (α + μ) X + cᵀc   λ X b |
     | ⋆                                        -γ²   | < 0,     c = (1 0 0),
 
-for λ = 1/κ and λ = 1, since the matrix is affine in λ; μ bounds the rate of M̂. If He(X (A - λ b k)) + 2βX > 0 at both,
-no pole of the loop frozen at a state has a real part below -β.
+for λ = 1/κ and λ = 1, since the matrix is affine in λ; μ bounds the rate of M̂. If at both
+
+    | βX                ⋆  |
+    | X (A - λ b k)     βX | > 0,
+
+then (A - λ b k)ᵀ X (A - λ b k) < β² X, and no pole of the loop frozen at a state has a modulus above β.
 """
 
 from __future__ import annotations
@@ -50,7 +54,7 @@ def decay(share: Any, *, rate: Any, gamma2: Any, X: Any, k: Any, block: Block = 
     return symmetric([[state], [share * (X @ b).T, -gamma2 * np.eye(1, dtype=int)]], block)
 
 
-def fastest(share: Any, *, pole: Any, X: Any, k: Any) -> Any:
-    """Return the matrix of the fastest pole β [1/s], (3, 3), which has to be positive definite; see `decay`."""
+def fastest(share: Any, *, pole: Any, X: Any, k: Any, block: Block = np.block) -> Any:
+    """Return the matrix of the fastest pole β [1/s], (6, 6), which has to be positive definite; see `decay`."""
     A, b, _ = loop()
-    return he(X @ (A - share * b @ k)) + 2 * pole * X
+    return symmetric([[pole * X], [X @ (A - share * b @ k), pole * X]], block)
