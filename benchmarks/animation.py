@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.rendering import FOOTER, HEADER
+from fuzzyarm.eval.episodes.loop import episodes
 
 POLICIES = ("fuzzy-4", "ppo-residual", "elastic-observer")
 SIZE, TITLE, COLOURS = 300, 44, 48  # px, px, palette entries: below 1 MB
@@ -48,17 +49,13 @@ def frames() -> Iterator[np.ndarray]:
 def episode(name: str) -> Iterator[np.ndarray]:
     """Yield the pictures of one policy, with its name and tip error above."""
     env = gym.make("fuzzyarm:FuzzyArm-v0", case="machining", render_mode="rgb_array")
-    policy = load_policy(name)
     observation, info = env.reset(seed=0)
-    state, done, step, worst = None, False, 0, 0.0
-    while not done:
-        if step % STEPS == 0:
-            yield _titled(env.render(), name, 1e3 * info["tip_error"], worst)
-        action, state = policy.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(action)
-        worst = max(worst, 1e3 * info["tip_error"])
-        done, step = terminated or truncated, step + 1
-    yield _titled(env.render(), name, 1e3 * info["tip_error"], worst)
+    yield _titled(env.render(), name, 1e3 * info["tip_error"], worst := 0.0)
+    for count, step in enumerate(episodes(env, load_policy(name), (observation, info)), start=1):
+        error = 1e3 * step.info["tip_error"]
+        worst = max(worst, error)
+        if count % STEPS == 0 or step.ended:
+            yield _titled(env.render(), name, error, worst)
 
 
 def _titled(picture: np.ndarray, name: str, error: float, worst: float) -> np.ndarray:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import json
 import math
 from pathlib import Path
@@ -35,6 +36,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
+from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import linearise_path
 from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
@@ -57,7 +59,7 @@ DIGITS = 3  # of a weight; a finer one says nothing
 
 LANES = 48
 TUNING_SEED, HOLD_OUT_SEEDS = 1, (2, 3, 4)
-STEPS = 1499  # the last one of an episode begins the next
+STEPS = 1499  # of an episode, without its last
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 PLANTS = DomainRandomisation(
     mass=(0.9, 1.1),
@@ -115,15 +117,12 @@ def random_arms(seed: int) -> gym.vector.VectorEnv:
 
 def follow(envs: gym.vector.VectorEnv, policy: ElasticObserverPolicy, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return tip errors [mm] (steps, lanes) and torques [N m] (steps, lanes, 2); inf after an episode ended early."""
-    observation, _ = envs.reset(seed=seed)
-    state, errors, torques = None, [], []
-    for _ in range(STEPS):
-        action, state = policy.predict(observation, state)
-        observation, _, terminated, _, info = envs.step(action)
-        if terminated.any():
-            return np.full((1, envs.num_envs), math.inf), action[np.newaxis]
-        errors.append(1e3 * info["tip_error"])
-        torques.append(action)
+    errors, torques = [], []
+    for step in itertools.islice(episodes(envs, policy, envs.reset(seed=seed)), STEPS):
+        if (step.ended & ~step.completed).any():
+            return np.full((1, envs.num_envs), math.inf), step.info["torque"][np.newaxis]
+        errors.append(1e3 * step.info["tip_error"])
+        torques.append(step.info["torque"])
     return np.array(errors), np.array(torques)
 
 

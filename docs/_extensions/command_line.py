@@ -10,7 +10,7 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-from fuzzyarm.cli.application import GROUPS, application
+from fuzzyarm.cli.application import GROUPS, command_line
 
 HEAD = """# Command line
 
@@ -32,7 +32,7 @@ def write_page(path: Path) -> None:
         f"- {heading}: {', '.join(f'[`{name}`](#fuzzyarm-{name})' for name in commands)}"
         for heading, commands in GROUPS.items()
     ]
-    generated = application().generate_docs(output_format="markdown", recursive=True)
+    generated = command_line().generate_docs(output_format="markdown", recursive=True)
     commands = generated[generated.index("## fuzzyarm evaluate") : generated.index("## fuzzyarm --install-completion")]
     text = "\n".join([HEAD, *groups, "", re.sub(r"\n {4,}(?=\S)", " ", commands)])  # a text in one line
     for lines in GROUPS.values():

@@ -23,7 +23,7 @@ from fuzzyarm.cli.streams import discard_output, finish_output, open_streams
 from fuzzyarm.cli.usage import UsageError, explain, whole_numbers
 from fuzzyarm.common.console import STANDARD_OUTPUT, escaped, output, say
 
-__all__ = ["GROUPS", "application", "entry_point", "main"]
+__all__ = ["GROUPS", "command_line", "entry_point", "main"]
 
 GROUPS = {
     "Run policies": {
@@ -87,7 +87,7 @@ def entry_point() -> None:
     sys.exit(main())
 
 
-def application(words: Sequence[str] | None = None) -> cyclopts.App:
+def command_line(words: Sequence[str] | None = None) -> cyclopts.App:
     """Return the parser of the command line.
 
     Args:
@@ -153,7 +153,7 @@ def _modules() -> list[str]:
 def _run(words: Sequence[str]) -> int:
     """Parse the words and run the command that they name."""
     everything = "--install-completion" in words[:1]
-    command, bound, _ = application(None if everything else words).parse_args(words)
+    command, bound, _ = command_line(None if everything else words).parse_args(words)
     if isinstance(command, type):
         module = importlib.import_module(command.__module__)
         code: int = module.run(command(*bound.args, **bound.kwargs))

@@ -15,7 +15,7 @@ from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_resul
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.run import Sweep
-from fuzzyarm.rl_baselines.ppo import PPOConfig
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 
 __all__ = ["CANARY", "SMALL_TRAINING", "evaluation", "room", "scratch", "sweep", "training"]

@@ -12,7 +12,7 @@ import pytest
 
 from fuzzyarm import __version__
 from fuzzyarm.cli import main
-from fuzzyarm.cli.application import GROUPS, application
+from fuzzyarm.cli.application import GROUPS, command_line
 
 COMMANDS = [[name] for commands in GROUPS.values() for name in commands] + [["train", "ppo"]]
 COMPUTING = [words for words in COMMANDS if words != ["train"]]
@@ -57,7 +57,7 @@ def test_help_fits_80_columns(words, flag, capsys, monkeypatch):
 
 @pytest.mark.parametrize("words", COMPUTING, ids=" ".join)
 def test_every_option_has_help_and_a_name_of_its_own(words):
-    command = application()
+    command = command_line()
     for word in words:
         command = command[word]
     arguments = command.assemble_argument_collection(parse_docstring=True)
@@ -123,13 +123,13 @@ def test_a_mistake_is_one_line_with_the_value_and_a_way_out(tmp_path, capsys, mo
 
 @pytest.mark.parametrize(("word", "number"), [("4e6", 4_000_000), ("4_000", 4000), ("12", 12)])
 def test_whole_numbers_may_be_written_in_powers_of_ten(word, number):
-    _, bound, _ = application(["evaluate"]).parse_args(["evaluate", "--seeds", word])
+    _, bound, _ = command_line(["evaluate"]).parse_args(["evaluate", "--seeds", word])
     assert bound.arguments == {"seeds": number}
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_knows_commands_and_options(shell):
-    script = application().generate_completion(shell=shell)
+    script = command_line().generate_completion(shell=shell)
     for word in ("evaluate", "leaderboard", "encoder-noise", "no-integral", "ent-coef", "lanes-sweep"):
         assert word in script
     assert "--no-json" not in script and "--policies" not in script

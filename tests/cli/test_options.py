@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import pytest
 from cyclopts import App
 
-from fuzzyarm.cli.application import application
+from fuzzyarm.cli.application import command_line
 from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
 
 
@@ -63,7 +63,7 @@ class Options:
 
 
 def parsed(*words):
-    root = application([])
+    root = command_line([])
     root.command(App(name="do"))
     root["do"].default(Options)
     command, bound, _ = root.parse_args(["do", *words])

@@ -165,7 +165,7 @@ from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.paper import evidence
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.rl_baselines import case_evaluation
-from fuzzyarm.rl_baselines.ppo import PRESETS
+from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS
 print(json.dumps([
     EvaluationConfig().cases, SweepConfig().cases, case_evaluation.COLUMNS, evidence.STEPS,
     {{name: preset.to_dict() for name, preset in PRESETS.items()}},

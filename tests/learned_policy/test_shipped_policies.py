@@ -43,7 +43,7 @@ def test_it_is_the_median_seed_of_all_that_were_trained(name):
 
 @pytest.mark.parametrize("name", LEARNED)
 def test_all_seeds_were_trained_as_the_preset_says(name):
-    presets = pytest.importorskip("fuzzyarm.rl_baselines.ppo").PRESETS
+    presets = pytest.importorskip("fuzzyarm.rl_baselines.algorithms.ppo").PRESETS
     bundles = [PolicyBundle.load(folder / "policy") for folder in sorted(SEEDS.glob(f"{name}-*"))]
     assert [bundle.seed for bundle in bundles] == [0, 1, 2, 3, 4]
     of_the_run = {"seed", "tensorboard"}

@@ -1,6 +1,7 @@
 """An algorithm from outside the package: one file, and the trainer trains, ships and resumes it."""
 
 import dataclasses
+import pkgutil
 
 import numpy as np
 import pytest
@@ -12,10 +13,11 @@ import torch
 from fuzzyarm import load_policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.network import Network
+from fuzzyarm.rl_baselines import algorithms
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, add_algorithm, algorithm_of, find_algorithm
+from fuzzyarm.rl_baselines.algorithms.ppo import SPEC, PPOConfig
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.ppo import PPO, PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 
 
@@ -110,7 +112,7 @@ def test_an_algorithm_from_outside_is_trained_shipped_and_resumed(added, tmp_pat
 
 def test_names_and_classes_of_settings_are_unique(added):
     assert find_algorithm("random-search") is algorithm_of(added) is SEARCH
-    assert algorithm_of(PPOConfig()) is find_algorithm("ppo") is PPO
+    assert algorithm_of(PPOConfig()) is find_algorithm("ppo") is SPEC
     with pytest.raises(ValueError, match="there is an algorithm 'ppo' already"):
         add_algorithm(dataclasses.replace(SEARCH, name="ppo"))
     with pytest.raises(ValueError, match="SearchConfig holds the settings of 'random-search'; derive a class"):
@@ -122,3 +124,8 @@ def test_what_is_not_registered_is_named():
         find_algorithm("sac")
     with pytest.raises(ValueError, match="SearchConfig holds the settings of no known algorithm; call add_algorithm"):
         algorithm_of(SearchConfig())
+
+
+def test_every_module_of_the_folder_is_an_algorithm():
+    modules = {module.name for module in pkgutil.iter_modules(algorithms.__path__)}
+    assert modules <= set(ALGORITHMS) and "ppo" in modules

@@ -10,6 +10,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import (  # noqa: E402
     CheckpointError,
     random_state,
@@ -17,7 +18,6 @@ from fuzzyarm.rl_baselines.checkpoint import (  # noqa: E402
     set_random_state,
     write_checkpoint,
 )
-from fuzzyarm.rl_baselines.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
 CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1, tensorboard=False)

@@ -14,8 +14,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 from support.values import strange_values  # noqa: E402
 
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
-from fuzzyarm.rl_baselines.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
 CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_epochs=1, tensorboard=False, hidden=(8,))
@@ -85,6 +85,8 @@ CRAFTED = {
     ("learner", "last_features"): lambda old: old[:, :2],
     ("learner", "normaliser", "features", "mean"): lambda old: torch.zeros(1),
     ("learner", "normaliser", "returns", "count"): lambda old: -1.0,
+    ("learner", "normaliser", "features", "count"): lambda old: 1e99,
+    ("learner", "normaliser", "features", "var"): lambda old: old * 0.0 + 1e200,
     ("learner", "counters", "steps"): lambda old: -5,
     ("learner", "optimizer", "state", 0, "exp_avg"): lambda old: torch.zeros(10**6),
     ("learner", "optimizer", "param_groups"): lambda old: [],
@@ -151,6 +153,7 @@ ARCHIVES = {
     "a storage beyond the file": lambda: repacked(huge),
     "lists of lists of lists": lambda: repacked(nested),
     "compressed": lambda: repacked(lambda data: data, zipfile.ZIP_DEFLATED),
+    "another protocol": lambda: repacked(lambda data: b"\x80\x04" + data[2:]),
     "no archive": lambda: b"PK",
     "empty": lambda: b"",
     "half": lambda: repacked(lambda data: data)[:-100],

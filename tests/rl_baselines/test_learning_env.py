@@ -14,9 +14,9 @@ pytest.importorskip("stable_baselines3")
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.network import Network
 from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
 from fuzzyarm.rl_baselines.learning_env import LearningEnvs, learning_envs, sharpened_reward
-from fuzzyarm.rl_baselines.ppo import PPOConfig
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 PERIOD = 0.002

@@ -13,9 +13,10 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.rl_baselines import config as common_settings
-from fuzzyarm.rl_baselines import ppo, progress
+from fuzzyarm.rl_baselines import progress
+from fuzzyarm.rl_baselines.algorithms import ppo
+from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.ppo import PRESETS, PPOConfig
 
 OWN = {field.name for field in dataclasses.fields(PPOConfig)} - {f.name for f in dataclasses.fields(TrainingConfig)}
 

@@ -22,8 +22,8 @@ from fuzzyarm.cli import main  # noqa: E402
 from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.learned_policy.policy import LearnedPolicy  # noqa: E402
 from fuzzyarm.rl_baselines import training as trainer  # noqa: E402
+from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
-from fuzzyarm.rl_baselines.ppo import PRESETS, PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.progress import train_with_progress  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
@@ -152,6 +152,15 @@ def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distributi
         Training(replace(config, seed=seed), tmp_path / name).run()
     a, b, c = (results(tmp_path / name) for name in "abc")
     assert a == b and a["policy/weights.safetensors"] != c["policy/weights.safetensors"]
+
+
+def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_extended(tmp_path):
+    Training(replace(SMALL, total_timesteps=64), tmp_path / "run").run()  # an update has 512 steps
+    optimizer = read_checkpoint(tmp_path / "run" / "checkpoint.pt")["learner"]["optimizer"]
+    assert [group["lr"] for group in optimizer["param_groups"]] == [0.0]
+    extended = Training.resume(tmp_path / "run", total_timesteps=1024)
+    extended.run()
+    assert extended.algorithm.steps == 1024
 
 
 def test_the_very_beginning_can_be_resumed(tmp_path):
@@ -325,7 +334,7 @@ def test_without_the_extra_it_is_named(missing, tmp_path):
     code = f"""
 import sys
 sys.modules[{missing!r}] = None  # an import of it fails
-from fuzzyarm.rl_baselines.ppo import PRESETS
+from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS
 from fuzzyarm.rl_baselines.progress import train_with_progress
 from pathlib import Path
 try:

@@ -14,13 +14,13 @@ from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.episodes.loop import Steppable, episodes
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
-__all__ = ["exact_tips", "max_tip_difference", "stepped_tips"]
+__all__ = ["exact_tips", "max_tip_difference", "stepped_tips", "tips"]
 
 
 def stepped_tips(policy: Predictor, case: str, substep: float) -> np.ndarray:
     """Return the tip (n, 2) [m] after every control step of the environment with the given sub-step [s]."""
     env = FuzzyArmEnv(case=case, substep=substep)
-    return _tips(env, policy, env.reset(seed=0))
+    return tips(env, policy, env.reset(seed=0))
 
 
 def exact_tips(policy: Predictor, case: str) -> np.ndarray:
@@ -29,10 +29,11 @@ def exact_tips(policy: Predictor, case: str) -> np.ndarray:
     The policy closes this loop by itself, from the states found here. About ten seconds.
     """
     arm = _ExactArm(case)
-    return _tips(arm, policy, arm.reset())
+    return tips(arm, policy, arm.reset())
 
 
-def _tips(env: Steppable, policy: Predictor, start: tuple[np.ndarray, dict[str, Any]]) -> np.ndarray:
+def tips(env: Steppable, policy: Predictor, start: tuple[np.ndarray, dict[str, Any]]) -> np.ndarray:
+    """Return the tip (n, 2) [m] after every control step of an episode that begins with `start`, of a single arm."""
     return np.array([step.info["tip"] for step in episodes(env, policy, start)])
 
 

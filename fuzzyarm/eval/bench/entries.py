@@ -24,7 +24,7 @@ import numpy as np
 from fuzzyarm.envs.batch.workers import LANES_PER_THREAD
 from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP, whole_substeps
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
+from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips, tips
 from fuzzyarm.policies import load_policy
 
 __all__ = [
@@ -257,14 +257,22 @@ TORCH_TIP_ERRORS = {
 
 def _batch_tip_error(observation: Any, step: Callable[[np.ndarray], tuple[Any, ...]]) -> float:
     """Return the tip error [m] of lane 0 of a batch, of arrays or tensors, over its first episode."""
-    policy, state, tips = load_policy("computed-torque"), None, []
-    while True:
-        action, state = policy.predict(_numpy(observation), state)
-        observation, _, terminated, truncated, info = step(action)
-        if terminated[0] or truncated[0]:
-            break  # `info` may be the next episode's by now: the last instant is left out
-        tips.append(_numpy(info["tip"][0]))
-    return max_tip_difference(np.array(tips), _exact_tips()[:-1])
+    stepped = tips(_FirstLane(step, len(observation)), load_policy("computed-torque"), (_numpy(observation[0]), {}))
+    # After the last step the batch reports the beginning of the next episode.
+    return max_tip_difference(stepped[:-1], _exact_tips()[:-1])
+
+
+class _FirstLane:
+    """Lane 0 of a batch, of arrays or tensors, as a single arm; all lanes get its action."""
+
+    def __init__(self, step: Callable[[np.ndarray], tuple[Any, ...]], lanes: int) -> None:
+        self._step, self._lanes = step, lanes
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Hold the torques (2,) [N m] for a control step; return what `FuzzyArmEnv.step` does, of `info` the tip."""
+        *outcome, info = self._step(np.tile(action, (self._lanes, 1)))
+        observation, reward, terminated, truncated = (_numpy(values[0]) for values in outcome)
+        return observation, reward, terminated > 0.0, truncated > 0.0, {"tip": _numpy(info["tip"][0])}
 
 
 def _numpy(values: Any) -> np.ndarray:

@@ -20,7 +20,7 @@ from fuzzyarm.fuzzy_policy.proof.residual import feedforward_residual
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import load_policy
 
-NAMES = ("fuzzy-1", "fuzzy-4", "fuzzy-8")
+NAMES = ("fuzzy-1", "fuzzy-4")
 CIRCLE = JointReference()
 STEP = 1e-3
 AMPLITUDE = 100.0  # N m

@@ -4,7 +4,7 @@ import shlex
 import numpy as np
 import pytest
 
-from fuzzyarm.cli.application import application
+from fuzzyarm.cli.application import command_line
 from fuzzyarm.cli.sweep import configured
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -23,7 +23,7 @@ CONFIGS = [
 
 
 def parsed(words):
-    command, bound, _ = application(words).parse_args(words)
+    command, bound, _ = command_line(words).parse_args(words)
     return configured(command(*bound.args, **bound.kwargs))
 
 

@@ -75,7 +75,9 @@ def test_every_number_of_the_words_is_rounded_to_the_side_that_holds(alpha, stri
         assert float(printed) == pytest.approx(given_number, rel=1e-2)
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if re.search("16|32", name) else ()) for name in SHIPPED]
+)
 def test_what_the_words_of_a_shipped_file_say_is_proven_itself(name):
     controller, text = shipped(name), verify_file(FOLDER / name).to_text()
     alpha, gamma = numbers(r"alpha = (\S+) 1/s, gamma = ([^\s,]+)", text)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
-__all__ = ["PPO", "PRESETS", "PPOAlgorithm", "PPOConfig"]
+__all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
 
 _LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
     "learning_rate": "train/learning_rate",
@@ -224,7 +224,8 @@ def _arguments(config: PPOConfig) -> dict[str, Any]:
     same = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef", "vf_coef", "seed")
     return {
         **{name: getattr(config, name) for name in (*same, "max_grad_norm")},
-        "learning_rate": lambda remaining: last + (first - last) * remaining,  # of the training, from 1 to 0
+        # `remaining` of the training falls from 1 to 0, and below in the last update, which may go past the end.
+        "learning_rate": lambda remaining: max(last + (first - last) * remaining, 0.0),
         "target_kl": config.target_kl or None,
         "policy_kwargs": {
             "net_arch": {"pi": widths, "vf": widths},
@@ -246,7 +247,7 @@ def _set_moments(running: Any, moments: dict[str, Any]) -> None:
     running.count = moments["count"]
 
 
-PPO = AlgorithmSpec(
+SPEC = AlgorithmSpec(
     name="ppo",
     title="PPO of stable-baselines3",
     config=PPOConfig,

@@ -1,14 +1,24 @@
-"""The learning algorithms by name; `add_algorithm` adds one."""
+"""The learning algorithms by name: the `SPEC` of each module of this folder, and what `add_algorithm` adds."""
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
+from collections.abc import Iterator
+
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.ppo import PPO
 
 __all__ = ["ALGORITHMS", "add_algorithm", "algorithm_of", "find_algorithm"]
 
-ALGORITHMS: dict[str, AlgorithmSpec] = {PPO.name: PPO}
+
+def _shipped() -> Iterator[AlgorithmSpec]:
+    """Yield the `SPEC` of every module of this folder, in the order of their names."""
+    for module in pkgutil.iter_modules(__path__):
+        yield importlib.import_module(f"{__name__}.{module.name}").SPEC
+
+
+ALGORITHMS: dict[str, AlgorithmSpec] = {spec.name: spec for spec in _shipped()}
 """All known algorithms by name."""
 
 
