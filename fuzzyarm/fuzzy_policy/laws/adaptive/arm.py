@@ -11,13 +11,15 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.dynamics import arm_in, coriolis_torque, gravity_torque, mass_matrix, tip_force_torque
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
-from fuzzyarm.envs.physics.integrator import ForceLine, hold
+from fuzzyarm.envs.physics.hold import force_line, hold_of
 from fuzzyarm.envs.physics.records import size
+from fuzzyarm.envs.physics.two_joints import two_joints
 
 __all__ = ["FORCE_ROWS", "drive_constants", "dry_friction", "hold", "link_torque", "schedule", "tip_direction"]
 
-FORCE_ROWS = size(ForceLine)
+FORCE_ROWS = size(force_line(two_joints().axes))
 """Numbers of a force that is linear in time: its mean, then its change."""
+hold = hold_of(two_joints())
 REST = 1e-9  # m/s; below, a tip has no direction of travel
 
 

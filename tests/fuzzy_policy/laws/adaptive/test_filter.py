@@ -5,10 +5,9 @@ import pytest
 from numba import njit
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
-from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws.adaptive import filter as parts
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import link_torque, tip_direction
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import hold, link_torque, tip_direction
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, BELIEFS, FORCES, affine_constants, first_guess
 
 ARM = ArmParameters()
