@@ -32,7 +32,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATEN
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
-__all__ = ["estimate_and_act"]
+__all__ = ["act_on_estimate", "begin_or_follow", "estimate_and_act", "room_for"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders
@@ -62,7 +62,7 @@ class _Room(NamedTuple):
 def estimate_and_act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, settings: Settings) -> None:
     """Fill `torque` (lanes, n), not clipped, and advance `memory` in place; nan for lanes whose filter has diverged."""
     joints, s = torque.shape[1], settings
-    room = _room(joints, len(s.spread), len(s.base))
+    room = room_for(joints, len(s.spread), len(s.base))
     o = observed(observation)
     for lane in range(len(observation)):
         m = remembered(memory[lane], joints, len(s.guess))
@@ -70,15 +70,15 @@ def estimate_and_act(observation: np.ndarray, memory: np.ndarray, torque: np.nda
         if m.flags[FLAG.lost] == 0.0:
             _correct(lane, o, m, s, room)
             if m.flags[FLAG.lost] == 0.0:
-                _desire(m, s, room)
-                _command(m, s, room, torque[lane])
+                act_on_estimate(m, s, room, torque[lane])
                 _predict(m, s, room)
                 if not np.isfinite(np.sum(torque[lane])):
                     m.flags[FLAG.lost] = 1.0
 
 
 @register_jitable
-def _room(joints: int, size: int, constants: int) -> _Room:
+def room_for(joints: int, size: int, constants: int) -> _Room:
+    """Return room for one lane of an arm of n joints, `size` numbers of z and as many constants."""
     one = np.empty((4 * joints, 1)), np.empty((joints, 1)), np.empty((FORCE_ROWS, 1)), np.empty((constants, 1))
     directions = np.zeros((FORCE_ROWS, FORCES))
     for i in range(SPACE):
@@ -100,10 +100,10 @@ def _room(joints: int, size: int, constants: int) -> _Room:
 
 
 @register_jitable
-def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
-    """Begin if this is the first sample, correct z by what is measured, and note how well that fitted."""
-    joints, measured = len(m.noise), room.measured
-    measured[:joints], measured[joints:] = o.q_motor[lane], o.dq_motor[lane]
+def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
+    """Take in what is measured and asked for, and begin if this is the first sample."""
+    joints = len(m.noise)
+    room.measured[:joints], room.measured[joints:] = o.q_motor[lane], o.dq_motor[lane]
     for k in range(KEPT - 1, 0, -1):
         m.references[k] = m.references[k - 1]
     m.references[0, 0], m.references[0, 1] = o.q_reference[lane], o.dq_reference[lane]
@@ -111,6 +111,20 @@ def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> 
     if m.flags[FLAG.started] == 0.0:
         m.flags[FLAG.started] = 1.0
         _begin(m, s, room)
+
+
+@register_jitable
+def act_on_estimate(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
+    """Fill the torque for z, and what of it the next step needs."""
+    _desire(m, s, room)
+    _command(m, s, room, torque)
+
+
+@register_jitable
+def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
+    """Correct z by what is measured, and note how well that fitted."""
+    joints, measured = len(m.noise), room.measured
+    begin_or_follow(lane, o, m, s, room)
     read_noise(measured[:joints], m.read, m.noise, NOISE_SHARE)
     for j in range(joints):
         room.silent[j] = s.dead_zone * m.noise[j]

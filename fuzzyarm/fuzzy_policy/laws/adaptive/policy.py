@@ -35,6 +35,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     first_spread,
     walks,
 )
+from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import estimate_and_act
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, layout
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
@@ -89,6 +90,7 @@ class AdaptiveObserverPolicy(Policy):
     Attributes:
         weights: of the filter and of the regulator.
         fallback: what acts in lanes whose filter has diverged.
+        settings: what the compiled law takes.
     """
 
     def __init__(
@@ -113,16 +115,20 @@ class AdaptiveObserverPolicy(Policy):
         self.weights = weights or AdaptiveWeights()
         self.fallback = fallback or TipPolicy(ComputedTorquePolicy(self.parameters, control_period))
         self.memory_size = _OWN + self.fallback.memory_size
-        self._settings = self._arranged()
+        self.settings = self._arranged()
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
-        estimate_and_act(observation, memory, torque, self._settings)
+        estimate_and_act(observation, memory, torque, self.settings)
         lost = memory[:, FLAG.lost] != 0.0
         if lost.any():
             seen, kept, answer = observation[lost], memory[lost, _OWN:], torque[lost]
             self.fallback.act(seen, kept, answer)
             memory[lost, _OWN:], torque[lost] = kept, answer
+
+    def without_dry_friction(self) -> FrozenObserver:
+        """Return this policy with its adaptation frozen, for the same arm without dry friction."""
+        return FrozenObserver(self, dry_friction=False)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave."""
