@@ -193,7 +193,9 @@ class _FrozenArm:
         posture = self.reference[:JOINTS]
         plant = np.concatenate([posture, posture, np.zeros(_STATES - 2 * JOINTS)])
         point = np.append(plant, self._act(plant[np.newaxis])[0, _NEXT_MEMORY])
-        if np.any(np.abs(self._act(point[np.newaxis])[0, _TORQUE]) >= self.limit):  # a clipped torque has no slope: let the loop settle first
+        if np.any(
+            np.abs(self._act(point[np.newaxis])[0, _TORQUE]) >= self.limit
+        ):  # a clipped torque has no slope: let the loop settle first
             for _ in range(_SETTLING):
                 point = self.advance(point)
         return point

@@ -1,10 +1,10 @@
 """What the adaptive observer estimates beside the arm's state: load, constants of the arm, lateness.
 
-    p = (f_t, F, m_p, k, β, φ, μ, ι, d)
+    p = (f_t, F, m_p, k, β, φ, μ, ι, w, d)
 
 The load is a force f_t along the reference's tip velocity, a free force F at the tip and a payload m_p there. k, β, φ,
 μ and ι are factors, one for each joint, of stiffness, damping, dry friction, link mass and inertia, and motor inertia.
-d is the time from a command to the motors, in control periods.
+w is a torque that acts beside that of each motor, and d the time from a command to the motors, in control periods.
 
 The constants of the equations of motion are affine in (m_p, k, β, φ, μ, ι): a = a_0 + S (p - p_0).
 """
@@ -27,6 +27,7 @@ __all__ = [
     "BELIEF",
     "BELIEFS",
     "CAUTIOUS",
+    "FACTORS",
     "FORCES",
     "SPACE",
     "Belief",
@@ -53,6 +54,7 @@ class Belief(NamedTuple):
         friction: φ.
         mass: μ.
         motor_inertia: ι.
+        offset: w [N m].
         lateness: d [control periods].
     """
 
@@ -64,17 +66,20 @@ class Belief(NamedTuple):
     friction: Any
     mass: Any
     motor_inertia: Any
+    offset: Any
     lateness: Any
 
 
-BELIEF = Belief(*consecutive(1, SPACE, 1, *[JOINTS] * 5, 1))
+BELIEF = Belief(*consecutive(1, SPACE, 1, *[JOINTS] * 6, 1))
 """Where the parts of p lie."""
 BELIEFS: int = BELIEF.lateness.stop
 """How many numbers p has."""
 FORCES: int = BELIEF.force.stop
 """How many of them are forces; they come first."""
-CAUTIOUS = slice(BELIEF.stiffness.start, BELIEF.lateness.stop)
-"""What learns only from what the noise of the sensors does not explain."""
+FACTORS = ("stiffness", "damping", "friction", "mass", "motor_inertia")
+"""The parts that are factors of the known arm."""
+CAUTIOUS = (*FACTORS, "lateness")
+"""The parts that learn only from what the noise of the sensors does not explain."""
 
 # The fields of `ArmParameters` that a factor multiplies.
 _FIELDS = {
@@ -85,6 +90,7 @@ _FIELDS = {
     "motor_inertia": ("motor_inertia",),
 }
 _LARGEST_FORCE = 4.0  # in unit forces
+_LARGEST_OFFSET = 0.2  # share of the torque limit
 _LIGHTEST, _HEAVIEST = -0.1, 2.0  # payload, in masses of the links; below zero: links lighter than known
 _FACTOR_RANGE = {
     "stiffness": (0.3, 3.0),
@@ -116,6 +122,7 @@ def first_spread(parameters: ArmParameters, weights: AdaptiveWeights) -> np.ndar
             weights.first_friction,
             weights.first_inertia,
             weights.first_inertia,
+            weights.first_offset * np.array(parameters.torque_limit),
             weights.first_lateness,
         )
     )
@@ -124,16 +131,19 @@ def first_spread(parameters: ArmParameters, weights: AdaptiveWeights) -> np.ndar
 def walks(parameters: ArmParameters, weights: AdaptiveWeights) -> np.ndarray:
     """Return how fast each number of p walks, in its unit per √s."""
     force, still = unit_force(parameters), dict.fromkeys(_FIELDS, 0.0)
-    return _filled(Belief(weights.travel_walk * force, weights.force_walk * force, 0.0, **still, lateness=0.0))
+    return _filled(
+        Belief(weights.travel_walk * force, weights.force_walk * force, 0.0, **still, offset=0.0, lateness=0.0)
+    )
 
 
 def allowed(parameters: ArmParameters, longest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and the highest p; `longest` is the highest lateness [control periods]."""
     force, mass = _LARGEST_FORCE * unit_force(parameters), sum(parameters.mass)
+    torque = _LARGEST_OFFSET * np.array(parameters.torque_limit)
     low, high = ({name: ends[side] for name, ends in _FACTOR_RANGE.items()} for side in range(2))
     return (
-        _filled(Belief(-force, -force, _LIGHTEST * mass, **low, lateness=0.0)),
-        _filled(Belief(force, force, _HEAVIEST * mass, **high, lateness=longest)),
+        _filled(Belief(-force, -force, _LIGHTEST * mass, **low, offset=-torque, lateness=0.0)),
+        _filled(Belief(force, force, _HEAVIEST * mass, **high, offset=torque, lateness=longest)),
     )
 
 

@@ -223,9 +223,10 @@ def _spread_out(
     Motor velocities take a standard deviation as their step: a joint that sticks has a slope of zero nearby.
     """
     joints, states, size, forces = len(torque), len(lanes.state), len(z), directions.shape[1]
+    offset = size - 1 - joints
     for lane in range(lanes.state.shape[1]):
         lanes.state[:, lane] = z[:states]
-        lanes.torque[:, lane] = torque
+        lanes.torque[:, lane] = torque + z[offset : size - 1]
         lanes.constants[:, lane] = constants
         for i in range(len(lanes.force)):
             total = 0.0
@@ -249,3 +250,4 @@ def _spread_out(
                 lanes.constants[i, lane] += slopes[i, j] * step
     for j in range(joints):
         lanes.torque[j, size] += torque_slope[j]
+        lanes.torque[j, 1 + offset + j] += steps[offset + j]

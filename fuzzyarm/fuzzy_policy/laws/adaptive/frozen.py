@@ -106,7 +106,9 @@ def _follow(
         m.z[states + FORCES :] = settings.guess[FORCES:]
         nearest = 0
         for k in range(len(postures)):
-            if np.sum((postures[k] - o.q_reference[lane]) ** 2) < np.sum((postures[nearest] - o.q_reference[lane]) ** 2):
+            if np.sum((postures[k] - o.q_reference[lane]) ** 2) < np.sum(
+                (postures[nearest] - o.q_reference[lane]) ** 2
+            ):
                 nearest = k
         gain = gains[nearest]
         for j in range(joints):

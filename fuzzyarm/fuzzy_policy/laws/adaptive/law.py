@@ -201,6 +201,7 @@ def _command(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
         before = _target(m, room, period, 1, j)[3]
         middle = dtheta + (0.5 * period + later) * ddtheta
         torque[j] = smooth + (0.5 + lateness) * (smooth - before) + dry_friction(middle, room.constants, j)
+        torque[j] -= p[len(p) - 1 - joints + j]
         error[j] = state[j, 0] - (theta + later * (dtheta + 0.5 * later * ddtheta))
         error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
         error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
@@ -243,10 +244,11 @@ def _advance(m: Memory, s: Settings, room: _Room, lateness: float) -> None:
     rest = lateness - whole
     for step in range(whole):
         for j in range(joints):
-            torque[j, 0] = (1.0 - rest) * m.commands[whole - step - 1, j] + rest * m.commands[whole - step, j]
+            sent = (1.0 - rest) * m.commands[whole - step - 1, j] + rest * m.commands[whole - step, j]
+            torque[j, 0] = sent + m.z[len(m.z) - 1 - joints + j]
         hold(state, torque, line, constants, s.substep, s.substeps)
     if rest > 0.0:
-        torque[:, 0] = m.commands[0]
+        torque[:, 0] = m.commands[0] + m.z[len(m.z) - 1 - joints : len(m.z) - 1]
         hold(state, torque, line, constants, rest * s.substep, s.substeps)
 
 

@@ -28,6 +28,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     BELIEF,
     BELIEFS,
     CAUTIOUS,
+    FACTORS,
     FORCES,
     affine_constants,
     allowed,
@@ -65,6 +66,7 @@ class Beliefs:
         payload, payload_deviation: at the tip [kg], (...).
         factors, factors_deviation: of the known arm, by name, (..., 2): stiffness, damping, friction, mass,
             motor_inertia.
+        offset, offset_deviation: torques beside the motors' [N m], (..., 2).
         lateness, lateness_deviation: from a command to the motors [s], (...).
         encoder_noise: standard deviation of the noise that is read in the angles [rad], (..., 2).
         surprise: mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
@@ -77,6 +79,8 @@ class Beliefs:
     payload_deviation: np.ndarray
     factors: dict[str, np.ndarray]
     factors_deviation: dict[str, np.ndarray]
+    offset: np.ndarray
+    offset_deviation: np.ndarray
     lateness: np.ndarray
     lateness_deviation: np.ndarray
     encoder_noise: np.ndarray
@@ -146,14 +150,15 @@ class AdaptiveObserverPolicy(Policy):
         travel = np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
         H = np.concatenate([travel[..., np.newaxis], np.broadcast_to(np.eye(2), (*shape, 2, 2))], axis=-1)
         force_covariance = H @ covariance[..., :FORCES, :FORCES] @ np.swapaxes(H, -1, -2)
-        names = ("stiffness", "damping", "friction", "mass", "motor_inertia")
         return Beliefs(
             force=(H @ p[..., :FORCES, np.newaxis])[..., 0],
             force_deviation=np.sqrt(np.maximum(np.diagonal(force_covariance, axis1=-2, axis2=-1), 0.0)),
             payload=p[..., BELIEF.payload][..., 0],
             payload_deviation=deviation[..., BELIEF.payload][..., 0],
-            factors={name: p[..., getattr(BELIEF, name)] for name in names},
-            factors_deviation={name: deviation[..., getattr(BELIEF, name)] for name in names},
+            factors={name: p[..., getattr(BELIEF, name)] for name in FACTORS},
+            factors_deviation={name: deviation[..., getattr(BELIEF, name)] for name in FACTORS},
+            offset=p[..., BELIEF.offset],
+            offset_deviation=deviation[..., BELIEF.offset],
             lateness=self.control_period * p[..., BELIEF.lateness][..., 0],
             lateness_deviation=self.control_period * deviation[..., BELIEF.lateness][..., 0],
             encoder_noise=np.sqrt(own[..., _MEMORY.noise]),
@@ -174,7 +179,8 @@ class AdaptiveObserverPolicy(Policy):
         factor_steps = np.full(BELIEFS - BELIEF.payload.stop, _FACTOR_STEP)
         state_steps = np.repeat([_ANGLE_STEP, _VELOCITY_STEP], 2 * JOINTS)
         cautious = np.zeros(_STATES + BELIEFS, dtype=np.bool_)
-        cautious[_STATES:][CAUTIOUS] = True
+        for name in CAUTIOUS:
+            cautious[_STATES:][getattr(BELIEF, name)] = True
         return Settings(
             feedback=feedback_table(arm, period, weights),
             base=base,

@@ -38,6 +38,7 @@ class AdaptiveWeights:
         first_damping: of the factors of joint damping.
         first_friction: of the factors of dry friction.
         first_inertia: of the factors of link masses and of motor inertias.
+        first_offset: of the torques beside the motors', share of the torque limit.
         first_lateness: of the lateness [control periods].
         first_link_angle: of the link angles [rad].
         gate: squared standardised innovation above which a sample counts less.
@@ -61,6 +62,7 @@ class AdaptiveWeights:
     first_damping: float = 0.3
     first_friction: float = 0.3
     first_inertia: float = 0.06
+    first_offset: float = 0.01
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
     gate: float = 4.0
