@@ -1,7 +1,7 @@
 """The adaptive observer with its adaptation frozen: the loop whose margins `fuzzyarm margins` measures.
 
-The constants of the arm, the payload and the lateness stay at p_0; state and tip force are corrected with the gains that
-the filter has along the paper's path without load or noise, taken at the nearest posture:
+The constants of the arm, the payload and the lateness stay at p_0; state and tip force are corrected with the gains
+that the filter has along the paper's path without load or noise, taken at the nearest posture:
 
     (x, F) ← (x, F) + L (y - (θ, θ̇)).
 
