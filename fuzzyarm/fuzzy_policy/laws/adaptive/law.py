@@ -53,14 +53,21 @@ class _Room(NamedTuple):
     link_torque: Any  # τ_d of each kept reference (KEPT, n)
     travel: Any  # direction of travel of each, then the next one (KEPT + 1, space)
     directions: Any  # force line of each unit force (FORCE_ROWS, FORCES)
+    line: Any  # force line of the known force (FORCE_ROWS,)
     joints: Any  # (4, n), for short use
     error: Any  # (4 n,)
     gain: Any  # K (n, 4 n)
 
 
 @kernel
-def estimate_and_act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, settings: Settings) -> None:
-    """Fill `torque` (lanes, n), not clipped, and advance `memory` in place; nan for lanes whose filter has diverged."""
+def estimate_and_act(
+    observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray, settings: Settings
+) -> None:
+    """Fill `torque` (lanes, n), not clipped, and advance `memory` in place; nan for lanes whose filter has diverged.
+
+    `known` (lanes, `KEPT` + 1, space) is a tip force [N] known beforehand, which the estimated one adds to: at this
+    sample, at those before it, and at the next one.
+    """
     joints, s = torque.shape[1], settings
     room = room_for(joints, len(s.spread), len(s.base))
     o = observed(observation)
@@ -70,7 +77,7 @@ def estimate_and_act(observation: np.ndarray, memory: np.ndarray, torque: np.nda
         if m.flags[FLAG.lost] == 0.0:
             _correct(lane, o, m, s, room)
             if m.flags[FLAG.lost] == 0.0:
-                act_on_estimate(m, s, room, torque[lane])
+                act_on_estimate(m, s, room, known[lane], torque[lane])
                 _predict(m, s, room)
                 if not np.isfinite(np.sum(torque[lane])):
                     m.flags[FLAG.lost] = 1.0
@@ -93,6 +100,7 @@ def room_for(joints: int, size: int, constants: int) -> _Room:
         np.empty((KEPT, joints)),
         np.empty((KEPT + 1, SPACE)),
         directions,
+        np.zeros(FORCE_ROWS),
         np.empty((4, joints)),
         np.empty(4 * joints),
         np.empty((joints, 4 * joints)),
@@ -114,9 +122,9 @@ def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: _Ro
 
 
 @register_jitable
-def act_on_estimate(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
+def act_on_estimate(m: Memory, s: Settings, room: _Room, known: np.ndarray, torque: np.ndarray) -> None:
     """Fill the torque for z, and what of it the next step needs."""
-    _desire(m, s, room)
+    _desire(m, s, room, known)
     _command(m, s, room, torque)
 
 
@@ -144,10 +152,12 @@ def _begin(m: Memory, s: Settings, room: _Room) -> None:
     states = 4 * joints
     for k in range(1, KEPT):
         m.references[k] = m.references[0]
-    m.P[:] = 0.0
-    for i in range(len(m.z)):
+    # What an earlier pass has taught is kept, but for the loads, which begin anew.
+    known = states + FORCES if m.flags[FLAG.taught] != 0.0 else len(m.z)
+    m.P[:known], m.P[:, :known] = 0.0, 0.0
+    for i in range(known):
         m.P[i, i] = s.spread[i] * s.spread[i]
-    m.z[states:] = s.guess
+    m.z[states:known] = s.guess[: known - states]
     still, bent, link, force = room.joints[0], room.joints[1], m.z[joints : 2 * joints], room.travel[0]
     still[:], force[:] = 0.0, 0.0
     for j in range(joints):
@@ -164,7 +174,7 @@ def _begin(m: Memory, s: Settings, room: _Room) -> None:
 
 
 @register_jitable
-def _desire(m: Memory, s: Settings, room: _Room) -> None:
+def _desire(m: Memory, s: Settings, room: _Room, known: np.ndarray) -> None:
     """Fill the constants of p, the directions of travel, their force lines, and τ_d of the kept references."""
     joints, period = len(m.noise), s.substep * s.substeps
     p = m.z[4 * joints :]
@@ -174,7 +184,7 @@ def _desire(m: Memory, s: Settings, room: _Room) -> None:
         q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
         tip_direction(q, dq, room.constants, room.travel[k])
         for i in range(SPACE):
-            force[i] = p[0] * room.travel[k, i] + p[1 + i]
+            force[i] = known[k, i] + p[0] * room.travel[k, i] + p[1 + i]
         link_torque(q, dq, ddq, force, room.constants, room.link_torque[k])
     for j in range(joints):
         dq, ddq = m.references[0, 1, j], m.references[0, 2, j]
@@ -184,6 +194,7 @@ def _desire(m: Memory, s: Settings, room: _Room) -> None:
     for i in range(SPACE):
         now, then = room.travel[0, i], room.travel[KEPT, i]
         room.directions[i, 0], room.directions[SPACE + i, 0] = 0.5 * (now + then), then - now
+        room.line[i], room.line[SPACE + i] = 0.5 * (known[0, i] + known[KEPT, i]), known[KEPT, i] - known[0, i]
 
 
 @register_jitable
@@ -237,7 +248,7 @@ def _advance(m: Memory, s: Settings, room: _Room, lateness: float) -> None:
     joints = len(torque)
     state[:, 0], constants[:, 0] = m.z[: len(state)], room.constants
     for i in range(FORCE_ROWS):
-        line[i, 0] = 0.0
+        line[i, 0] = room.line[i]
         for j in range(FORCES):
             line[i, 0] += room.directions[i, j] * m.z[len(state) + j]
     whole = int(lateness)
@@ -267,6 +278,7 @@ def _predict(m: Memory, s: Settings, room: _Room) -> None:
         m.P,
         applied,
         slope,
+        room.line,
         room.directions,
         room.constants,
         s.slopes,

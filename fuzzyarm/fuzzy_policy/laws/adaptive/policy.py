@@ -30,6 +30,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     CAUTIOUS,
     FACTORS,
     FORCES,
+    SPACE,
     affine_constants,
     allowed,
     first_guess,
@@ -38,7 +39,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import estimate_and_act
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, layout
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
@@ -123,7 +124,11 @@ class AdaptiveObserverPolicy(Policy):
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
-        estimate_and_act(observation, memory, torque, self.settings)
+        self.act_with(observation, memory, torque, np.zeros((len(observation), KEPT + 1, SPACE)))
+
+    def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
+        """Do what `act` does where a part of the tip force is known beforehand, see `law.estimate_and_act`."""
+        estimate_and_act(observation, memory, torque, known, self.settings)
         lost = memory[:, FLAG.lost] != 0.0
         if lost.any():
             seen, kept, answer = observation[lost], memory[lost, _OWN:], torque[lost]
