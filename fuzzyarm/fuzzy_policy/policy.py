@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.scenario.reference import JointReference
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
-__all__ = ["Policy", "Predictor"]
+__all__ = ["Policy", "Predictor", "Repeated"]
 
 
 class Predictor(Protocol):
@@ -31,6 +31,14 @@ class Predictor(Protocol):
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
         """Return the action (2,) or (lanes, 2) [N m] and the next state."""
+        ...
+
+
+class Repeated(Predictor, Protocol):
+    """A policy that learns from one pass over a path for the next; what it has learned is in its state."""
+
+    def begin_pass(self, state: Any) -> Any:
+        """Return the state with which the next pass begins, from the last one of this pass."""
         ...
 
 
@@ -74,6 +82,10 @@ class Policy(abc.ABC):
 
     def certificate(self, reference: JointReference) -> PolicyCertificate | None:
         """Return what is proven of this policy along a reference; None where nothing is."""
+        return None
+
+    def repeated(self) -> Repeated | None:
+        """Return this policy for passes over one path again and again; None where it learns nothing from them."""
         return None
 
     def predict(

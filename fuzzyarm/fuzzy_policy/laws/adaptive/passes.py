@@ -1,18 +1,19 @@
 """Again over the same path: what the adaptive observer learns of the load in one pass, it expects in the next.
 
-A pass is an episode along one reference. Beside its filter, a state keeps of every sample the estimated force at the tip
-and its variances. `begin_pass` makes of them the force that is expected at every sample of the next pass: the force that
-was expected plus the estimated ones, smoothed backward in time (Rauch, Tung and Striebel, for each force alone),
+A pass is an episode along one reference. Beside its filter, a state keeps of every sample the estimated force at the
+tip and its variances. `begin_pass` makes of them the force that is expected at every sample of the next pass: the force
+that was expected plus the estimated ones, smoothed backward in time (Rauch, Tung and Striebel, each force alone),
 
     x_s(k) = x(k) + P(k)/(P(k) + Q) (x_s(k+1) - x(k)),
 
-and then by a Butterworth filter of no phase. The constants of the arm, the payload and the lateness go on where they were,
-with `FORGETTING` times their standard deviation, at most the first one.
+and then by a Butterworth filter of no phase. The constants of the arm, the payload and the lateness go on where they
+were, with `FORGETTING` times their standard deviation, at most the first one.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -21,11 +22,13 @@ from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS, FORCES, SPACE
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, layout
-from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+
+if TYPE_CHECKING:
+    from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 __all__ = ["AdaptivePasses", "PassState"]
 
-FORGETTING = 1.3
+FORGETTING = 0.5
 CUT_OFF = 50.0  # Hz, of the Butterworth filter of the expected force
 ORDER = 2
 SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path

@@ -40,6 +40,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import estimate_and_act
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout
+from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
@@ -134,6 +135,10 @@ class AdaptiveObserverPolicy(Policy):
             seen, kept, answer = observation[lost], memory[lost, _OWN:], torque[lost]
             self.fallback.act(seen, kept, answer)
             memory[lost, _OWN:], torque[lost] = kept, answer
+
+    def repeated(self) -> AdaptivePasses:
+        """Return this policy for passes over one path again and again."""
+        return AdaptivePasses(self)
 
     def without_dry_friction(self) -> FrozenObserver:
         """Return this policy with its adaptation frozen, for the same arm without dry friction."""

@@ -49,10 +49,10 @@ class AdaptiveWeights:
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
-    link_angle: float = 0.005
+    link_angle: float = 0.003
     link_velocity: float = 1.57
     motor_torque: float = 6e-4
-    travel_walk: float = 1.0
+    travel_walk: float = 2.0
     force_walk: float = 0.2
     encoder_angle: float = 2e-5
     encoder_velocity: float = 2e-3
@@ -65,7 +65,7 @@ class AdaptiveWeights:
     first_offset: float = 0.01
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
-    gate: float = 4.0
+    gate: float = 2.0
     dead_zone: float = 12.0
 
     def __post_init__(self) -> None:
