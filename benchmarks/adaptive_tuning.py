@@ -6,15 +6,16 @@ Objective: the largest tip error, on average over the arms of each of `GROUPS` a
 the nominal arm without load and with encoder noise, all in mm; an arm that is lost counts as `LOST`. Arms follow random
 circles, lemniscates and lines that take at most `FEASIBLE` of the torque limits under the heaviest load, with a payload
 of up to 5 kg, half of them under a force in a random direction from a random instant on, half under one against the
-direction of travel, both up to 250 N. The arms of the first group are the known one. Those of the second have masses and
-motor inertias within 10 % of it, stiffness within 20 %, damping and friction within 50 %, torque constants within 10 %.
-Those of the third have that, encoder noise of up to twice the README's, and commands of up to two periods late. The
-paper's circle and Cases 2 and 3 play no part.
+direction of travel, both up to 250 N. The arms of the first group are the known one. Those of the second have masses
+and motor inertias within 10 % of it, stiffness within 20 %, damping and friction within 50 %, torque constants within
+10 %. Those of the third have that, encoder noise of up to twice the README's, and commands of up to two periods late.
+The paper's circle and Cases 2 and 3 play no part.
 
 Searched are the weights of `BOX`. The others say what is known beforehand (how far an arm may be from what is known),
 and stay.
 
-Search: a Sobol set in the logarithms of `BOX`, then Nelder-Mead from its best point and from the weights in use. Seeded.
+Search: a Sobol set in the logarithms of `BOX`, then Nelder-Mead from its best point and from the weights in use.
+Seeded.
 """
 
 from __future__ import annotations

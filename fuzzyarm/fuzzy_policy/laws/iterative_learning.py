@@ -3,9 +3,9 @@
     u_j(k) = u_ff(k) + v_j(k) + w_j(k),     w_(j+1) = Q (w_j + v_j),     w_1 = 0.
 
 v_j is what the law adds to its feedforward in pass j, w_j what has been learned, Q a Butterworth filter of no phase.
-With T the closed loop from a torque at the motors to minus the law's answer, w_(j+1) = Q ((1 - T) w_j + T d) for a repeating
-torque d, which converges where |Q (1 - T)| < 1. It measures the motors alone, as every policy: it brings the motors to
-where they belong without load, and leaves the bending that a load adds.
+With T the closed loop from a torque at the motors to minus the law's answer, w_(j+1) = Q ((1 - T) w_j + T d) for a
+repeating torque d, which converges where |Q (1 - T)| < 1. It measures the motors alone, as every policy: it brings the
+motors to where they belong without load, and leaves the bending that a load adds.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LearnedTorque", "TorqueLearning"]
 
-CUT_OFF = 20.0  # Hz, of Q
+CUT_OFF = 5.0  # Hz, of Q; with 10 Hz and more the payload case diverges
 ORDER = 2
 PADDING = 60  # samples
 
