@@ -54,7 +54,7 @@ BOX = {
     "gate": (1.0, 8.0),
     "dead_zone": (6.0, 40.0),
 }
-SOBOL, SEARCHES, EVALUATIONS = 32, 2, 50
+SOBOL, SEARCHES, EVALUATIONS = 16, 2, 50
 FIRST_STEP = math.log(1.5)
 DIGITS = 2
 LANES, TUNING_SEED, HOLD_OUT_SEEDS = 48, 11, (12, 13, 14)

@@ -157,6 +157,8 @@ def _begin(m: Memory, s: Settings, room: _Room) -> None:
     m.P[:known], m.P[:, :known] = 0.0, 0.0
     for i in range(known):
         m.P[i, i] = s.spread[i] * s.spread[i]
+        for j in range(known):
+            m.P[i, j] += s.shared[i] * s.shared[j]
     m.z[states:known] = s.guess[: known - states]
     still, bent, link, force = room.joints[0], room.joints[1], m.z[joints : 2 * joints], room.travel[0]
     still[:], force[:] = 0.0, 0.0

@@ -189,6 +189,9 @@ class AdaptiveObserverPolicy(Policy):
         factor_steps = np.full(BELIEFS - BELIEF.payload.stop, _FACTOR_STEP)
         state_steps = np.repeat([_ANGLE_STEP, _VELOCITY_STEP], 2 * JOINTS)
         cautious = np.zeros(_STATES + BELIEFS, dtype=np.bool_)
+        shared = np.zeros(_STATES + BELIEFS)
+        for name in FACTORS:
+            shared[_STATES:][getattr(BELIEF, name)] = weights.first_scale
         for name in CAUTIOUS:
             cautious[_STATES:][getattr(BELIEF, name)] = True
         return Settings(
@@ -197,6 +200,7 @@ class AdaptiveObserverPolicy(Policy):
             slopes=slopes,
             guess=first_guess(),
             spread=np.concatenate([np.repeat(first_state, JOINTS), first_spread(arm, weights)]),
+            shared=shared,
             low=low,
             high=high,
             noise=np.concatenate([still, still, shake, still, walks(arm, weights)]) ** 2 * period,
