@@ -9,12 +9,10 @@ import numpy as np
 from gymnasium import spaces
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.block import ANGLE_ROOM, VELOCITY_ROOM
+from fuzzyarm.envs.batch.reporting import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.tables import MAX_ACCELERATION
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import State
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import size
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
@@ -23,7 +21,6 @@ from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = [
     "RESET_OPTIONS",
-    "STATE_SIZE",
     "action_space",
     "check_options",
     "checked_arm",
@@ -35,7 +32,6 @@ __all__ = [
     "real_numbers",
 ]
 
-STATE_SIZE = size(State)  # numbers in `initial_state`
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
 """What the `options` of `reset` may hold."""
 
@@ -86,14 +82,15 @@ def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:
 
 
 def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
-    """Return a given start (8,), angles [rad] and velocities [rad/s], checked against the box (25)."""
-    p, state = parameters, real_numbers("initial_state", given)
-    high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(STATE_SIZE)
-    if state.shape != (STATE_SIZE,) or not np.all(np.abs(state) <= high):
+    """Return a given start (4 joints,), angles [rad] and velocities [rad/s], checked against the limits."""
+    angle, velocity, _ = _limits(parameters)
+    bounds = np.concatenate([angle, angle, velocity, velocity], axis=-1)
+    state = real_numbers("initial_state", given)
+    if state.shape != bounds[0].shape or not np.all((state >= bounds[0]) & (state <= bounds[1])):
+        numbers = checks.shown(np.asarray(given).tolist())
         raise ValueError(
-            f"initial_state = {checks.shown(np.asarray(given).tolist())} must be 8 finite numbers: motor "
-            f"angles, link angles (each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= "
-            f"{p.velocity_limit} rad/s)"
+            f"initial_state = {numbers} must be {len(bounds[0])} finite numbers: motor angles, link angles (each "
+            f"{_range('q', angle)} rad), motor velocities, link velocities ({_range('dq', velocity)} rad/s)"
         )
     return state
 
@@ -115,14 +112,33 @@ def real_numbers(name: str, given: Any) -> np.ndarray:
 
 def action_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
     """Return the motor torques that the strongest of these arms can give."""
-    limit = np.max([arm.torque_limit for arm in parameters], axis=0).astype(np.float32)
+    limit = np.max([_limits(arm)[2][1] for arm in parameters], axis=0).astype(np.float32)
     return spaces.Box(-limit, limit)
 
 
 def observation_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
     """Return what may be observed of these arms."""
-    q = np.max([arm.joint_limit for arm in parameters], axis=0)
-    dq = np.max([arm.velocity_limit for arm in parameters], axis=0)
-    # Motor readings get room beyond the box (25): the observation that ends an episode lies outside it.
-    high = np.concatenate([ANGLE_ROOM * q, VELOCITY_ROOM * dq, q, dq, np.full(JOINTS, MAX_ACCELERATION)])
-    return spaces.Box(-high, high, dtype=np.float64)
+    limits = [_limits(arm) for arm in parameters]
+    low, high = (pick([each[0][end] for each in limits], axis=0) for end, pick in enumerate((np.min, np.max)))
+    dq = np.max([velocity[1] for _, velocity, _ in limits], axis=0)
+    # Motor readings get room beyond the limits: the observation that ends an episode lies outside of them.
+    room, ddq = ANGLE_ROOM * (high - low), np.full_like(dq, MAX_ACCELERATION)
+    lowest = np.concatenate([low - room, -VELOCITY_ROOM * dq, low, -dq, -ddq])
+    highest = np.concatenate([high + room, VELOCITY_ROOM * dq, high, dq, ddq])
+    return spaces.Box(lowest, highest, dtype=np.float64)
+
+
+def _limits(arm: ArmParameters) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return lowest and highest angles [rad], velocities [rad/s] and torques [N m] of an arm, (2, joints) each."""
+    physics = equations_of(arm)
+    limits = physics.limits(physics.plant_of(arm))
+    velocity, torque = np.array(limits.velocity), np.array(limits.torque)
+    return np.array(physics.angle_range(limits)), np.array([-velocity, velocity]), np.array([-torque, torque])
+
+
+def _range(name: str, bounds: np.ndarray) -> str:
+    """Return what a message says of the range (2, joints) of a quantity."""
+    low, high = bounds.tolist()
+    if np.array_equal(bounds[0], -bounds[1]):
+        return f"|{name}| <= {tuple(high)}"
+    return f"{tuple(low)} <= {name} <= {tuple(high)}"

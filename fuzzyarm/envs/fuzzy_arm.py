@@ -1,8 +1,9 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as two numbers,
-the block `layout.Work` in the kernel `kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that
-`integrator.step` advances. The results go back through the block into the observation and the dictionary `info`.
+An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as a tuple, the
+block `Layout.Work` in the kernel `Kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that `Physics.step`
+advances: for two joints `integrator.step`. The results go back through the block into the observation and the
+dictionary `info`.
 """
 
 from __future__ import annotations
@@ -27,11 +28,9 @@ from fuzzyarm.envs.arguments import (
     observation_space,
     real_numbers,
 )
-from fuzzyarm.envs.batch import kernels
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
+from fuzzyarm.envs.batch.layout import INFO, SCALARS, VECTORS
 from fuzzyarm.envs.film import Film
-from fuzzyarm.envs.observation import JOINTS, SIZE
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
@@ -42,10 +41,8 @@ from fuzzyarm.envs.termination import Termination
 
 __all__ = ["FuzzyArmEnv"]
 
-# Places of the vectors; plain numbers, for speed.
-_TIP, _TIP_REFERENCE, _Q_MOTOR, _DQ_MOTOR, _Q_LINK, _DQ_LINK, _TORQUE, _FRICTION, _FORCE = range(len(VECTORS))
+_COUNTS = {2: "two", 3: "three"}
 _DOUBLE, _SINGLE = np.dtype(np.float64), np.dtype(np.float32)
-_ACTION_SHAPE, _VECTORS_SHAPE = (JOINTS,), (len(VECTORS), PLANAR)
 
 
 class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -150,6 +147,8 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             substeps=self.substeps,
             randomisation=drawn,
         )
+        self._kernels, layout = self._lanes.kernels, self._lanes.layout
+        self._shapes, self._places = (layout.observed, (len(VECTORS), layout.longest)), layout.vector_places
         self._extras = drawn.varies or render_mode is not None
         self.action_space = action_space([self.parameters])
         self.observation_space = observation_space([self.parameters])
@@ -201,54 +200,52 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._arm = self._lanes.arrays
         self._begun = True
         self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
-        observations, vectors, scalars = split(results)
+        observations, vectors, scalars = self._lanes.layout.split(results)
         numbers = dict(zip(SCALARS, scalars[:, 0].tolist(), strict=True))
-        info = dict(zip(VECTORS, vectors[:, 0], strict=True)) | numbers
+        info = self._lanes.layout.named(vectors[:, 0]) | numbers
         # A start outside the box ends with the first step.
         info["in_domain"], info["torque_clipped"] = numbers["reason"] == Termination.NONE, False
         info = {name: info[name] for name in INFO}
         self._ended = False
         if self._extras:
-            self._complete(info)
+            self._complete(info, vectors[:, 0])
         return observations[0], info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Hold the torques `action` [N m] for one control period."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        observation, vectors = empty(SIZE), empty(_VECTORS_SHAPE)
+        advance, (observed, shape) = self._kernels.advance_one, self._shapes
+        observation, vectors = empty(observed), empty(shape)
         values, clock, table, period, substeps = self._arm
         # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
         try:
             kind = action.dtype  # compiled code would take texts and dates for numbers
-            torque1, torque2 = action.tolist() if kind is _DOUBLE or kind is _SINGLE else self._two_numbers(action)
-            scalars = kernels.advance_one(
-                values, clock, table, period, substeps, torque1, torque2, observation, vectors
-            )
-        except (AttributeError, TypeError, ValueError):  # no array of two numbers
-            torque1, torque2 = self._two_numbers(action)
-            scalars = kernels.advance_one(
-                values, clock, table, period, substeps, torque1, torque2, observation, vectors
-            )
+            torque = tuple(action.tolist()) if kind is _DOUBLE or kind is _SINGLE else self._numbers(action)
+            scalars = advance(values, clock, table, period, substeps, torque, observation, vectors)
+        except (AttributeError, TypeError, ValueError):  # no array of as many numbers as joints
+            torque = self._numbers(action)
+            scalars = advance(values, clock, table, period, substeps, torque, observation, vectors)
         time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
         if reason < 0:
-            limit = list(self.parameters.torque_limit)
-            raise ValueError(f"action = {[torque1, torque2]} N m is not finite; allowed: ±{limit} N m")
+            limit = self._lanes.torque_limit(0)
+            raise ValueError(f"action = {list(torque)} N m is not finite; allowed: ±{limit} N m")
         self._ended = truncated or reason > 0
+        tip, tip_reference, q_motor, dq_motor, q_link, dq_link, applied, friction, force = self._places
         info = {
             "time": time,
-            "tip": vectors[_TIP],
-            "tip_reference": vectors[_TIP_REFERENCE],
+            "tip": vectors[tip],
+            "tip_reference": vectors[tip_reference],
             "tip_error": error,
             "circularity_error": circularity,
             "circularity_error_motor": motor,
-            "q_link": vectors[_Q_LINK],
-            "dq_link": vectors[_DQ_LINK],
-            "q_motor": vectors[_Q_MOTOR],
-            "dq_motor": vectors[_DQ_MOTOR],
-            "torque": vectors[_TORQUE],
-            "friction_torque": vectors[_FRICTION],
-            "external_force": vectors[_FORCE],
+            "q_link": vectors[q_link],
+            "dq_link": vectors[dq_link],
+            "q_motor": vectors[q_motor],
+            "dq_motor": vectors[dq_motor],
+            "torque": vectors[applied],
+            "friction_torque": vectors[friction],
+            "external_force": vectors[force],
             "in_domain": reason == 0,
             "torque_clipped": clipped,
             "reward_tracking": tracking,
@@ -257,7 +254,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if reason:
             info["reason"] = Termination(reason).text
         if self._extras:
-            self._complete(info)
+            self._complete(info, vectors)
         return observation, reward, reason > 0, truncated, info
 
     def render(self) -> np.ndarray | None:
@@ -272,22 +269,21 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Close the window, if there is one."""
         self._film.close()
 
-    @staticmethod
-    def _two_numbers(action: Any) -> list[float]:
-        """Return what was given for an action as two floats, or raise ValueError."""
-        array = np.asarray(action)
-        if array.shape != _ACTION_SHAPE:
-            raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
+    def _numbers(self, action: Any) -> tuple[float, ...]:
+        """Return what was given for an action as floats, or raise ValueError."""
+        array, joints = np.asarray(action), self._lanes.physics.joints
+        words = _COUNTS.get(joints, str(joints))
+        if array.shape != (joints,):
+            raise ValueError(f"action has shape {array.shape}; it must be ({joints},): the {words} motor torques [N m]")
         try:
-            numbers: list[float] = real_numbers("action", array).tolist()
+            numbers = tuple(real_numbers("action", array).tolist())
         except TypeError as error:
-            raise ValueError(f"action = {checks.shown(action)} must be two real numbers [N m]: {error}") from None
+            raise ValueError(f"action = {checks.shown(action)} must be {words} real numbers [N m]: {error}") from None
         return numbers
 
-    def _complete(self, info: dict[str, Any]) -> None:
+    def _complete(self, info: dict[str, Any], vectors: np.ndarray) -> None:
         """Add what the episode drew, and let the renderer follow."""
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:
-            vectors = np.array([info[name] for name in VECTORS])
             self._film.follow(info["time"], vectors, self._lanes.schedule(0)[1], self._ended)

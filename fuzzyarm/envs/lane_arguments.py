@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.arguments import STATE_SIZE, initial_state, real_numbers
+from fuzzyarm.envs.arguments import initial_state, real_numbers
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import size
 
 __all__ = ["each_lane", "initial_states", "per_lane", "seeds_of"]
 
@@ -44,13 +46,14 @@ def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
 
 
 def initial_states(given: Any, plants: Sequence[ArmParameters], lanes: int) -> np.ndarray:
-    """Return checked starts (lanes, 8), see `arguments.initial_state`, from one (8,) or one per lane.
+    """Return checked starts (lanes, 4 joints), see `arguments.initial_state`, from one (4 joints,) or one per lane.
 
     Raises:
         ValueError: a start has another shape or is out of the box of its plant.
     """
     states = real_numbers("initial_state", given)
-    one, all_lanes = (STATE_SIZE,), (lanes, STATE_SIZE)
+    numbers = size(equations_of(plants[0]).State)
+    one, all_lanes = (numbers,), (lanes, numbers)
     if states.shape not in (one, all_lanes):
         raise ValueError(f"initial_state has shape {states.shape}; allowed: {one} or {all_lanes}")
     rows = [states] if states.ndim == 1 else list(states)

@@ -23,9 +23,8 @@ from fuzzyarm.envs.arguments import (
 )
 from fuzzyarm.envs.autoreset import RESET_MASK, chosen_mode, masked_lanes
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
+from fuzzyarm.envs.batch.layout import INFO, SCALARS
 from fuzzyarm.envs.lane_arguments import each_lane, initial_states, per_lane, seeds_of
-from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
@@ -142,22 +141,23 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seeds is not None and not isinstance(seed, Sequence | np.ndarray):
             super().reset(seed=seeds[0])
         if which is None:
-            observation, vectors, scalars = split(self._lanes.reset(seeds, scenarios, initial))
+            observation, vectors, scalars = self._lanes.layout.split(self._lanes.reset(seeds, scenarios, initial))
             self._begun, self._over = True, None
             return observation, self._info(vectors, scalars)
         return self._reset_some(which, seeds, scenarios, initial)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Hold the torques `actions` (num_envs, 2) [N m] for one control period."""
+        """Hold the torques `actions` (num_envs, joints) [N m] for one control period."""
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
         given = np.asarray(actions)
-        if given.shape != (self.num_envs, JOINTS):
-            needed = (self.num_envs, JOINTS)
+        needed = self.num_envs, self._lanes.physics.joints
+        if given.shape != needed:
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
         torque = real_numbers("actions", given)
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
+        split = self._lanes.layout.split
         observation, vectors, scalars = split(self._lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
@@ -167,7 +167,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._mode is not AutoresetMode.SAME_STEP:
             self._over = which
             return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **reasons(scalars)}
-        final = final_info(observation, vectors, scalars, self._lanes.randomisation_info(), ended)
+        final = final_info(observation, self._named(vectors), scalars, self._lanes.randomisation_info(), ended)
         reward = reward.copy()
         observation[which], vectors[:, which], scalars[:, which] = split(self._lanes.restart(which))
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
@@ -214,9 +214,12 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._everywhere.flags.writeable = False  # one mask serves every key of every info
         self._masks = {f"_{key}": self._everywhere for key in INFO}
 
+    def _named(self, vectors: np.ndarray) -> dict[str, np.ndarray]:
+        return self._lanes.layout.named(vectors)
+
     def _info(self, vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
         """Return info of every lane."""
-        info = values(vectors, scalars)
+        info = values(self._named(vectors), scalars)
         info.update(self._masks)
         if self._randomisation.varies:
             drawn = masked(self._lanes.randomisation_info(), self._everywhere)
@@ -233,7 +236,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"the episode is over in lanes {lanes}: call envs.reset(options={{{RESET_MASK!r}: terminated | "
                 "truncated}) before envs.step()"
             )
-        observation, vectors, scalars = split(self._lanes.step_or_restart(torque, over))
+        observation, vectors, scalars = self._lanes.layout.split(self._lanes.step_or_restart(torque, over))
         info = self._info(vectors, scalars)
         # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
         scalars = scalars.copy()
@@ -255,12 +258,14 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             scenarios = [scenarios[lane] for lane in which]
         theirs = None if seeds is None else [seeds[lane] for lane in which]
         results = self._lanes.reset(theirs, scenarios, None if initial is None else initial[which], which)
-        vectors, scalars = np.zeros((len(VECTORS), self.num_envs, PLANAR)), np.zeros((len(SCALARS), self.num_envs))
-        _, vectors[:, which], scalars[:, which] = split(results)
+        layout = self._lanes.layout
+        _, vectors, scalars = layout.split(np.zeros(layout.width * self.num_envs))
+        _, vectors[:, which], scalars[:, which] = layout.split(results)
         begun = np.isin(np.arange(self.num_envs), which)
         waiting = np.setdiff1d([] if self._over is None else self._over, which)
         self._begun, self._over = True, waiting if len(waiting) else None
-        return self._lanes.observation(), partial_info(vectors, scalars, self._lanes.randomisation_info(), begun)
+        drawn = self._lanes.randomisation_info()
+        return self._lanes.observation(), partial_info(self._named(vectors), scalars, drawn, begun)
 
     def _per_lane(self, name: str, value: Any) -> list[Any]:
         """Return a list of one entry for all lanes, or of one per lane."""

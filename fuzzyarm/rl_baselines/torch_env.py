@@ -24,9 +24,8 @@ from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import check_reference
-from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.periods import checked_periods
-from fuzzyarm.envs.physics.dynamics import plant_of
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
@@ -34,8 +33,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.rl_baselines.torch_compile import announced_compilation, compile_step
 from fuzzyarm.rl_baselines.torch_numbers import Table
 from fuzzyarm.rl_baselines.torch_step import (
-    ANGLES,
-    STATE_SIZE,
+    Equations,
     Lanes,
     Shared,
     advance,
@@ -131,7 +129,9 @@ class TorchFuzzyArm:
         with torch.inference_mode(False):  # tensors of either mode can be written in it, its own in no other
             self._shared = self._build(chosen_disturbance(case, disturbance), reference)
             zeros = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
-            count = STATE_SIZE + (ANGLES if dtype == torch.float32 else 0)  # float32 angles have a rest each
+            equations = self._shared.equations
+            # float32 angles have a rest each
+            count = equations.numbers + (equations.angles if dtype == torch.float32 else 0)
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
             self._lanes = Lanes(tuple(numbers), zeros, zeros.clone())
         self._advance = compile_step(advance) if compiled else advance
@@ -140,7 +140,7 @@ class TorchFuzzyArm:
     @property
     def state(self) -> Tensor:
         """The true states (n, 8), noise-free, in the order of `State`: motor and link angles [rad], velocities."""
-        return torch.stack(self._lanes.numbers[:STATE_SIZE], dim=-1)
+        return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:
         """Return what the episodes under way drew, by quantity: (n, 2) for one value per joint, else (n,)."""
@@ -179,8 +179,8 @@ class TorchFuzzyArm:
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
         action = torch.as_tensor(_real(action), dtype=self.dtype, device=self.device)
-        if action.shape != (self.num_envs, JOINTS):
-            needed = (self.num_envs, JOINTS)
+        needed = self.num_envs, self._shared.equations.physics.joints
+        if action.shape != needed:
             raise ValueError(f"action has shape {tuple(action.shape)}; needed: {needed}, motor torques [N m]")
         with torch.no_grad():
             torque = action.detach().t().contiguous()
@@ -203,7 +203,7 @@ class TorchFuzzyArm:
 
     def _build(self, disturbance: Disturbance, reference: JointReference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
-        plant, payload, noise = plant_of(self.parameters), disturbance.payload, disturbance.encoder_noise
+        physics, payload, noise = equations_of(self.parameters), disturbance.payload, disturbance.encoder_noise
         own = chosen_reference(reference, self.randomisation, self.parameters)
         members = self.randomisation.references if own is None else (own,)
         for member in members:
@@ -212,17 +212,18 @@ class TorchFuzzyArm:
         steps = np.array([one.steps for one in built])
         like = torch.empty(0, dtype=self.dtype, device=self.device)
         return Shared(
-            plant=plant,
+            equations=Equations(physics),
+            plant=physics.plant_of(self.parameters),
             payload=checks.real("payload mass", payload.mass, "kg", low=0.0, high=LARGEST),
-            payload_radius=checks.real("payload radius", payload.radius(self.parameters), "m", low=0.0, high=LARGEST),
+            payload_place=physics.payload_place(payload, self.parameters),
             noise=Noise(0.0, 0.0) if noise is None else Noise(noise.position, noise.velocity),
-            ranges=tuple((float(low), float(high)) for low, high in self.randomisation.ranges),
+            ranges=tuple((float(low), float(high)) for low, high in self.randomisation.ranges(physics.joints)),
             period=self.control_period,
             substeps=self.substeps,
             spans=Table(np.stack([np.cumsum(steps) - steps, steps], axis=-1), like.to(torch.int64)),
             starts=Table(np.array([one.references[0] for one in built]), like),
             # What acts in a step, beside what the arm is compared with after it.
-            rows=Table(np.concatenate([by_step(one.table) for one in built]), like),
+            rows=Table(np.concatenate([by_step(one) for one in built]), like),
         )
 
 

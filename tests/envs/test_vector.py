@@ -21,12 +21,12 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import vector as wrappers
 from support.results import assert_identical, identical
+from support.two_joints import advance
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.batch.kernels import advance
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.integrator import BLOCK
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import BLOCK
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation

@@ -11,6 +11,7 @@ import numpy as np
 from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.layout import START, Noise, Start
 from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.scenario import Scenario
@@ -114,7 +115,7 @@ def tabulated(
     family: tuple[JointReference, ...],
     control_period: float,
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
-    """Return tables of scenarios, and by lane the schedule (n,) it begins with and its payload's radius (n,) [m].
+    """Return tables of scenarios, and by lane the schedule (n,) it begins with and its payload's place (n,).
 
     Args:
         scenarios: one for all n lanes, or one per lane.
@@ -124,7 +125,7 @@ def tabulated(
         control_period: [s].
 
     Raises:
-        ValueError: a reference does not fit the plant of its lane, or a payload has no distance from joint 2.
+        ValueError: a reference does not fit the plant of its lane, or a payload has no place on it.
     """
     kinds, scenario_of = distinct(scenarios, len(plant_of))
     for number, (_, reference) in enumerate(kinds):
@@ -137,8 +138,8 @@ def tabulated(
     for number, plant in places:
         if (number, plant) not in known:
             disturbance, _ = kinds[number]
-            distance = disturbance.payload.radius(plants[plant])
-            known[number, plant] = checks.real("payload radius", distance, "m", low=0.0, high=LARGEST)
+            arm = plants[plant]
+            known[number, plant] = equations_of(arm).payload_place(disturbance.payload, arm)
     return tables, tables.firsts[scenario_of], np.array([known[place] for place in places])
 
 

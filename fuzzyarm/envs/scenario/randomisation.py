@@ -7,17 +7,16 @@ leaves the nominal value, so the default randomisation varies nothing.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.physics.dynamics import Plant
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import JOINTS, PerJoint, columns, size, times
+from fuzzyarm.envs.physics.records import columns, per_joint, places, record_type, size
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, TipPath
 from fuzzyarm.envs.scenario.reference import JointReference
 
@@ -25,12 +24,11 @@ __all__ = [
     "ALLOWED",
     "RANDOMISATIONS",
     "DomainRandomisation",
-    "Draw",
     "Range",
     "by_quantity",
+    "draw_record",
     "find_randomisation",
     "reference_family",
-    "varied",
 ]
 
 Range = tuple[float, float]
@@ -40,47 +38,19 @@ FAMILY = 32  # references in the family of "robust"
 FAMILY_SEED = 2022
 
 
-class Draw(NamedTuple):
-    """What one episode draws; scalars, or arrays with one value per lane.
+@functools.cache
+def draw_record(joints: int) -> Any:
+    """Return the record of what one episode draws; scalars, or arrays with one value per lane.
 
     Factors, one per joint: of the link's mass and inertia, of the motor's inertia, of joint stiffness and damping, of
     dry friction (static and Coulomb alike) and of viscous friction. Then the payload added to the case's [kg], the
     factor of the case's tip force, the angles [rad] by which the start differs from the reference, and the index of
     the reference in the family (0 where there is none).
     """
-
-    mass: PerJoint
-    motor_inertia: PerJoint
-    stiffness: PerJoint
-    damping: PerJoint
-    dry_friction: PerJoint
-    viscous_friction: PerJoint
-    payload: Any
-    force: Any
-    angle: PerJoint
-    reference: Any
-
-
-@register_jitable
-def varied(plant: Plant, draw: Draw) -> Plant:
-    """Return the plant with the factors of a draw."""
-    return Plant(
-        plant.length,
-        times(plant.mass, draw.mass),
-        times(plant.inertia, draw.mass),
-        plant.mass_center,
-        times(plant.viscous_friction, draw.viscous_friction),
-        plant.gravity,
-        times(plant.motor_inertia, draw.motor_inertia),
-        times(plant.stiffness, draw.stiffness),
-        times(plant.damping, draw.damping),
-        times(plant.static_friction, draw.dry_friction),
-        times(plant.coulomb_friction, draw.dry_friction),
-        plant.stribeck_velocity,
-        plant.torque_limit,
-        plant.joint_limit,
-        plant.velocity_limit,
+    factors = dict.fromkeys(
+        ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction"), per_joint(joints)
     )
+    return record_type("Draw", **factors, payload=Any, force=Any, angle=per_joint(joints), reference=Any)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,11 +106,14 @@ class DomainRandomisation:
         """Whether anything is drawn at all."""
         return bool(self.references) or any(low < high for low, high in map(self.__getattribute__, ALLOWED))
 
-    @property
-    def ranges(self) -> np.ndarray:
-        """Low and high of every number of `Draw`, one row each; the reference's are [0, number of references)."""
-        table = np.empty((size(Draw), 2))
-        for name, where in columns(Draw)._asdict().items():
+    def ranges(self, joints: int) -> np.ndarray:
+        """Return low and high of every number of `draw_record`, one row each.
+
+        The reference's are [0, number of references).
+        """
+        kind = draw_record(joints)
+        table = np.empty((size(kind), 2))
+        for name, where in columns(kind)._asdict().items():
             table[where] = (0.0, len(self.references)) if name == "reference" else getattr(self, name)
         return table
 
@@ -159,15 +132,14 @@ ALLOWED = {
 }
 
 
-def by_quantity(drawn: np.ndarray) -> dict[str, np.ndarray]:
-    """Return views of draws (numbers of `Draw`, lanes) by quantity, read-only.
+def by_quantity(drawn: np.ndarray, joints: int) -> dict[str, np.ndarray]:
+    """Return views of draws (numbers of `draw_record`, lanes) by quantity, read-only.
 
     (lanes, joints) where there is one number per joint, else (lanes,).
     """
     quantities = {}
-    for name, where in columns(Draw)._asdict().items():
-        rows = drawn[where]
-        quantities[name] = rows.T if len(rows) == JOINTS else rows[0]
+    for name, place in places(draw_record(joints))._asdict().items():
+        quantities[name] = drawn[slice(place[0], place[-1] + 1)].T if isinstance(place, tuple) else drawn[place]
         quantities[name].flags.writeable = False  # every step's info shows the same arrays
     return quantities
 
