@@ -55,7 +55,7 @@ class ElasticReference:
 
     def __post_init__(self) -> None:
         """Check θ_d against the box at `CHECKED_INSTANTS` instants."""
-        instance("reference", self.reference, Reference)
+        instance("reference", self.reference, Reference)  # type: ignore[type-abstract]
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         motion = self.sample(t)
         for name, unit, values, (low, high) in (
