@@ -134,12 +134,11 @@ def varied_of(physics: Physics) -> Any:
 
     It returns the constants of the drawn plant with the case's payload [kg], and the drawn one at the tip.
     """
-    vary, lump, loaded, tip_place = physics.varied, physics.lump, physics.loaded, physics.tip_place
+    vary, constants = physics.varied, physics.constants
 
     @register_jitable
     def varied(nominal: Any, now: Any, payload: Any, place: Any) -> Any:
-        arm = loaded(lump(vary(nominal, now)), payload, place, nominal)
-        return loaded(arm, now.payload, tip_place(nominal), nominal)
+        return constants(vary(nominal, now), payload, place, now.payload)
 
     return varied
 
@@ -151,14 +150,15 @@ def resting_of(physics: Physics) -> Any:
     The motors hold the gravity torque of the nominal arm: the drawn plant and the payload move the arm from the start.
     `zero` is the velocity 0 in the number type of the state.
     """
-    PerJoint, State, lump, gravity = physics.PerJoint, physics.State, physics.lump, physics.gravity
+    PerJoint, State, constants, gravity = physics.PerJoint, physics.State, physics.constants, physics.gravity
     add, deflect = joint_by_joint(_plus, PerJoint, 2), joint_by_joint(_over, PerJoint, 2)
     everywhere, stiffness = joint_by_joint(_second, PerJoint, 1, shared=1), physics.stiffness
 
     @register_jitable
     def resting(nominal: Any, link: Any, zero: Any) -> Any:
-        motor = add(link, deflect(gravity(link, lump(nominal)), stiffness(nominal)))
         still = everywhere(link, zero)
+        arm = constants(nominal, zero, zero, zero)
+        motor = add(link, deflect(gravity(link, arm), stiffness(nominal)))
         return State(motor, link, still, still)
 
     return resting

@@ -50,7 +50,7 @@ def _on_line(mean: Any, change: Any, share: Any) -> Any:
 def held(
     physics: Physics, state: Any, torque: Sequence[Any], force: Sequence[Any], arm: Any, h: float, substeps: int
 ) -> Any:
-    """Advance arrays or tensors of lanes over one control step; arguments as in `hold_of`, each a row of lanes."""
+    """Advance arrays or tensors of lanes over one control step; arguments in shapes and units of `hold_of`, by rows."""
     mean, change = force[: physics.axes], force[physics.axes :]
     for substep in range(substeps):
         share = (substep + 0.5) / substeps - 0.5

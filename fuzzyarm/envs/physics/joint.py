@@ -13,7 +13,10 @@ from fuzzyarm.envs.physics.parameters import LARGEST
 __all__ = ["DIMENSIONS", "DRIVE_UNITS", "Drive", "Joint", "Link", "Matrix", "Vector", "as_rows", "as_vector"]
 
 Vector = tuple[float, float, float]
+"""Three coordinates."""
+
 Matrix = tuple[Vector, Vector, Vector]
+"""Three rows of three numbers."""
 
 DIMENSIONS = 3
 """Of space."""

@@ -34,10 +34,11 @@ class Physics:
         tip: ``tip(angles, arm)``, the `Point` of the tip [m].
         gravity: ``gravity(angles, arm)``, g(q).
         motor_friction: ``motor_friction(state, torque, bias, arm)``, Γ_f of the motors.
-        lump: ``lump(plant)``, the constants without a payload.
-        payload_place: returns where a payload is on an arm with given parameters, as one number for `loaded`.
-        tip_place: ``tip_place(plant)``, that number for the tip.
-        loaded: ``loaded(arm, mass, place, plant)``, the constants with a point mass [kg] at a place.
+        inverse_dynamics: ``inverse_dynamics(angles, rates, accelerations, arm)``, M(q) q̈ + C(q, q̇) q̇ + g(q).
+        mass_matrix: ``mass_matrix(angles, arm)``, M(q) [kg m²], a tuple of rows.
+        payload_place: returns where a payload is on an arm with given parameters, as one number for `constants`.
+        constants: ``constants(plant, payload, place, tip_payload)``, those of the plant with a point mass [kg] at a
+            place and another one at the tip.
         stiffness: ``stiffness(plant)``, of the joints [N m/rad].
         limits: ``limits(plant)``.
         angle_range: ``angle_range(limits)``, the lowest and the highest angles.
@@ -59,10 +60,10 @@ class Physics:
     tip: Callable[..., Any]
     gravity: Callable[..., Any]
     motor_friction: Callable[..., Any]
-    lump: Callable[..., Any]
+    inverse_dynamics: Callable[..., Any]
+    mass_matrix: Callable[..., Any]
     payload_place: Callable[..., float]
-    tip_place: Callable[..., Any]
-    loaded: Callable[..., Any]
+    constants: Callable[..., Any]
     stiffness: Callable[..., Any]
     limits: Callable[..., Any]
     angle_range: Callable[..., Any]

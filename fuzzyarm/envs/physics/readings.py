@@ -1,18 +1,20 @@
-"""What can be read off the state of the two-joint arm: the tip, the friction of the motors, the torque of gravity.
+"""What can be read off the two-joint arm: the tip, the friction of the motors, torques of gravity and of motions.
 
 Elementwise source, see `elementwise`.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.dynamics import Arm, gravity_torque, joint_torque
+from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, joint_torque, mass_matrix
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import friction_torque
 from fuzzyarm.envs.physics.records import PerJoint, Point, State
 
-__all__ = ["gravity_at", "motor_friction", "tip_point"]
+__all__ = ["gravity_at", "inverse_dynamics_at", "mass_matrix_at", "motor_friction", "tip_point"]
 
 
 @register_jitable(forceinline=True)
@@ -41,3 +43,21 @@ def gravity_at(angles: PerJoint, arm: Arm) -> PerJoint:
     sin1, sin12 = sine_cosine(angles.joint1)[0], sine_cosine(angles.joint1 + angles.joint2)[0]
     gravity1, gravity2 = gravity_torque(sin1, sin12, arm)
     return PerJoint(gravity1, gravity2)
+
+
+@register_jitable
+def mass_matrix_at(angles: PerJoint, arm: Arm) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """Return the rows of M(q) [kg m²] at joint angles [rad]."""
+    m11, m12, m22 = mass_matrix(sine_cosine(angles.joint2)[1], arm)
+    return (m11, m12), (m12, m22)
+
+
+@register_jitable
+def inverse_dynamics_at(angles: PerJoint, rates: PerJoint, accelerations: PerJoint, arm: Arm) -> PerJoint:
+    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] for angles [rad], their rates [rad/s] and accelerations [rad/s²]."""
+    (m11, m12), (_, m22) = mass_matrix_at(angles, arm)
+    coriolis1, coriolis2 = coriolis_torque(sine_cosine(angles.joint2)[0], rates.joint1, rates.joint2, arm)
+    gravity, (ddq1, ddq2) = gravity_at(angles, arm), accelerations
+    return PerJoint(
+        m11 * ddq1 + m12 * ddq2 + coriolis1 + gravity.joint1, m12 * ddq1 + m22 * ddq2 + coriolis2 + gravity.joint2
+    )

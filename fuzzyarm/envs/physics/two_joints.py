@@ -12,7 +12,13 @@ from fuzzyarm.envs.physics.dynamics import Arm, Payload, Plant, loaded, lump, pl
 from fuzzyarm.envs.physics.integrator import step
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.readings import gravity_at, motor_friction, tip_point
+from fuzzyarm.envs.physics.readings import (
+    gravity_at,
+    inverse_dynamics_at,
+    mass_matrix_at,
+    motor_friction,
+    tip_point,
+)
 from fuzzyarm.envs.physics.records import PerJoint
 
 __all__ = ["Limits", "two_joints"]
@@ -42,10 +48,10 @@ def two_joints() -> Physics:
         tip=tip_point,
         gravity=gravity_at,
         motor_friction=motor_friction,
-        lump=lump,
+        inverse_dynamics=inverse_dynamics_at,
+        mass_matrix=mass_matrix_at,
         payload_place=_payload_radius,
-        tip_place=_tip_radius,
-        loaded=_loaded,
+        constants=_constants,
         stiffness=_stiffness,
         limits=_limits,
         angle_range=_angle_range,
@@ -59,15 +65,11 @@ def _payload_radius(payload: Payload, parameters: ArmParameters) -> float:
 
 
 @register_jitable
-def _loaded(arm: Arm, mass: Any, radius: Any, plant: Plant) -> Arm:
-    """Return the constants with a point mass [kg] on link 2 at a distance [m] from joint 2."""
-    with_mass: Arm = loaded(arm, mass, radius, plant.gravity)
-    return with_mass
-
-
-@register_jitable
-def _tip_radius(plant: Plant) -> Any:
-    return plant.length[1]
+def _constants(plant: Plant, payload: Any, radius: Any, tip_payload: Any) -> Arm:
+    """Return the constants with a point mass [kg] on link 2 at a distance [m] from joint 2, and another at the tip."""
+    arm = loaded(lump(plant), payload, radius, plant.gravity)
+    both: Arm = loaded(arm, tip_payload, plant.length[1], plant.gravity)
+    return both
 
 
 @register_jitable
