@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import friction_torque, stick_slip, stribeck_magnitude
 from fuzzyarm.envs.physics.physics import Physics
@@ -62,14 +61,19 @@ class Source(NamedTuple):
 def source_of(structure: Structure) -> Source:
     """Return the source of the equations of motion of robots of one structure."""
     model = Model(structure)
-    results = {name: _expressions(model, trace(model)) for name, (_, trace, _) in FUNCTIONS.items()}
+    results = {
+        name: [model.tracer.expression(number) for number in trace(model)] for name, (_, trace) in FUNCTIONS.items()
+    }
     constants = fixed_part([expression for found in results.values() for expression in found])
     names = _constant_names(model, constants)
     known = {constant.place: f"arm.{name}" for constant, name in zip(constants, names, strict=True)}
     functions, operations = {}, {}
-    for name, (arguments, _, kind) in FUNCTIONS.items():
+    for name, (arguments, _) in FUNCTIONS.items():
         lines, values = assignments(results[name], known)
-        functions[name] = _function(name, arguments, lines, _record(kind, values, structure))
+        # What does not depend on the state has the shape of what does.
+        like = f" + 0.0 * {arguments.split(',')[0]}{'.motor' if arguments.startswith('state') else ''}.joint1"
+        values = [value + like * result.fixed for value, result in zip(values, results[name], strict=True)]
+        functions[name] = _function(name, arguments, lines, _record(name, values, structure))
         operations[name] = len(lines)
     lines, values = assignments(constants, {})
     functions["constants"] = _function("constants", ", ".join(("plant", *LOADS)), lines, f"Arm({', '.join(values)})")
@@ -111,23 +115,21 @@ def _physics(structure: Structure) -> Physics:
     )
 
 
-def _expressions(model: Model, results: Sequence[Any]) -> list[Expression]:
-    return [model.tracer.expression(result) for result in results]
-
-
 def _constant_names(model: Model, constants: Sequence[Expression]) -> tuple[str, ...]:
-    """Return the names of the numbers of an `Arm`: those of the plant for what is passed on, c0, c1, ... for the rest."""
+    """Return the names of the numbers of an `Arm`: the plant's for what is passed on, c0, c1, ... for the rest."""
     passed = {symbol.place: name for name, symbol in model.plant.items()}
     return tuple(passed.get(constant.place, f"c{k}") for k, constant in enumerate(constants))
 
 
-def _record(kind: str | None, values: Sequence[str], structure: Structure) -> str:
-    """Return the source of a record of results, or of a tuple."""
-    if kind != "State":
-        return f"{kind or ''}({', '.join(values)},)"
+def _record(name: str, values: Sequence[str], structure: Structure) -> str:
+    """Return the source of what a function returns: a point, a `PerJoint`, or several of them as rows."""
     joints = len(structure.rotations)
-    parts = [", ".join(values[k : k + joints]) for k in range(0, len(values), joints)]
-    return f"State({', '.join(f'PerJoint({part},)' for part in parts)})"
+    if name == "tip":
+        return f"Point({', '.join(values)})"
+    parts = [f"PerJoint({', '.join(values[k : k + joints])},)" for k in range(0, len(values), joints)]
+    if name == "mass_matrix":
+        return f"({', '.join(parts)},)".replace("PerJoint", "")
+    return f"State({', '.join(parts)})" if len(parts) > 1 else parts[0]
 
 
 def _function(name: str, arguments: str, lines: Sequence[str], result: str) -> str:

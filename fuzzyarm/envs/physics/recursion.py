@@ -66,7 +66,7 @@ class Chain(NamedTuple):
 
 def regrouped(chain: Chain, bodies: Sequence[Body]) -> list[Body]:
     """Return bodies with the same equations of motion, without masses; see the module."""
-    rest, left = list(bodies), []
+    rest, left = list(bodies), list[Body]()
     for j in reversed(range(len(rest))):
         mass, (hx, hy, hz), inertia = rest[j]
         own = Inertia(inertia.xx - inertia.yy, inertia.xy, inertia.xz, 0.0, inertia.yz, inertia.zz)

@@ -67,7 +67,7 @@ def structure_of(robot: Robot) -> Structure:
 
 
 def numbers_of(robot: Robot) -> dict[str, float]:
-    """Return every number of a robot by name: mass1, center1x, inertia1xy, position1z, stiffness1, ..., tipx, gravityz."""
+    """Return every number of a robot by name: mass1, center1x, inertia1xy, stiffness1, ..., tipx, gravityz."""
     return dict(_numbers(robot))
 
 

@@ -117,7 +117,7 @@ def _motor_kick(model: Model, k: int, start: Any, rate: Any, net: Any, duration:
 def _motor_friction(model: Model) -> list[Any]:
     """Return Γ_f of the motors."""
     motor, link, motor_velocity, link_velocity = (model.inputs(f"state.{name}") for name in STATE)
-    spring, friction = model.spring(motor, link, motor_velocity, link_velocity), []
+    spring, friction = model.spring(motor, link, motor_velocity, link_velocity), list[Any]()
     for k, v, torque, bias, load in zip(
         model.structure.joints, motor_velocity, model.inputs("torque"), model.inputs("bias"), spring, strict=True
     ):
@@ -142,16 +142,17 @@ def _inverse_dynamics(model: Model) -> list[Any]:
 
 
 def _mass_matrix(model: Model) -> list[Any]:
-    rows = composite_bodies(model.chain, model.bodies, model.turns(model.inputs("angles")))
-    return [entry for row in rows for entry in row]
+    lower = composite_bodies(model.chain, model.bodies, model.turns(model.inputs("angles")))
+    joints = range(len(lower))
+    return [lower[max(i, j)][min(i, j)] for i in joints for j in joints]
 
 
-# By name: the arguments, what is computed, and the record that is returned, or None for a tuple.
-FUNCTIONS: dict[str, tuple[str, Callable[[Model], list[Any]], str | None]] = {
-    "step": ("state, torque, force, arm, h", _step, "State"),
-    "tip": ("angles, arm", _tip, "Point"),
-    "gravity": ("angles, arm", _gravity, "PerJoint"),
-    "inverse_dynamics": ("angles, rates, accelerations, arm", _inverse_dynamics, "PerJoint"),
-    "mass_matrix": ("angles, arm", _mass_matrix, None),
-    "motor_friction": ("state, torque, bias, arm", _motor_friction, "PerJoint"),
+FUNCTIONS: dict[str, tuple[str, Callable[[Model], list[Any]]]] = {
+    "step": ("state, torque, force, arm, h", _step),
+    "tip": ("angles, arm", _tip),
+    "gravity": ("angles, arm", _gravity),
+    "inverse_dynamics": ("angles, rates, accelerations, arm", _inverse_dynamics),
+    "mass_matrix": ("angles, arm", _mass_matrix),
+    "motor_friction": ("state, torque, bias, arm", _motor_friction),
 }
+"""By the name of a function of `Physics`: its arguments, and the numbers it returns, as expressions."""

@@ -225,7 +225,7 @@ def assignments(results: Sequence[Expression], known: Mapping[int, str]) -> tupl
         results: what is wanted.
         known: by place, the source of expressions that need not be computed.
     """
-    tracer, lines = results[0].tracer, []
+    tracer, lines = results[0].tracer, list[str]()
     names = dict(known)
     for place in used_by(results, known):
         node = tracer.nodes[place]
