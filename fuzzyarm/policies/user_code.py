@@ -34,7 +34,7 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
 
@@ -115,7 +115,7 @@ class UserPolicy:
         method = getattr(self._policy, "without_dry_friction", None)
         return self if method is None else UserPolicy(self.name, method(), self.control_period)
 
-    def certificate(self, reference: JointReference) -> None:
+    def certificate(self, reference: Reference) -> None:
         """Return None: nothing is proven of the user's own code."""
         return
 
