@@ -33,6 +33,7 @@ from readme_results import (
     sweep_table,
     tip_table,
 )
+from readme_robots import robots_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
@@ -134,6 +135,7 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
         "abuse": abuse_table(stored["abuse"]),
+        "robots": robots_table(),
     }
 
 

@@ -15,7 +15,8 @@ __all__ = ["Options", "run"]
 class Options:
     """Form every matrix inequality of controller files from the stored gains; prove it in exact rational arithmetic.
 
-    The exit code is 0 only if all of them are proven.
+    In the semidefinite form the bounds of the robot's inertia are proven on covers of boxes, in balls with outward
+    rounding. The exit code is 0 only if everything is proven.
     """
 
     arguments: ClassVar[str] = "FILE..."

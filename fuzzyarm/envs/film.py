@@ -8,9 +8,19 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
-__all__ = ["Film"]
+__all__ = ["Film", "check_drawn"]
+
+
+def check_drawn(render_mode: str | None, arm: AnyArm) -> None:
+    """Raise ValueError for a render mode if the arm cannot be drawn."""
+    if render_mode is not None and not isinstance(arm, ArmParameters):
+        raise ValueError(
+            f"render_mode = {render_mode!r}: the two-joint arm alone is drawn, not {arm.name}; make the environment "
+            "without a render_mode"
+        )
 
 
 class Film:
@@ -23,7 +33,7 @@ class Film:
         parameters: the arm.
     """
 
-    def __init__(self, in_window: bool, fps: int, control_period: float, parameters: ArmParameters) -> None:
+    def __init__(self, in_window: bool, fps: int, control_period: float, parameters: AnyArm) -> None:
         """Begin without a trace; nothing is loaded yet."""
         self._in_window, self._fps, self._parameters = in_window, fps, parameters
         self._steps_per_frame = max(1, round(1.0 / (fps * control_period)))

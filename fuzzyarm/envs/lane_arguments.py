@@ -9,11 +9,10 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import initial_state, real_numbers
-from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm, checked_parameters, chosen_arm, equations_of
 from fuzzyarm.envs.physics.records import size
 
-__all__ = ["each_lane", "initial_states", "per_lane", "seeds_of"]
+__all__ = ["arms_of", "each_lane", "initial_states", "per_lane", "seeds_of"]
 
 
 def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
@@ -45,7 +44,15 @@ def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     return made
 
 
-def initial_states(given: Any, plants: Sequence[ArmParameters], lanes: int) -> np.ndarray:
+def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
+    """Return the arms that these arguments name, one for all lanes or one per lane; errors as of `chosen_arm`."""
+    given = per_lane("parameters", parameters, lanes)
+    if parameters is not None:
+        each_lane(checked_parameters, given)
+    return each_lane(chosen_arm, per_lane("robot", robot, lanes), given)
+
+
+def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarray:
     """Return checked starts (lanes, 4 joints), see `arguments.initial_state`, from one (4 joints,) or one per lane.
 
     Raises:

@@ -5,24 +5,24 @@ Quantities are in SI units [m, rad, rad/s, N m, N, s], as the kernels leave them
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.batch.layout import INFO, SCALARS, VECTORS
+from fuzzyarm.envs.batch.layout import INFO, SCALARS
 from fuzzyarm.envs.termination import Termination
 
 __all__ = ["final_info", "masked", "partial_info", "reasons", "values"]
 
 _REWARD, _CLIPPED, _REASON = map(SCALARS.index, ("reward", "torque_clipped", "reason"))
-_REST = INFO[len(VECTORS) :]
 _REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
-def values(vectors: dict[str, np.ndarray], scalars: np.ndarray) -> dict[str, Any]:
-    """Return the numbers of `info` by name, from the `Layout.named` vectors and scalars (10, lanes) of the results."""
-    numbers = (*scalars[:_REWARD], scalars[_REASON] == 0.0, scalars[_CLIPPED] != 0.0)
-    return {**vectors, **dict(zip(_REST, numbers, strict=True))}
+def values(vectors: Iterable[np.ndarray], scalars: np.ndarray) -> dict[str, Any]:
+    """Return the numbers of `info` by name, from `Layout.each` of vectors and scalars (10, lanes) of the results."""
+    numbers = (*vectors, *scalars[:_REWARD], scalars[_REASON] == 0.0, scalars[_CLIPPED] != 0.0)
+    return dict(zip(INFO, numbers, strict=True))
 
 
 def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
@@ -31,18 +31,17 @@ def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
 
 
 def partial_info(
-    vectors: dict[str, np.ndarray], scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
+    vectors: Iterable[np.ndarray], scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
 ) -> dict[str, Any]:
     """Return the info of some lanes; the rows of the others are zero.
 
     Args:
-        vectors: by name, (lanes, numbers of the vector) each.
+        vectors: (lanes, numbers of the vector) each, as `Layout.each` gives them.
         scalars: (10, lanes).
         drawn: what the episodes drew, by quantity: (lanes,) or (lanes, joints); empty if nothing is drawn.
         mask: (lanes,) of booleans.
     """
-    theirs = {name: np.where(mask[:, np.newaxis], rows, 0.0) for name, rows in vectors.items()}
-    info = values(theirs, np.where(mask, scalars, 0.0))
+    info = values([np.where(mask[:, np.newaxis], rows, 0.0) for rows in vectors], np.where(mask, scalars, 0.0))
     info["in_domain"] &= mask
     if drawn:
         some = {
@@ -64,7 +63,7 @@ def reasons(scalars: np.ndarray) -> dict[str, Any]:
 
 def final_info(
     observation: np.ndarray,
-    vectors: dict[str, np.ndarray],
+    vectors: Iterable[np.ndarray],
     scalars: np.ndarray,
     drawn: dict[str, np.ndarray],
     ended: np.ndarray,

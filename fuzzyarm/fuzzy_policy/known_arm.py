@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import shown
-from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "AnyArm",
     "Drives",
     "checked_arm",
     "constants_of",
@@ -25,9 +23,6 @@ __all__ = [
     "per_joint_of",
     "without_dry_friction",
 ]
-
-AnyArm: TypeAlias = ArmParameters | Robot
-"""The parameters of the two-joint arm, or a robot."""
 
 
 class Drives(NamedTuple):

@@ -21,7 +21,7 @@ class Angle:
     size. In plain float32 the tip is off by up to 4 µm in an episode of the paper; with the rest by 0.1 µm.
 
     It supports the arithmetic that the physics uses: an increment may be added, angles may be added and subtracted,
-    which gives tensors, and so do sine, cosine, magnitude and comparisons with limits.
+    which gives tensors, and so do sine, cosine, magnitude, a number times the angle and comparisons with limits.
 
     Args:
         value: the angle, rounded.
@@ -51,6 +51,11 @@ class Angle:
 
     def __abs__(self) -> Tensor:
         return abs(self.value)
+
+    def __mul__(self, factor: float) -> Tensor:
+        return self.value * factor
+
+    __rmul__ = __mul__
 
     def __ge__(self, limit: Any) -> Any:
         return self.value >= limit

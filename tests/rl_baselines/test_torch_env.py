@@ -565,3 +565,15 @@ def test_wrong_calls_are_named():
     envs.reset(seed=0)
     with pytest.raises(ValueError, match=r"action has shape \(2,\); needed: \(2, 2\)"):
         envs.step(torch.zeros(2))
+    with pytest.raises(ValueError, match=r"action = \[1\.0, \[2\.0\]\] is no array"):
+        envs.step([1.0, [2.0]])
+
+
+def test_actions_may_be_arrays_of_any_real_type():
+    envs, found = TorchFuzzyArm(2, compiled=False), []
+    fixed = np.ones((2, 2))
+    fixed.setflags(write=False)
+    for action in (torch.ones(2, 2), fixed, np.ones((2, 2), np.longdouble), np.ones((2, 2), int), [[1, 1], [1.0, 1]]):
+        envs.reset(seed=0)
+        found.append(envs.step(action)[0])
+    assert all(torch.equal(one, found[0]) for one in found)

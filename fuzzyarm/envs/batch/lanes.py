@@ -16,11 +16,11 @@ from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.compiled import announced_compilation
-from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import flat, size
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantity, draw_record
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = ["Lanes"]
@@ -44,7 +44,7 @@ class Lanes:
 
     def __init__(
         self,
-        plants: Sequence[ArmParameters],
+        plants: Sequence[AnyArm],
         scenarios: Sequence[Scenario],
         count: int,
         *,
@@ -58,8 +58,8 @@ class Lanes:
         self.period, self.substeps = float(control_period), substeps
         self.count, self.randomisation = count, randomisation
         self.parameters, self._plant_of = distinct(plants, count)
-        self.physics = equations_of(self.parameters[0])
-        self.kernels = kernels_of(self.physics)
+        self.physics = _common_equations(self.parameters)
+        self.kernels, self.action_shape = kernels_of(self.physics), (count, self.physics.joints)
         self.layout = self.kernels.layout
         self._plants = np.array([flat(self.physics.plant_of(arm)) for arm in self.parameters])
         self._ranges = randomisation.ranges(self.physics.joints)
@@ -175,9 +175,8 @@ class Lanes:
         Raises:
             ValueError: a torque is not finite; no lane has moved then.
         """
-        needed = self.count, self.physics.joints
-        if action.shape != needed:
-            raise ValueError(f"action has shape {action.shape}; needed: {needed}")
+        if action.shape != self.action_shape:
+            raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
         results, arrays, advance = np.empty(self.layout.width * self.count), self.arrays, self.kernels.advance
         if self.threads == 1:
             bad = advance(*arrays, action, 0, self.count, results)
@@ -214,7 +213,7 @@ class Lanes:
         """Return what the episodes drew, by quantity: (count, joints) for one per joint, else (count,); read-only."""
         return self._drawn_info
 
-    def schedule(self, lane: int) -> tuple[JointReference, Schedule]:
+    def schedule(self, lane: int) -> tuple[Reference, Schedule]:
         """Return the reference and the tables of the episode that a lane is in."""
         tables, (starts, _) = self._assigned.tables, self._assigned.places(np.array([lane]))
         place = int(starts[0])
@@ -289,3 +288,12 @@ class Lanes:
         self.__dict__.update(state)
         with announced_compilation():
             self.kernels.prepare(self.count)
+
+
+def _common_equations(arms: Sequence[AnyArm]) -> Physics:
+    """Return the equations of all these arms; ValueError if they differ."""
+    first, *others = map(equations_of, arms)
+    if any(other is not first for other in others):
+        same = "joint axes, joint rotations, and which of their other numbers are zero"
+        raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each")
+    return first

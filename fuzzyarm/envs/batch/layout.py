@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,6 +129,7 @@ VECTORS, SCALARS = Vectors._fields, Scalars._fields
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
 
+_VECTOR_COUNT, _SCALAR_COUNT = len(VECTORS), len(SCALARS)
 _POINTS = ("tip", "tip_reference", "external_force")  # those of `Vectors` that have a number for each axis
 
 
@@ -180,7 +182,7 @@ class Layout:
     @functools.cached_property
     def vector_places(self) -> tuple[Any, ...]:
         """What picks each of the vectors from an array (9, `longest`); plain numbers where it can be, for speed."""
-        if min(self.lengths) == self.longest:
+        if self._full:
             return tuple(range(len(VECTORS)))
         return tuple((k, slice(length)) for k, length in enumerate(self.lengths))
 
@@ -202,17 +204,26 @@ class Layout:
 
         A plain tuple: a small batch would notice the time that making a record takes.
         """
-        n, longest = len(out) // self.width, self.longest
-        first = self.observed * n
-        second = first + longest * len(VECTORS) * n
-        vectors = out[first:second].reshape(len(VECTORS), n, longest)
-        return out[:first].reshape(n, self.observed), vectors, out[second:].reshape(len(SCALARS), n)
+        width, observed, before_scalars, longest = self._sizes
+        n = len(out) // width
+        first, second = observed * n, before_scalars * n
+        vectors = out[first:second].reshape(_VECTOR_COUNT, n, longest)
+        return out[:first].reshape(n, observed), vectors, out[second:].reshape(_SCALAR_COUNT, n)
 
-    def named(self, vectors: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the vectors (9, ..., `longest`) by name, each with the numbers that it has."""
-        if min(self.lengths) == self.longest:
-            return dict(zip(VECTORS, vectors, strict=True))
-        return {name: v[..., :n] for name, v, n in zip(VECTORS, vectors, self.lengths, strict=True)}
+    def each(self, vectors: np.ndarray) -> Iterable[np.ndarray]:
+        """Return the vectors, in order, each with the numbers that it has: rows of an array (9, ..., `longest`)."""
+        if self._full:
+            return vectors
+        return [v[..., :n] for v, n in zip(vectors, self.lengths, strict=True)]
+
+    @functools.cached_property
+    def _full(self) -> bool:
+        return min(self.lengths) == self.longest
+
+    @functools.cached_property
+    def _sizes(self) -> tuple[int, int, int, int]:
+        """Numbers in the results of one lane: all, of the observation, from there to the scalars, of each vector."""
+        return self.width, self.observed, self.width - len(SCALARS), self.longest
 
 
 @functools.cache

@@ -17,8 +17,7 @@ from fuzzyarm.envs.periods import MOST_STEPS
 from fuzzyarm.envs.physics.hold import force_line
 from fuzzyarm.envs.physics.records import columns, per_joint, record_type, size
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
-from fuzzyarm.envs.scenario.paths import Circle
-from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.task import target_record
 
 __all__ = ["Schedule", "reference_record", "row_record"]
@@ -94,8 +93,8 @@ class Schedule:
         return self.table[:-1, self.columns.bias]
 
     @classmethod
-    def build(cls, reference: JointReference, disturbance: Disturbance, control_period: float) -> Schedule:
-        """Sample a reference and a disturbance every `control_period` [s]."""
+    def build(cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int) -> Schedule:
+        """Sample a reference and a disturbance every `control_period` [s], in so many coordinates of the tip."""
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
         if steps > MOST_STEPS:
@@ -103,41 +102,49 @@ class Schedule:
                 f"a reference of {reference.duration:g} s has {steps} control periods of {control_period:g} s; "
                 f"allowed: {MOST_STEPS}. Shorten the reference or lengthen the period"
             )
-        times = control_period * np.arange(steps + 1)
-        sample, targets = reference.sample(times), _targets(reference, times)
-        joints, axes = sample.q.shape[-1], reference.tip(0.0).position.shape[-1]
-        kind = row_record(joints, axes)
+        times, joints = control_period * np.arange(steps + 1), reference.joints
+        sample, kind = reference.sample(times), row_record(joints, axes)
         at, table = columns(kind), np.zeros((steps + 1, size(kind)))
         table[:, at.reference] = np.concatenate([sample.q, sample.dq, sample.ddq], axis=-1)
-        table[:, at.target] = targets
+        table[:, at.target] = _targets(reference, times, axes)
         if disturbance.tip_force is not None:
-            table[:-1, at.force] = _force_lines(disturbance.tip_force, reference, times[:-1], control_period)
+            table[:-1, at.force] = _force_lines(disturbance.tip_force, reference, times[:-1], control_period, axes)
         if disturbance.torque_bias is not None:
-            table[:-1, at.bias] = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
+            bias = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
+            if bias.shape[-1] != joints:
+                raise ValueError(
+                    f"TorqueBias.torque has {bias.shape[-1]} numbers; needed: {joints}, one for each joint"
+                )
+            table[:-1, at.bias] = bias
         return cls(disturbance, table, joints, axes)
 
 
-def _force_lines(tip_force: TipForce, reference: JointReference, starts: np.ndarray, period: float) -> np.ndarray:
-    """Return (len(starts), 4): mean force over each step and change of its least-squares line, from samples inside."""
+def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, period: float, axes: int) -> np.ndarray:
+    """Return (len(starts), 2 axes): mean force over each step and change of its least-squares line.
+
+    From samples inside the step.
+    """
     shares = (np.arange(FORCE_SAMPLES) + 0.5) / FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
-    force = tip_force.at(times, reference.tip(times).velocity)
-    if np.shape(force) != (len(times), 2):
+    force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
+    if force.shape != (len(times), axes):
         # Compiled code checks no bounds.
         raise ValueError(
-            f"tip_force.at gave shape {np.shape(force)} for {len(times)} times; it must be ({len(times)}, 2)"
+            f"tip_force.at gave shape {force.shape} for {len(times)} times; it must be ({len(times)}, {axes})"
         )
-    force = checks.finite_array("tip_force.at", force, (len(times), 2), "N")
-    samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, 2)), shares - 0.5
+    force = checks.finite_array("tip_force.at", force, (len(times), axes), "N")
+    samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, axes)), shares - 0.5
     return np.concatenate([samples.mean(axis=1), np.einsum("j,kja->ka", lever, samples) / (lever @ lever)], axis=-1)
 
 
-def _targets(reference: JointReference, times: np.ndarray) -> np.ndarray:
-    """Return (len(times), 7): reference tip, left normal of the curve, circle center and radius (0: no circle)."""
-    position, derivative, _ = reference.path.points(quintic_time_law(times, reference.duration)[0])
-    length = np.hypot(derivative[:, 0], derivative[:, 1])[:, np.newaxis]
-    normal = np.stack([-derivative[:, 1], derivative[:, 0]], axis=-1) / length
-    circle = np.zeros(3)
-    if isinstance(reference.path, Circle):
-        circle[:] = *reference.path.center, reference.path.radius
-    return np.concatenate([position, normal, np.broadcast_to(circle, (len(times), 3))], axis=-1)
+def _targets(reference: Reference, times: np.ndarray, axes: int) -> np.ndarray:
+    """Return (len(times), numbers of a target): reference tip, normal of the curve, circle's center and radius.
+
+    Without a circle these are 0.
+    """
+    position, normal = reference.tip(times).position[..., :axes], reference.normals(times)[..., :axes]
+    circle = np.zeros(axes + 1)
+    if reference.circle is not None:
+        center, circle[-1] = reference.circle
+        circle[:-1] = center[:axes]
+    return np.concatenate([position, normal, np.broadcast_to(circle, (len(times), axes + 1))], axis=-1)

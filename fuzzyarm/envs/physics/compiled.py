@@ -64,7 +64,7 @@ def announced_compilation() -> Iterator[None]:
     if _compiled or not sys.stderr.isatty():
         yield
     else:
-        message = "FuzzyArm: compiling the simulation, once on this machine (about 20 s) ..."
+        message = "FuzzyArm: compiling the simulation, once on this machine (up to a minute) ..."
         timer = threading.Timer(1.0, lambda: print(message, file=sys.stderr, flush=True))
         timer.start()
         try:

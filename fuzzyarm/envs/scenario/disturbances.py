@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import Any, Protocol
 
 import numpy as np
@@ -167,8 +167,8 @@ class Disturbance:
 
 def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
     """Return real numbers, as many as one of `sizes`; if it fits none, two are asked for."""
-    given = len(values) if isinstance(values, Sequence | np.ndarray) else 0
-    return checks.reals(name, values, given if given in sizes else JOINTS, unit, low=-LARGEST, high=LARGEST)
+    count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
+    return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
 
 
 def _while_active(vector: tuple[float, ...], time: np.ndarray, start: float, stop: float) -> np.ndarray:

@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -270,7 +269,7 @@ def _positive(name: str, value: Any) -> float:
 
 
 def _point(name: str, value: Any) -> Point:
-    if not (isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and len(value) == 2):
+    if not checks.is_sequence(value, 2):
         raise ValueError(f"{name} = {checks.shown(value)} must be a pair (x, y) of finite numbers [m]")
     x, y = value
     return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m")
@@ -278,12 +277,7 @@ def _point(name: str, value: Any) -> Point:
 
 def any_point(name: str, value: Any, size: int | None = None) -> AnyPoint:
     """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
-    if (
-        isinstance(value, Sequence | np.ndarray)
-        and not isinstance(value, str)
-        and len(value) == 3
-        and size in (None, 3)
-    ):
+    if size in (None, 3) and checks.is_sequence(value, 3):
         x, y, z = value
         return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m"), _finite(f"{name} z", z, "m")
     if size == 3:

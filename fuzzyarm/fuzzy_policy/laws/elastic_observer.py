@@ -28,12 +28,11 @@ from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.compiled import kernel_for
-from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader, writer
 from fuzzyarm.fuzzy_policy.known_arm import (
-    AnyArm,
     constants_of,
     per_joint_of,
     without_dry_friction,

@@ -26,11 +26,11 @@ from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.compiled import kernel_for
-from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader
-from fuzzyarm.fuzzy_policy.known_arm import AnyArm, constants_of, drives_in, drives_of
+from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
 
 __all__ = ["ElasticTarget", "TargetParts", "memory_size", "target_parts"]
 

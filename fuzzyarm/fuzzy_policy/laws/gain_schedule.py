@@ -17,9 +17,9 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.dynamics import mass_matrix as two_joint_mass_matrix
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.known_arm import AnyArm
 
 __all__ = ["GRID", "MOST_KEPT", "POINTS", "GainSchedule", "kept_joints", "place_in_schedule", "schedule_of"]
 
@@ -45,6 +45,7 @@ class GainSchedule(NamedTuple):
     points: int
     places: tuple[str, ...]
     inertia: np.ndarray
+
 
 def schedule_of(arm: AnyArm) -> GainSchedule:
     """Return the schedule of the two-joint arm or of a robot."""

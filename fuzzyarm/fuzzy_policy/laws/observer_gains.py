@@ -16,7 +16,8 @@ from scipy.linalg import expm, solve_discrete_are
 
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.fuzzy_policy.known_arm import AnyArm, joints_of, per_joint_of
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, schedule_of
 
 __all__ = [

@@ -132,9 +132,21 @@ class OneColumn:
         return np.ones((len(time), 1))
 
 
+class Uneven:
+    def at(self, time, tip_velocity):
+        return [1.0, [2.0]]
+
+
 def test_a_force_of_the_wrong_shape_never_reaches_the_kernel():
+    with pytest.raises(ValueError, match=r"tip_force\.at = \[1\.0, \[2\.0\]\] is no array"):
+        sampled(Disturbance(tip_force=Uneven()))
     with pytest.raises(ValueError, match=r"tip_force\.at gave shape \(12000, 1\).*\(12000, 2\)"):
         sampled(Disturbance(tip_force=OneColumn()))
+
+
+def test_a_bias_of_another_robot_never_reaches_the_kernel():
+    with pytest.raises(ValueError, match=r"TorqueBias\.torque has 3 numbers; needed: 2, one for each joint"):
+        sampled(Disturbance(torque_bias=TorqueBias((1.0, 2.0, 3.0))))
 
 
 # --- machining ---------------------------------------------------------------------------------------------------

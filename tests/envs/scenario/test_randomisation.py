@@ -21,9 +21,9 @@ from fuzzyarm.envs.scenario.randomisation import (
     RANDOMISATIONS,
     DomainRandomisation,
     find_randomisation,
-    reference_family,
 )
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference_family import reference_family
 
 TABLE_1 = ArmParameters()
 LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
