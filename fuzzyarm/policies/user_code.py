@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
@@ -41,7 +41,7 @@ __all__ = ["UserPolicy", "load_code", "source_file"]
 _PASSED_BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
-def load_code(name: str, control_period: float, robot: ArmParameters) -> UserPolicy:
+def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
     """Import a module, call the factory in it, and return the policy.
 
     Args:
