@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot, robot_named
