@@ -105,9 +105,9 @@ def scheduled_statement(controller: ScheduledController) -> str:
         f"For the rigid arm of {len(robot)} joints in continuous time, as long as its angles lie in {ranges} rad"
         f"{' and ' + speeds if speeds else ', at any speed'}, and for every twice differentiable reference: without "
         f"disturbance the tracking error decays at least as exp(-{alpha} t), and the poles of the loop frozen at any "
-        f"such state have real parts below -{alpha} 1/s and moduli of at most {beta} 1/s. From zero error the L2 gain from the "
-        f"disturbance torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in the norms of the "
-        f"scheduled inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "
+        f"such state have real parts below -{alpha} 1/s and moduli of at most {beta} 1/s. From zero error the L2 "
+        f"gain from the disturbance torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in "
+        f"the norms of the scheduled inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "
         f"d holds friction other than viscous, tip forces and payload as joint torques. {NOT_COVERED}"
     )
 
