@@ -34,7 +34,10 @@ from fuzzyarm.eval.provenance import current_provenance
 H = 2e-4  # s, a sub-step
 LANES, SUBSTEPS, PEER_STEPS, ROUNDS = 1024, 50, 2000, 7
 ROBOTS = ("paper", "planar-3r", "ur5", "panda")
-UNUSED = "contact equality limit actuation clampctrl warmstart filterparent sensor midphase nativeccd island refsafe eulerdamp"
+UNUSED = (
+    "contact equality limit actuation clampctrl warmstart filterparent sensor midphase nativeccd island refsafe "
+    "eulerdamp"
+)
 
 
 def elastic_mjcf(robot: Robot) -> str:
@@ -131,8 +134,9 @@ def main() -> None:
             f"MuJoCo {row['mujoco_ns']:.0f} ns, {row['ratio']:.0f} times that"
         )
     if options.json:
-        result = {"hand_written_ns": found["hand-written"], "rows": rows, "provenance": current_provenance()}
-        write_atomically(options.json, json.dumps(result, indent=1, default=str) + "\n")
+        result = {"command": "python benchmarks/robot_speed.py", **current_provenance()}
+        result |= {"hand_written_ns": found["hand-written"], "rows": rows}
+        write_atomically(options.json, json.dumps(result, indent=1) + "\n")
 
 
 if __name__ == "__main__":
