@@ -60,7 +60,7 @@ def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
 
 
 def drives_of(arm: AnyArm) -> np.ndarray:
-    """Return the rows (7, n) of `Drives`."""
+    """Return the rows (7, n) of `Drives`, in SI units [kg m², N m s/rad, N m/rad, N m, rad/s]."""
     return np.stack([per_joint_of(arm, name) for name in Drives._fields])
 
 
@@ -85,5 +85,5 @@ def without_dry_friction(arm: AnyArm) -> AnyArm:
 
 @register_jitable
 def drives_in(rows: np.ndarray) -> Drives:
-    """Return the parts of an array (7, n) as views (n,)."""
+    """Return the parts of an array (7, n) of `drives_of`, in its units [SI], as views (n,)."""
     return Drives(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6])

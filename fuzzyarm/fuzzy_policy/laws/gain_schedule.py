@@ -25,7 +25,7 @@ __all__ = ["GRID", "MOST_KEPT", "POINTS", "GainSchedule", "kept_joints", "place_
 
 GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
 POINTS = 8  # of an angle of a robot, 45° apart
-MOST_KEPT = 2
+MOST_KEPT = 2  # angles of a robot over which gains are tabulated
 SAMPLES, SEED = 64, 2022  # of the angles over which is averaged
 
 
