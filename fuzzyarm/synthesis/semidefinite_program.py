@@ -27,7 +27,7 @@ class Family:
 
 
 def symmetric_units(size: int) -> np.ndarray:
-    """Return a basis (s(s + 1)/2, s, s) of the symmetric matrices: one entry and its mirror image are 1."""
+    """Return a basis of the symmetric matrices (s, s): in each matrix one entry and its mirror image are the number 1."""
     row, column = np.tril_indices(size)
     units = np.zeros((len(row), size, size))
     every = np.arange(len(row))

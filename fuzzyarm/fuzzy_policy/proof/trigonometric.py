@@ -89,13 +89,13 @@ class TrigMatrix:
 
 
 def packed(matrices: np.ndarray) -> np.ndarray:
-    """Return the lower triangles (..., s(s + 1)/2) of symmetric matrices, row by row."""
+    """Return the numbers of the lower triangles (..., s(s + 1)/2) of symmetric matrices (..., s, s), row by row."""
     row, column = np.tril_indices(matrices.shape[-1])
     return matrices[..., row, column]
 
 
 def unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
-    """Return the symmetric matrices (..., s, s) of packed lower triangles."""
+    """Return the symmetric matrices (..., s, s) whose lower triangles hold the given numbers, see `packed`."""
     result = np.empty((*triangles.shape[:-1], size, size), dtype=triangles.dtype)
     row, column = np.tril_indices(size)
     result[..., row, column] = result[..., column, row] = triangles

@@ -98,7 +98,9 @@ def test_numpy_numba_and_torch_agree_and_a_lane_is_the_single_arm_bit_for_bit():
         rows = [physics.PerJoint(*(kind(row) for row in part)) for part in state.reshape(4, 3, LANES)]
         load = physics.Point(*(kind(row) for row in force[:3]))
         numbers = physics.Arm(*(kind(row) for row in constants))
-        after = physics.step(physics.State(*rows), physics.PerJoint(*(kind(row) for row in torque)), load, numbers, 2e-4)
+        after = physics.step(
+            physics.State(*rows), physics.PerJoint(*(kind(row) for row in torque)), load, numbers, 2e-4
+        )
         return np.concatenate([np.stack([np.asarray(row) for row in part]) for part in after])
 
     np.testing.assert_allclose(step(np.array), lanes, atol=1e-15, rtol=1e-14)
