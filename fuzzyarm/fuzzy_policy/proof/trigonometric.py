@@ -62,14 +62,18 @@ class TrigMatrix:
 
     def at(self, q: np.ndarray) -> np.ndarray:
         """Return the matrices (..., s, s) at angles (..., d) [rad], in floating point."""
-        values = np.broadcast_to(self.coefficients, (*q.shape[:-1], *self.coefficients.shape))
+        lanes = q.shape[:-1]
+        values = self.coefficients.reshape(1, -1)
         for k in range(self.angles):
-            c, s = np.cos(q[..., k]), np.sin(q[..., k])
+            c, s = np.cos(q[..., k]).ravel(), np.sin(q[..., k]).ravel()
             functions = np.stack([np.ones_like(c), c, s, c * c - s * s, 2.0 * c * s], axis=-1)
-            shape = (*q.shape[:-1], BASIS, -1)
-            rest = values.shape[q.ndim :]
-            values = (functions[..., np.newaxis, :] @ values.reshape(shape)).reshape(*q.shape[:-1], *rest)
-        return unpacked(values, self.size)
+            rows = values.reshape(len(values), BASIS, -1)
+            # The first angle is the same matrix for all: it is not copied for each of them.
+            values = functions @ rows[0] if k == 0 else (functions[:, np.newaxis] @ rows)[:, 0]
+        triangle = (self.coefficients.shape[-1],)
+        if self.angles == 0:
+            return unpacked(np.broadcast_to(self.coefficients, lanes + triangle), self.size)
+        return unpacked(values.reshape(lanes + triangle), self.size)
 
     def derivative(self, angle: int) -> TrigMatrix:
         """Return the derivative by one angle."""
