@@ -1,0 +1,255 @@
+"""The tube along a motion: sample, hold, next sample; and the bound of the tip error at every sample."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from flint import arb, ctx
+
+from fuzzyarm.envs.batch.schedule import COLUMNS, Schedule
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import plant_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.readings import at_rest, static_deflection, tip_point
+from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.eval.certified.tip.centre import Centre, Segment
+from fuzzyarm.eval.certified.tip.defects import Forces
+from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, ball, centre, largest, radius_of
+from fuzzyarm.eval.certified.tip.friction import Plan, Signs
+from fuzzyarm.eval.certified.tip.laws import BallLaw, Sample
+from fuzzyarm.eval.certified.tip.period import Closed, DoesNotClose, Period
+from fuzzyarm.eval.certified.tip.plant import BallPlant
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.transition import CHANNELS, D_THETA, LINK, STATES, THETA
+from fuzzyarm.eval.certified.tip.zonotope import SOURCES, Zonotope
+
+__all__ = ["Problem", "Step", "Tube", "tip_bound"]
+
+INTEGRAL = slice(STATES, STATES + JOINTS)
+WAITING = slice(INTEGRAL.stop, INTEGRAL.stop + JOINTS)  # the torque that acts one period late
+MEASURED_ROWS = [*range(STATES)[THETA], *range(STATES)[D_THETA], *range(INTEGRAL.stop)[INTEGRAL]]
+DIRECTIONS = 48  # of the polygon around the tip's deviations; it is at most 0.06 % larger than they are
+LAW_ROUNDING = 2.0**-42  # of the terms of a law: more than a thousand float operations
+_CHANNEL_SOURCE = {"motor": 0, "link": 1, "joint": 2, "tip": 3}
+_LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """What is to be bounded.
+
+    Attributes:
+        parameters: of the arm, Table 1 if nothing else is said.
+        schedule: reference, tip force and target of every control step.
+        period: T [s].
+        law: of the policy, on balls.
+        samples: what the law is told at each sample.
+        plants: the set.
+        plant: its arms.
+    """
+
+    parameters: ArmParameters
+    schedule: Schedule
+    period: float
+    law: BallLaw
+    samples: list[Sample]
+    plants: PlantSet
+    plant: BallPlant
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """One control step of the tube.
+
+    Attributes:
+        torque: held in it (2,) [N m], at the centre.
+        segments: the centre.
+        closed: the tube on each of them.
+        tip: bound of the tip error at its end [m].
+        sources: share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m].
+    """
+
+    torque: np.ndarray
+    segments: tuple[Segment, ...]
+    closed: tuple[Closed, ...]
+    tip: float
+    sources: np.ndarray
+
+
+class Tube:
+    """The tube, step by step: iterate over it."""
+
+    def __init__(self, problem: Problem) -> None:
+        """Begin at rest on the reference, as the environment does."""
+        self.problem = problem
+        table, plant = problem.schedule.references[0], problem.plant
+        link = PerJoint(*table[:JOINTS].tolist())
+        rest = at_rest(link, static_deflection(link, plant_of(problem.parameters)), 0.0)
+        self._state = np.array(rest, dtype=float)
+        self._integral = np.zeros(JOINTS)
+        numbers = STATES + JOINTS * (1 + problem.plants.late)
+        self._set = Zonotope(numbers, len(plant.parameters))
+        self._signs: tuple[Signs, ...] = (Signs(True, True),) * JOINTS
+        self._waiting: np.ndarray | None = None
+        self._centre = Centre(plant.middle, problem.period, friction=problem.plants.friction == "law")
+
+    def __iter__(self) -> Iterator[Step]:
+        """Advance to the end of the motion; `DoesNotClose` where there is no tube."""
+        for k in range(self.problem.schedule.steps):
+            with ctx.workprec(BITS):
+                yield self._step(k)
+
+    def _step(self, k: int) -> Step:
+        problem = self.problem
+        torque = self._sample(k)
+        middle = 0.5 * sum(problem.plants.force)
+        segments, closed = [], []
+        for segment in self._centre.segments(self._state, torque, middle * problem.schedule.forces[k]):
+            segments.append(segment)
+            closed.append(self._cross(segment, torque))
+        self._end()
+        tip, sources = tip_bound(self._state, self._set, problem, k + 1)
+        return Step(torque, tuple(segments), tuple(closed), tip, sources)
+
+    def _cross(self, segment: Segment, torque: np.ndarray) -> Closed:
+        """Close the tube on a segment and take the zonotope over it."""
+        problem, xi = self.problem, slice(0, STATES + JOINTS)
+        force = segment.force.tolist()
+        forces = Forces(*([arb(force[i]), arb(force[2 + i]) / 2] for i in range(2)))
+        period = Period(segment, torque, forces, problem.plant, problem.plants.force_course)
+        self._shift(self._set, period.motion.at(-1), self._state)
+        closed = period.close(self._set.part(xi), self._signs, friction=problem.plants.friction)
+        self._advance(closed)
+        self._state, self._signs = segment.end, closed.signs
+        self._shift(self._set, period.motion.at(1), self._state)
+        return closed
+
+    def _end(self) -> None:
+        """Forget the torque that was held, and tidy."""
+        z = self._set
+        keep = np.r_[0:STATES, STATES + JOINTS : len(z.box)]
+        z.columns, z.box = z.columns[keep], z.box[keep]
+        z.tidy(_ROUNDING)
+
+    @staticmethod
+    def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
+        """Let the deviations count from `after` (8,) rather than from `before`, up to rounding the same."""
+        moved = [radius_of(x, c) for x, c in zip(before, after.tolist(), strict=True)]
+        deviations.box[:STATES] += moved
+
+    def _sample(self, k: int) -> np.ndarray:
+        """Evaluate the law at t_k: append the held torque to the zonotope, renew the memory; return the torque."""
+        problem, here, z = self.problem, self._state, self._set
+        sample, noise = problem.samples[k], problem.plants.noise
+        point = [ball(x) for x in (*here[THETA], *here[D_THETA], *self._integral)]
+        spread = z.totals()[MEASURED_ROWS] + np.repeat([*noise, 0.0], JOINTS)
+        around = [x + ball(0.0, r) for x, r in zip(point, spread.tolist(), strict=True)]
+        pairs = [slice(i * JOINTS, (i + 1) * JOINTS) for i in range(3)]
+        at = problem.law.torque(*(point[p] for p in pairs), sample)
+        tube = problem.law.torque(*(around[p] for p in pairs), sample)
+        torque = np.array([centre(u) for u in at.value])
+        gain = np.array([[centre(x) for x in row] for row in tube.slopes])
+        rest = np.array([
+            radius_of(u, c) + sum(radius_of(x, g) * r for x, g, r in zip(row, gains, spread.tolist(), strict=True))
+            for u, c, row, gains in zip(at.value, torque.tolist(), tube.slopes, gain.tolist(), strict=True)
+        ])  # fmt: skip
+        rest += LAW_ROUNDING * tube.terms + SLACK * np.abs(gain) @ spread
+        return self._held(gain, rest, torque, sample)
+
+    def _held(self, gain: np.ndarray, rest: np.ndarray, torque: np.ndarray, sample: Sample) -> np.ndarray:
+        """Take the law's slopes (2, 6), what they leave out (2,) and its torque (2,) [N m] at the centre."""
+        z, problem, noise = self._set, self.problem, self.problem.plants.noise
+        numbers, period = len(z.box), problem.period
+        # Columns that the sample adds: the errors of the encoders, then what the linear law leaves out.
+        errors = np.repeat(noise, JOINTS)
+        extra = np.hstack([gain[:, : 2 * JOINTS] * errors, np.diag(rest)])
+        columns = np.hstack([z.columns, np.zeros((numbers, extra.shape[1]))])
+        u = np.hstack([gain @ z.columns[MEASURED_ROWS], extra])
+        u_box = np.abs(gain) @ z.box[MEASURED_ROWS]
+        integral = columns[INTEGRAL] + period * columns[THETA]
+        integral[:, z.columns.shape[1] : z.columns.shape[1] + JOINTS] += period * np.diag(errors[:JOINTS])
+        error = self._state[THETA] - sample.reference[:JOINTS]
+        slip = np.abs(self._integral) + period * (np.abs(error) + np.abs(self._state[THETA]))
+        integral_box = z.box[INTEGRAL] + period * z.box[THETA] + SLACK * (2.0 * slip + z.totals()[INTEGRAL])
+        memory, memory_box, acting, acting_box, centre_torque = [integral], [integral_box], u, u_box, torque
+        if problem.plants.late:
+            if self._waiting is not None:
+                acting, acting_box, centre_torque = columns[WAITING], z.box[WAITING], self._waiting
+            memory.append(u)
+            memory_box.append(u_box)
+            self._waiting = torque
+        z.columns = np.vstack([columns[:STATES], acting, *memory])
+        z.box = np.concatenate([z.box[:STATES], acting_box, *memory_box])
+        z.source = np.concatenate([z.source, np.full(extra.shape[1], _LAW)])
+        self._integral = self._integral + period * error
+        self._check_limits(centre_torque, z.totals()[STATES : STATES + JOINTS])
+        return centre_torque
+
+    def _check_limits(self, torque: np.ndarray, radius: np.ndarray) -> None:
+        for joint, limit in enumerate(self.problem.parameters.torque_limit):
+            if not abs(torque[joint]) + radius[joint] < limit:
+                raise DoesNotClose(
+                    f"motor {joint + 1} may reach its limit of {limit:g} N m: |{torque[joint]:.4g}| ± {radius[joint]:.3g} N m"
+                )
+
+    def _advance(self, closed: Closed) -> None:
+        """Take the zonotope over a segment."""
+        z, solution, xi = self._set, closed.solution, STATES + JOINTS
+        start = z.part(slice(0, xi))
+        box = solution.growth @ (start.box + SLACK * start.totals())
+        drive = np.abs(closed.drive.level) + np.abs(closed.drive.slope)
+        box += 4.0 * SLACK * solution.push_state @ drive.sum(axis=1)
+        z.columns[:STATES], z.box[:STATES] = closed.columns[:STATES], box[:STATES]
+        for j, plan in enumerate(closed.plans):
+            if plan is Plan.MONOTONE:  # the velocity is known by its bound alone
+                fresh = np.zeros((len(z.box), 1))
+                fresh[STATES // 2 + j] = closed.torques[CHANNELS.motor][j]
+                z.columns[STATES // 2 + j], z.box[STATES // 2 + j] = 0.0, 0.0
+                z.add(fresh, _CHANNEL_SOURCE["motor"])
+        sizes = z.totals()[:STATES]
+        for name, channels in CHANNELS._asdict().items():
+            for channel in range(channels.start, channels.stop):
+                torque = closed.torques[channel]
+                made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * torque
+                z.box[:STATES] += solution.beyond[:STATES, channel] * torque
+                # What is small beside the rest is not worth columns.
+                if (np.abs(made).sum(axis=0) <= 1e-4 * sizes).all():
+                    z.box[:STATES] += np.abs(made).sum(axis=0) * ROUND_UP
+                    continue
+                below = np.zeros((len(z.box) - STATES, len(made)))
+                z.add(np.vstack([made.T, below]), _CHANNEL_SOURCE[name])
+
+
+def tip_bound(state: np.ndarray, deviations: Zonotope, problem: Problem, sample: int) -> tuple[float, np.ndarray]:
+    """Return a bound of the tip error [m] at a sample, and the shares of it by source.
+
+    |p(q) - p_r| <= |p(q_y) - p_r| + |J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
+    that touches it in `DIRECTIONS` directions.
+    """
+    arm = problem.plant.exact
+    angles = PerJoint(*(arb(x) for x in state[LINK].tolist()))
+    tip = tip_point(angles, arm)
+    wanted = problem.schedule.table[sample, COLUMNS.target][:2].tolist()
+    x, y = largest(tip.x - wanted[0]), largest(tip.y - wanted[1])
+    offset = math.hypot(x, y) * ROUND_UP
+    q12 = angles.joint1 + angles.joint2
+    second = [-arm.length2 * q12.sin(), arm.length2 * q12.cos()]
+    first = [-arm.length1 * angles.joint1.sin() + second[0], arm.length1 * angles.joint1.cos() + second[1]]
+    jacobian = np.array([[centre(first[i]), centre(second[i])] for i in range(2)])
+    turns = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    rows = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ jacobian
+    full = np.zeros((DIRECTIONS, len(deviations.box)))
+    full[:, LINK] = rows
+    reach = deviations.size(full)
+    direction = int(np.argmax(reach))
+    widest = float(reach[direction]) / math.cos(0.5 * math.pi / DIRECTIONS) * (1.0 + 1e-12)
+    radius = deviations.totals()[LINK]
+    lengths = [largest(arm.length1), largest(arm.length2)]
+    bent = 0.5 * (lengths[0] * radius[0] ** 2 + lengths[1] * (radius[0] + radius[1]) ** 2)
+    image = np.abs(full[direction] @ deviations.columns)
+    shares = [float(image[deviations.source == i].sum()) for i in range(len(SOURCES))]
+    shares += [float(image[deviations.source < 0].sum()), offset]
+    return (offset + widest + float(bent)) * ROUND_UP, np.array(shares)
