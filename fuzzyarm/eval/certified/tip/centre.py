@@ -9,6 +9,7 @@ motor slips or rests; where that changes within a period, the period is divided 
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -49,14 +50,12 @@ class Segment(NamedTuple):
         angles: coefficients of θ_1, θ_2, q_1, q_2 [rad] in s in [-1, 1], (4, DEGREE + 1), the constant first.
         modes: of both motors.
         duration: [s].
-        force: on the tip, x and y at s = 0, then their changes from s = -1 to s = 1 (4,) [N].
         end: state (8,) at the end, in the order θ, q, θ̇, q̇.
     """
 
     angles: np.ndarray
     modes: tuple[Mode, ...]
     duration: float
-    force: np.ndarray
     end: np.ndarray
 
 
@@ -72,7 +71,7 @@ class Centre:
             friction: whether the centre has dry friction.
         """
         self._arm, self._period, self._friction = arm, period, friction
-        self._static = arm.static1, arm.static2
+        self._static, self._grain = (arm.static1, arm.static2), math.ulp(period)
         nodes, _ = np.polynomial.legendre.leggauss(NODES)
         vandermonde = np.linalg.inv(np.vander(nodes, NODES, increasing=True))
         once, twice = np.zeros((NODES + 1, NODES)), np.zeros((DEGREE + 1, NODES))
@@ -101,7 +100,7 @@ class Centre:
             found = self._solved(state, torque, _part(force, begun, left, self._period), modes, left)
             at = self._first_change(found, torque) if count < MOST_SEGMENTS - 1 else None
             if at is not None and SHORTEST < at < 1.0 - SHORTEST:
-                part = at * left
+                part = round(at * left / self._grain) * self._grain  # so that all durations add up exactly
                 found = self._solved(state, torque, _part(force, begun, part, self._period), modes, part)
                 for j in range(JOINTS):  # who has come to rest rests exactly
                     before, after = state[4 + j], found.end[4 + j]
@@ -121,8 +120,8 @@ class Centre:
         modes = []
         for j in range(JOINTS):
             net = self._net(state[j], state[2 + j], state[4 + j], state[6 + j], torque[j], j)
-            side = np.sign(state[4 + j]) if state[4 + j] else np.sign(net) * (abs(net) > self._static[j])
-            modes.append(Mode(int(side)) if side else Mode.REST)
+            moving = state[4 + j] or (net if abs(net) > self._static[j] else 0.0)
+            modes.append(Mode(int(np.sign(moving))) if moving else Mode.REST)
         return tuple(modes)
 
     def _net(self, theta: Any, q: Any, dtheta: Any, dq: Any, torque: Any, j: int) -> Any:
@@ -154,7 +153,7 @@ class Centre:
             near = slice(max(k - 1, 0), max(k - 1, 0) + 4)
             fit = np.polynomial.Polynomial.fit(s[near], margin[near], min(3, len(s[near]) - 1))
             roots = [r.real for r in fit.roots() if abs(r.imag) < 1e-9 and s[k] - 1e-9 <= r.real <= s[k + 1] + 1e-9]
-            at = 0.5 * (1.0 + (roots[0] if roots else s[k + 1]))
+            at = 0.5 * (1.0 + float(roots[0] if roots else s[k + 1]))
             first = at if first is None else min(first, at)
         return first
 
@@ -183,7 +182,7 @@ class Centre:
                 angles[joint], speeds[joint] = 0.0, 0.0
                 angles[joint, 0] = state[joint]
         end = np.concatenate([angles.sum(axis=1), speeds.sum(axis=1)])
-        return Segment(angles, modes, duration, force, end)
+        return Segment(angles, modes, duration, end)
 
     def _accelerations(
         self, x: np.ndarray, v: np.ndarray, torque: np.ndarray, force: list[np.ndarray], modes: tuple[Mode, ...]

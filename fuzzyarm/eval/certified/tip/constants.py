@@ -78,10 +78,10 @@ def _signals(
             push = Forces(_times(half, force.x), _times(half, force.y))
         case _:
             push = Forces([arb(0)], [arb(0)])
+    assert parameter.arm is not None
     torques = motion.link_torques(push, parameter.arm)
     return [(CHANNELS.link.start + i, _times(arb(-1), signal)) for i, signal in enumerate(torques)]
 
 
 def _times(factor: arb, signal: Signal) -> Signal:
     return [factor * a for a in signal]
-

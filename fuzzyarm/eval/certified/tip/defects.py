@@ -25,7 +25,16 @@ from fuzzyarm.eval.certified.tip.centre import DEGREE
 from fuzzyarm.eval.certified.tip.enclosures import between, largest, low_high
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 
-__all__ = ["Forces", "PeriodMotion", "Signal", "dry_friction", "rest_size", "signal_ends", "signal_range", "signal_size"]
+__all__ = [
+    "Forces",
+    "PeriodMotion",
+    "Signal",
+    "dry_friction",
+    "rest_size",
+    "signal_ends",
+    "signal_range",
+    "signal_size",
+]
 
 ORDER = DEGREE + 1
 """Coefficients of a power series, without the one of its remainder."""
@@ -38,10 +47,19 @@ def signal_range(signal: Signal) -> Any:
     return signal[0] + sum((largest(a) for a in signal[1:]), 0.0) * between(-1.0, 1.0)
 
 
-_BERNSTEIN = arb_mat([
-    [sum((arb(math.comb(i, k)) * math.comb(n - i, j - k) * (-1) ** (j - k) for k in range(max(0, j - n + i), min(i, j) + 1)), arb(0)) / math.comb(n, j) for j in range(n + 1)]
-    for n in [DEGREE + 1] for i in range(n + 1)
-])  # fmt: skip
+def _bernstein_table(degree: int) -> Any:
+    """Return the matrix from coefficients in s in [-1, 1] to those in Bernstein's basis, one row each."""
+
+    def entry(i: int, j: int) -> arb:
+        # The i-th coefficient of s^j = (x - (1 - x))^j, s = 2 x - 1.
+        terms = range(max(0, j - degree + i), min(i, j) + 1)
+        total = sum(math.comb(j, k) * math.comb(degree - j, i - k) * (-1) ** (j - k) for k in terms)
+        return arb(total) / math.comb(degree, i)
+
+    return arb_mat([[entry(i, j) for j in range(degree + 1)] for i in range(degree + 1)])
+
+
+_BERNSTEIN = _bernstein_table(DEGREE + 1)
 
 
 def signal_ends(signal: Signal) -> tuple[float, float]:
@@ -108,7 +126,11 @@ class PeriodMotion:
         """Return N and P of a motor under a held torque [N m], with the constants of `arm`."""
         stiffness, damping = (arm.stiffness1, arm.stiffness2)[joint], (arm.damping1, arm.damping2)[joint]
         viscous, inertia = (arm.viscous1, arm.viscous2)[joint], (arm.motor_inertia1, arm.motor_inertia2)[joint]
-        parts = [(-stiffness, self.bending(joint)), (-damping, self.bending_rate(joint)), (-viscous, self.velocity[joint])]
+        parts = [
+            (-stiffness, self.bending(joint)),
+            (-damping, self.bending_rate(joint)),
+            (-viscous, self.velocity[joint]),
+        ]
         net = combined([(arb(1), [arb(torque)]), *parts])
         return net, combined([(arb(1), net), (-inertia, self.acceleration[joint])])
 
@@ -150,12 +172,12 @@ class PeriodMotion:
 
     def slip(self, joint: int, side: int, arm: Arm) -> Signal:
         """Return F(v) [N m] of a motor that turns to one side, with its remainder."""
-        signal, pieces = [side * a for a in self.velocity[joint]], []
+        signal = [side * a for a in self.velocity[joint]]
         padded = arb_mat([[a] for a in [*signal, *[arb(0)] * (DEGREE + 1 - len(signal))]])
         ctx.cap = ORDER + 1
-        for velocity in (arb_series(signal), arb_series((self._shift * padded).entries())):
-            pieces.append(dry_friction(velocity, joint, arm))
-        near, far = pieces
+        near, far = (
+            dry_friction(arb_series(about), joint, arm) for about in (signal, (self._shift * padded).entries())
+        )
         return [*(near[i] for i in range(ORDER)), far[ORDER]]
 
 

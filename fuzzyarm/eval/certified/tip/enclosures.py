@@ -14,7 +14,20 @@ from typing import Any
 import numpy as np
 from flint import arb
 
-__all__ = ["BITS", "ROUND_UP", "SLACK", "Jet", "ball", "between", "centre", "largest", "low_high", "no_jet", "radius_of"]
+__all__ = [
+    "BITS",
+    "ROUND_UP",
+    "SLACK",
+    "Jet",
+    "NoBound",
+    "ball",
+    "between",
+    "centre",
+    "largest",
+    "low_high",
+    "no_jet",
+    "radius_of",
+]
 
 BITS = 80
 """Precision of the balls: K (θ - q) loses seven digits of a double."""
@@ -26,6 +39,10 @@ ROUND_UP = 1.0 + SLACK
 """A sum of non-negative floats, times this, is not below the exact sum."""
 
 _TINY = 1e-300  # what underflow may lose
+
+
+class NoBound(ValueError):
+    """There is no bound; the message says in one line what stands in its way."""
 
 
 def ball(middle: float, radius: float = 0.0) -> arb:
@@ -102,10 +119,10 @@ class Jet:
         return Jet(-self.value, {index: -slope for index, slope in self.slopes.items()})
 
     def __sub__(self, other: Any) -> Jet:
-        return self + (-other)
+        return self.__add__(-other)
 
     def __rsub__(self, other: Any) -> Jet:
-        return -self + other
+        return self.__neg__().__add__(other)
 
     def __mul__(self, other: Any) -> Jet:
         if not isinstance(other, Jet):

@@ -6,8 +6,8 @@ the friction -P (`defects`), so the torque on the deviation is w = Γ_f + P. Thr
     v > 0     w = P - F(v);          v < 0     w = P + F(v);
     v = 0     w = -δN - I_a θ̈_y:     on the set of times with v = 0 almost everywhere v̇ = 0, so Γ_f = -N there.
 
-*Sign.* If v >= 0 at the start of the period and N + F(v) >= 0 wherever the tube has v < 0, then v >= 0 throughout: where
-v < 0 it does not fall. So a side can be left out although the tube reaches across zero.
+*Sign.* If v >= 0 at the start of the period and N + F(v) >= 0 wherever the tube has v < 0, then v >= 0 throughout:
+where v < 0 it does not fall. So a side can be left out although the tube reaches across zero.
 
 *Monotony.* v -> F(v) sgn v + L v increases, L the largest -F' of the tube. So, if -P is within η of what the law allows
 at the centre's velocity, the velocities of two solutions part no faster than I_a |δv|' <= |δN| + η + L |δv|, whatever
@@ -20,11 +20,20 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from typing import Any
 
 import numpy as np
 
 from fuzzyarm.eval.certified.tip.centre import Mode
-from fuzzyarm.eval.certified.tip.defects import PeriodMotion, Signal, combined, dry_friction, signal_ends, signal_range, signal_size
+from fuzzyarm.eval.certified.tip.defects import (
+    PeriodMotion,
+    Signal,
+    combined,
+    dry_friction,
+    signal_ends,
+    signal_range,
+    signal_size,
+)
 from fuzzyarm.eval.certified.tip.enclosures import SLACK, Jet, ball, between, centre, largest, low_high
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 
@@ -79,7 +88,7 @@ class Friction:
         self._slip: Signal | None = None
         self._missed = 0.0
         self.static = self.strength(0.0, 0.0)
-        self._rests = mode == Mode.REST
+        self._rests = all(a.is_zero() for a in motion.velocity[joint])
         self.slope = 0.0
         if self.side:
             self._slip = motion.slip(joint, self.side, plant.exact)
@@ -92,12 +101,12 @@ class Friction:
         if plan is Plan.SLIP:
             self.slope = -centre(self._rate(ball(abs(centre(self._speed)))))
 
-    def _rate(self, speed: object) -> object:
+    def _rate(self, speed: Any) -> Any:
         """Return F'(v)."""
         return dry_friction(Jet.variable(speed, 0), self.joint, self._arm).slope(0)
 
     def strength(self, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the lowest and the highest F(v) [N m] for speeds in a range: F falls, as static >= Coulomb friction."""
+        """Return the lowest and the highest F(v) [N m] in a range of speeds: F falls, as static >= Coulomb friction."""
         ends = [low_high(dry_friction(ball(x), self.joint, self._arm)) for x in (fastest, slowest)]
         return ends[0][0], ends[1][1]
 
@@ -157,7 +166,8 @@ class Friction:
             return 0.0
         if self.plan is Plan.HELD:
             limit = self.share[0] * self.static[0]
-            if largest(self._net) + tube_net + constants + products >= limit * (1.0 - 1e-9):
+            known = self.signs.not_negative and self.signs.not_positive and self._rests
+            if not known or largest(self._net) + tube_net + constants + products >= limit * (1.0 - 1e-9):
                 raise PlanFails(self.joint)
             return 0.0
         if self.plan is Plan.SLIP:
@@ -166,7 +176,11 @@ class Friction:
             speed = between(min(abs(low), abs(high)), max(abs(low), abs(high)))
             rate = self._rate(speed)
             uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0])
-            return self._missed + (largest(rate + self.slope) + uncertain * largest(rate)) * tube_speed * (1 + SLACK) + products
+            return (
+                self._missed
+                + (largest(rate + self.slope) + uncertain * largest(rate)) * tube_speed * (1 + SLACK)
+                + products
+            )
         return self._mixed(low, high, tube_speed, tube_net, constants, products)
 
     def _mixed(
@@ -231,4 +245,3 @@ class PlanFails(ValueError):
     def __init__(self, joint: int) -> None:
         super().__init__(f"the plan of motor {joint + 1} fails")
         self.joint = joint
-

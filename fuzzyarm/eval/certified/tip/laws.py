@@ -16,7 +16,7 @@ from flint import arb, arb_mat
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import JOINTS, MEASURED, REFERENCE, SIZE
 from fuzzyarm.envs.physics.dynamics import arm_constants, coriolis_torque, gravity_torque, mass_matrix
-from fuzzyarm.eval.certified.tip.enclosures import Jet, largest
+from fuzzyarm.eval.certified.tip.enclosures import Jet, NoBound, largest
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import DESIRED, TipPolicy
@@ -61,13 +61,13 @@ class BallLaw(Protocol):
 
 
 def ball_law(policy: Policy) -> BallLaw:
-    """Return the law of a policy on balls; ValueError where none is known for its kind."""
+    """Return the law of a policy on balls; `NoBound` where none is known for its kind."""
     law = policy.law if isinstance(policy, TipPolicy) else policy
     if type(law) is FuzzyPolicy:
         return _FuzzyLaw(law)
     if type(law) is ComputedTorquePolicy:
         return _ComputedTorque(law)
-    raise ValueError(
+    raise NoBound(
         f"there is no bound for {shown(type(law).__name__)}, whose derivatives on balls are not known; choose a fuzzy "
         "policy or computed torque, with or without the ending -tip"
     )
@@ -132,7 +132,9 @@ class _FuzzyLaw:
             total = sum((w.value * (u - common) for w, u in zip(weights, own, strict=True)), arb(0)) + common
             value.append(total + float(sample.offset[joint]))
             rows = self._rows[joint::JOINTS]
-            row = [sum((w.value * gain[i] for w, gain in zip(weights, rows, strict=True)), arb(0)) for i in range(INPUTS)]
+            row = [
+                sum((w.value * gain[i] for w, gain in zip(weights, rows, strict=True)), arb(0)) for i in range(INPUTS)
+            ]
             for i in range(2 * JOINTS):
                 row[i] += sum(
                     (w.slopes[i] * (u - common) for w, u in zip(weights, own, strict=True) if i in w.slopes), arb(0)
@@ -140,7 +142,9 @@ class _FuzzyLaw:
             slopes.append(row)
         back, forward = self._sizes
         sizes = back @ [largest(e) for e in errors] + forward @ np.abs(sample.reference)
-        return Torque(value, slopes, 4.0 * float(sizes.max()) * (1 + len(self._kept)) + float(np.abs(sample.offset).max()))
+        return Torque(
+            value, slopes, 4.0 * float(sizes.max()) * (1 + len(self._kept)) + float(np.abs(sample.offset).max())
+        )
 
     def _weights(self, measured: list[Any]) -> list[Jet]:
         """Return the weight of each rule."""
@@ -155,7 +159,7 @@ class _FuzzyLaw:
             low, high = (arb(x) for x in self._bounds[index].tolist())
             share = (premises[index] - low) * (1 / (high - low))
             if not (share.value >= 0 and share.value <= 1):
-                raise ValueError("a membership function leaves [0, 1]: the arm may leave the box of the T-S model")
+                raise NoBound("a membership function leaves [0, 1]: the arm may leave the box of the T-S model")
             rest = 1 - share
             weights = [*(w * rest for w in weights), *(w * share for w in weights)]
         return weights

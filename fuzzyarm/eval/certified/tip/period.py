@@ -13,6 +13,7 @@ r + Q ρ < ρ gives |a| <= ρ, because Q then has a spectral radius below one.
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.tip.centre import Mode, Segment
 from fuzzyarm.eval.certified.tip.constants import Drive, drive
 from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, signal_range, signal_size
-from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, low_high
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Signs
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 from fuzzyarm.eval.certified.tip.remainders import at_middle, lever_arms, link_remainder, tube_slopes
@@ -37,15 +38,11 @@ from fuzzyarm.eval.certified.tip.transition import (
 )
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
 
-__all__ = ["Closed", "DoesNotClose", "Period"]
+__all__ = ["Claim", "Closed", "Period"]
 
 ITERATIONS = 60
 WORTH = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
 LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever closed
-
-
-class DoesNotClose(ValueError):
-    """No tube was found; the message says which remainder grows."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,26 +68,41 @@ class Closed:
     plans: tuple[Plan, ...]
 
 
+class Claim(NamedTuple):
+    """What a file claims of a segment: its tube (18,), and the plans of the frictions."""
+
+    tube: np.ndarray
+    plans: tuple[Plan, ...]
+
+
 class Period:
     """A period that is to be closed."""
 
-    def __init__(
-        self, centre: Segment, torque: np.ndarray, force: Forces, plant: BallPlant, course: float
-    ) -> None:
+    def __init__(self, centre: Segment, torque: np.ndarray, force: Forces, plant: BallPlant, course: float) -> None:
         """Take the centre, the held torque (2,) [N m], the force, the plant and the force of any course [N]."""
         period = centre.duration
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
         self._centre, self._torque, self._period, self._course = centre, torque, period, course
         self._at = at_middle(self.motion, force, plant.exact)
-        self._lever, self._lever_spread = lever_arms(self.motion, plant.exact) if course else (np.zeros((2, 2)),) * 2
+        levers = lever_arms(self.motion, plant.exact) if course else (np.zeros((2, 2)), np.zeros((2, 2)))
+        self._lever, self._lever_spread = levers
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
         halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
         self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
         self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
 
+    def confirm(self, start: Zonotope, signs: tuple[Signs, ...], claim: Claim, *, friction: str) -> Closed:
+        """Return the period closed by a claimed tube and plans, without any search; `NoBound` where they fail."""
+        if friction == "any" and set(claim.plans) != {Plan.ANY}:
+            raise NoBound("a plan that is not for any friction")
+        try:
+            return self._closed(start, signs, list(claim.plans), claim.tube)
+        except PlanFails as failed:
+            raise NoBound(str(failed)) from None
+
     def close(self, start: Zonotope, signs: tuple[Signs, ...], *, friction: str) -> Closed:
-        """Return the closed period for the zonotope of ξ at its start; `DoesNotClose` where there is none."""
+        """Return the closed period for the zonotope of ξ at its start; `NoBound` where there is none."""
         plans = [self._plan(joint, start, signs[joint], friction) for joint in range(JOINTS)]
         for _ in range(3 * JOINTS + 1):
             try:
@@ -98,7 +110,7 @@ class Period:
             except PlanFails as failed:
                 known = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
                 plans[failed.joint] = Plan.MONOTONE if known else Plan.MIXED
-        raise DoesNotClose("the plans of the friction contradict each other")
+        raise NoBound("the plans of the friction contradict each other")
 
     def _plan(self, joint: int, start: Zonotope, signs: Signs, friction: str) -> Plan:
         if friction == "any":
@@ -111,7 +123,9 @@ class Period:
         slips = mode in (Mode.FORWARD, Mode.BACKWARD) and min(abs(low), abs(high)) > 1.05 * spread and low * high > 0.0
         return Plan.SLIP if slips else Plan.MONOTONE
 
-    def _closed(self, start: Zonotope, signs: tuple[Signs, ...], plans: list[Plan]) -> Closed:
+    def _closed(
+        self, start: Zonotope, signs: tuple[Signs, ...], plans: list[Plan], claimed: np.ndarray | None = None
+    ) -> Closed:
         frictions = [
             Friction(j, plans[j], self._centre.modes[j], self.motion, float(self._torque[j]), self.plant, signs[j])
             for j in range(JOINTS)
@@ -123,20 +137,23 @@ class Period:
         solution, driven = transition(system, self._period), drive(self.motion, self.force, self.plant, frictions)
         columns, free = self._free(start, system, solution, driven)
         before = start.totals()[D_THETA]
-        tube = free * 1.01 + 1e-15
-        for _ in range(ITERATIONS):
+        tube = free * 1.01 + 1e-15 if claimed is None else claimed
+        for _ in range(ITERATIONS if claimed is None else 1):
             torques = self._torques(tube, frictions, driven, before)
             reached = (free + solution.push @ torques) * ROUND_UP
             self._given_accelerations(reached, tube, frictions)
             if (reached < tube).all():
-                self._check_monotone(torques, before, frictions)
+                if claimed is None:
+                    self._check_monotone(torques, before, frictions)
                 after = self._signs(tube, frictions, driven)
                 return Closed(tube, torques, solution, driven, columns, after, tuple(plans))
+            if claimed is not None:
+                raise NoBound(f"the claimed tube is left in row {int(np.argmax(reached - tube))}")
             if not (reached[ROWS.theta].max() < LARGEST and reached[ROWS.link].max() < LARGEST):
                 break
             tube = np.maximum(tube, reached * 1.02 + 1e-15)
         worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
-        raise DoesNotClose(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
+        raise NoBound(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
 
     def _given_accelerations(self, reached: np.ndarray, tube: np.ndarray, frictions: list[Friction]) -> None:
         """Fill in the accelerations of motors whose velocity is no state."""
@@ -179,9 +196,7 @@ class Period:
         free = np.maximum(first, last) + self._period**2 / 8.0 * second
         return columns, free * ROUND_UP
 
-    def _torques(
-        self, tube: np.ndarray, frictions: list[Friction], driven: Drive, before: np.ndarray
-    ) -> np.ndarray:
+    def _torques(self, tube: np.ndarray, frictions: list[Friction], driven: Drive, before: np.ndarray) -> np.ndarray:
         """Return w̄ (8,) for a claimed tube."""
         torques = driven.rest.copy()
         slopes = tube_slopes(self.motion, tube, self.force, self._course, self.plant.whole)

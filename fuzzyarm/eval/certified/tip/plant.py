@@ -15,6 +15,7 @@ from flint import arb
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, Plant, loaded, lump, plant_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint, times
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.certified.tip.enclosures import ball, between, centre
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
@@ -78,10 +79,12 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
     """Return the arms of a set of plants around the given parameters, with the payload of a disturbance."""
     nominal = plant_of(parameters)
     middles = {name: 0.5 * sum(getattr(plants, name)) for name in _FACTORS}
-    plant = nominal._replace(**{
-        field: tuple(middles[name] * x for x in getattr(nominal, field))
-        for name, fields in _FACTORS.items() for field in fields
-    })  # fmt: skip
+    scaled: dict[str, Any] = {
+        field: times(getattr(nominal, field), (middles[name],) * JOINTS)
+        for name, fields in _FACTORS.items()
+        for field in fields
+    }
+    plant = nominal._replace(**scaled)
     payload = disturbance.payload.mass, disturbance.payload.radius(parameters)
     extra = 0.5 * sum(plants.payload)
     uncertain = [
@@ -91,11 +94,12 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
     ]  # fmt: skip
     low, high = (x / middles["dry_friction"] if middles["dry_friction"] else 1.0 for x in plants.dry_friction)
     if low < high:
+        low, high = low - 2.0**-50, high + 2.0**-50 * high
         uncertain += [Parameter("dry_friction", joint, max(1.0 - low, high - 1.0)) for joint in range(JOINTS)]
     exact = _arm(_in_balls(plant), [payload, (extra, parameters.length[0 + 1])], ball(parameters.gravity))
     units = _mass_units(_in_balls(nominal), plants, parameters)
     if _half(plants.force) and disturbance.tip_force is not None:
-        nothing = (arb(0), arb(0))
+        nothing = PerJoint(arb(0), arb(0))
         massless = lump(_in_balls(nominal)._replace(mass=nothing, inertia=nothing))
         units.append(Parameter("force", 0, _half(plants.force), massless))
     uncertain += units
@@ -115,16 +119,17 @@ _FACTORS = {
 
 
 def _half(bounds: tuple[float, float]) -> float:
-    return 0.5 * (bounds[1] - bounds[0]) * (1.0 + 2.0**-50)
+    return 0.5 * (bounds[1] - bounds[0]) + 2.0**-50 * max(1.0, bounds[1]) if bounds[0] < bounds[1] else 0.0
 
 
 def _in_balls(plant: Plant) -> Plant:
-    return Plant(*(tuple(map(arb, x)) if isinstance(x, tuple) else arb(x) for x in plant))
+    balls: list[Any] = [PerJoint(*map(arb, x)) if isinstance(x, tuple) else arb(x) for x in plant]
+    return Plant(*balls)
 
 
 def _arm(plant: Plant, payloads: list[tuple[float, float]], gravity: Any) -> Arm:
     """Return the constants of a plant with payloads (mass [kg], distance from joint 2 [m]), in balls."""
-    arm = lump(plant)
+    arm: Arm = lump(plant)
     for mass, radius in payloads:
         arm = loaded(arm, arb(mass), arb(radius), gravity)
     return arm._replace(**{name: getattr(arm, name) * between(1.0 - _ROUNDED, 1.0 + _ROUNDED) for name in _LUMPED})
@@ -136,12 +141,12 @@ def _mass_units(plant: Plant, plants: PlantSet, parameters: ArmParameters) -> li
     for joint in range(JOINTS if _half(plants.mass) else 0):
         scale = [arb(_half(plants.mass)) if j == joint else arb(0) for j in range(JOINTS)]
         part = plant._replace(
-            mass=tuple(m * x for m, x in zip(plant.mass, scale, strict=True)),
-            inertia=tuple(i * x for i, x in zip(plant.inertia, scale, strict=True)),
+            mass=times(plant.mass, scale),
+            inertia=times(plant.inertia, scale),
         )
         found.append(Parameter("mass", joint, _half(plants.mass), lump(part)))
     if _half(plants.payload):
-        nothing = (arb(0), arb(0))
+        nothing = PerJoint(arb(0), arb(0))
         empty = lump(plant._replace(mass=nothing, inertia=nothing))
         arm = loaded(empty, arb(_half(plants.payload)), arb(parameters.length[-1]), plant.gravity)
         found.append(Parameter("payload", 0, _half(plants.payload), arm))

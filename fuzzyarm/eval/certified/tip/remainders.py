@@ -12,7 +12,7 @@ and the parts of the uncertain constants' torques along the centre that are not 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb
@@ -35,7 +35,8 @@ class LinkSlopes(NamedTuple):
     velocity: list[list[arb]]
 
 
-def _slopes(angles: list, velocities: list, accelerations: list, force: tuple, arm: Arm) -> LinkSlopes:
+def _slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes:
+    angles, velocities, accelerations = at
     q = [Jet.variable(x, i) for i, x in enumerate(angles)]
     dq = [Jet.variable(x, JOINTS + i) for i, x in enumerate(velocities)]
     ddq = [Jet.variable(x, 2 * JOINTS + i) for i, x in enumerate(accelerations)]
@@ -48,7 +49,7 @@ def _slopes(angles: list, velocities: list, accelerations: list, force: tuple, a
 def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return M_k, G_k and D_k (2, 2) of the centre at the middle of the period, in floats."""
     at = [[signal[0] for signal in kind[JOINTS:]] for kind in (motion.angle, motion.velocity, motion.acceleration)]
-    slopes = _slopes(*at, (force.x[0], force.y[0]), arm)
+    slopes = _slopes(at, (force.x[0], force.y[0]), arm)
     mass, angle, velocity = (np.array([[centre(x) for x in row] for row in part]) for part in slopes)
     return mass, angle, velocity
 
@@ -56,18 +57,24 @@ def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray
 def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: Forces, course: float, arm: Arm) -> LinkSlopes:
     """Return the slopes at every point of the tube (18,) around the centre, for every arm of the balls `arm`."""
     boxes = []
-    for kind, rows in ((motion.angle, ROWS.link), (motion.velocity, ROWS.d_link), (motion.acceleration, ROWS.link_acceleration)):
+    for kind, rows in (
+        (motion.angle, ROWS.link),
+        (motion.velocity, ROWS.d_link),
+        (motion.acceleration, ROWS.link_acceleration),
+    ):
         radii = tube[rows].tolist()
         boxes.append([signal_range(s) + ball(0.0, r) for s, r in zip(kind[JOINTS:], radii, strict=True)])
-    forces = tuple(signal_range(s) + between(-course, course) for s in force)
-    return _slopes(*boxes, forces, arm)
+    forces = (signal_range(force.x) + between(-course, course), signal_range(force.y) + between(-course, course))
+    return _slopes(boxes, forces, arm)
 
 
 def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndarray], tube: np.ndarray) -> np.ndarray:
     """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m]."""
     total = np.zeros(JOINTS)
     for part, about, rows in zip(slopes, at, (ROWS.link_acceleration, ROWS.link, ROWS.d_link), strict=True):
-        spread = np.array([[radius_of(x, c) for x, c in zip(*row, strict=True)] for row in zip(part, about.tolist(), strict=True)])
+        spread = np.array(
+            [[radius_of(x, c) for x, c in zip(*row, strict=True)] for row in zip(part, about.tolist(), strict=True)]
+        )
         total += spread @ tube[rows]
     return total * ROUND_UP
 

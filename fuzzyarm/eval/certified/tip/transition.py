@@ -96,7 +96,13 @@ class Transition(NamedTuple):
 
 
 def linear(
-    arm: Arm, mass: np.ndarray, stiff: np.ndarray, damp: np.ndarray, lever: np.ndarray, slip: np.ndarray, still: list[bool],
+    arm: Arm,
+    mass: np.ndarray,
+    stiff: np.ndarray,
+    damp: np.ndarray,
+    lever: np.ndarray,
+    slip: np.ndarray,
+    still: list[bool],
     given: list[bool],
 ) -> Linear:
     """Return the linear equation of a period.
@@ -159,18 +165,20 @@ def transition(system: Linear, period: float) -> Transition:
         growth += bounds
     growth = growth * (1.0 + 1e-9)
     stack = np.array(powers)  # A^i / i!
-    i = np.arange(TERMS)
+    order = np.arange(TERMS)
     h = period / PARTS
     left = period - h * (np.arange(PARTS) + 0.5)  # from the middle of each part to the end
-    at = np.tensordot(np.power(np.array([*left, period])[:, np.newaxis], i), stack, axes=1)
+    at = np.tensordot(np.power(np.array([*left, period])[:, np.newaxis], order), stack, axes=1)
     phi, directions = at[-1], at[:-1] @ b
-    held = np.tensordot(period ** (i + 1.0) / (i + 1.0), stack, axes=1) @ b
-    later = np.tensordot(period ** (i + 2.0) / (i + 2.0), stack, axes=1) @ b  # ∫ e^{A t} t dt
+    held = np.tensordot(period ** (order + 1.0) / (order + 1.0), stack, axes=1) @ b
+    later = np.tensordot(period ** (order + 2.0) / (order + 2.0), stack, axes=1) @ b  # ∫ e^{A t} t dt
     moments = np.stack([h * directions, 0.25 * h * h * (at[:-1] @ (A @ b))], axis=1)
     beyond = PARTS * h**3 / 24.0 * growth @ (size @ (size @ np.abs(b))) + SLACK * period * growth @ np.abs(b)
     S_A = S @ A
     reach = np.abs(S) @ size
-    push = period * (np.abs(S @ b) + 0.5 * period * np.abs(S_A @ b) + period**2 / 6.0 * reach @ size @ growth @ np.abs(b))
+    push = period * (
+        np.abs(S @ b) + 0.5 * period * np.abs(S_A @ b) + period**2 / 6.0 * reach @ size @ growth @ np.abs(b)
+    )
     return Transition(
         phi, growth, held, held - 2.0 / period * later, moments, beyond * 1.001,
         period * growth @ np.abs(b), push * 1.001 + np.abs(system.D),

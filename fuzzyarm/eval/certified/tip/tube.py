@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from flint import arb, ctx
@@ -17,10 +17,10 @@ from fuzzyarm.envs.physics.readings import at_rest, static_deflection, tip_point
 from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.eval.certified.tip.centre import Centre, Segment
 from fuzzyarm.eval.certified.tip.defects import Forces
-from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, ball, centre, largest, radius_of
+from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, ball, centre, largest, radius_of
 from fuzzyarm.eval.certified.tip.friction import Plan, Signs
 from fuzzyarm.eval.certified.tip.laws import BallLaw, Sample
-from fuzzyarm.eval.certified.tip.period import Closed, DoesNotClose, Period
+from fuzzyarm.eval.certified.tip.period import Claim, Closed, Period
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, D_THETA, LINK, STATES, THETA
@@ -82,9 +82,15 @@ class Step:
 class Tube:
     """The tube, step by step: iterate over it."""
 
-    def __init__(self, problem: Problem) -> None:
-        """Begin at rest on the reference, as the environment does."""
-        self.problem = problem
+    def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, Claim]]] | None = None) -> None:
+        """Begin at rest on the reference, as the environment does.
+
+        Args:
+            problem: what is to be bounded.
+            claims: for each control step the segments of the centre and what is claimed of them, to be confirmed
+                without any search; None: they are searched.
+        """
+        self.problem, self._claims = problem, claims
         table, plant = problem.schedule.references[0], problem.plant
         link = PerJoint(*table[:JOINTS].tolist())
         rest = at_rest(link, static_deflection(link, plant_of(problem.parameters)), 0.0)
@@ -97,7 +103,7 @@ class Tube:
         self._centre = Centre(plant.middle, problem.period, friction=problem.plants.friction == "law")
 
     def __iter__(self) -> Iterator[Step]:
-        """Advance to the end of the motion; `DoesNotClose` where there is no tube."""
+        """Advance to the end of the motion; `NoBound` where there is no tube."""
         for k in range(self.problem.schedule.steps):
             with ctx.workprec(BITS):
                 yield self._step(k)
@@ -105,23 +111,46 @@ class Tube:
     def _step(self, k: int) -> Step:
         problem = self.problem
         torque = self._sample(k)
-        middle = 0.5 * sum(problem.plants.force)
-        segments, closed = [], []
-        for segment in self._centre.segments(self._state, torque, middle * problem.schedule.forces[k]):
+        segments: list[Segment] = []
+        closed: list[Closed] = []
+        begun = 0.0
+        for segment, claim in self._segments(k, torque):
             segments.append(segment)
-            closed.append(self._cross(segment, torque))
+            closed.append(self._cross(segment, torque, self._force(k, begun, segment.duration), claim))
+            begun += segment.duration
+        if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
+            raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
         self._end()
         tip, sources = tip_bound(self._state, self._set, problem, k + 1)
         return Step(torque, tuple(segments), tuple(closed), tip, sources)
 
-    def _cross(self, segment: Segment, torque: np.ndarray) -> Closed:
+    def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, Claim | None]]:
+        """Yield the segments of a control step, with what is claimed of them."""
+        if self._claims is None:
+            force = 0.5 * sum(self.problem.plants.force) * self.problem.schedule.forces[k]
+            for segment in self._centre.segments(self._state, torque, force):
+                yield segment, None
+        else:
+            yield from self._claims[k]
+
+    def _force(self, k: int, begun: float, duration: float) -> Forces:
+        """Return the tip force on a segment that begins at `begun` [s], for the middle of its factor."""
+        period, line = arb(self.problem.period), self.problem.schedule.forces[k].tolist()
+        low, high = self.problem.plants.force
+        factor, at = (arb(low) + arb(high)) / 2, (arb(begun) + arb(duration) / 2) / period - arb(0.5)
+        half = arb(duration) / period / 2
+        return Forces(*([factor * (line[i] + at * line[2 + i]), factor * half * line[2 + i]] for i in range(2)))
+
+    def _cross(self, segment: Segment, torque: np.ndarray, force: Forces, claim: Claim | None) -> Closed:
         """Close the tube on a segment and take the zonotope over it."""
         problem, xi = self.problem, slice(0, STATES + JOINTS)
-        force = segment.force.tolist()
-        forces = Forces(*([arb(force[i]), arb(force[2 + i]) / 2] for i in range(2)))
-        period = Period(segment, torque, forces, problem.plant, problem.plants.force_course)
+        period = Period(segment, torque, force, problem.plant, problem.plants.force_course)
         self._shift(self._set, period.motion.at(-1), self._state)
-        closed = period.close(self._set.part(xi), self._signs, friction=problem.plants.friction)
+        start = self._set.part(xi)
+        if claim is None:
+            closed = period.close(start, self._signs, friction=problem.plants.friction)
+        else:
+            closed = period.confirm(start, self._signs, claim, friction=problem.plants.friction)
         self._advance(closed)
         self._state, self._signs = segment.end, closed.signs
         self._shift(self._set, period.motion.at(1), self._state)
@@ -147,9 +176,9 @@ class Tube:
         point = [ball(x) for x in (*here[THETA], *here[D_THETA], *self._integral)]
         spread = z.totals()[MEASURED_ROWS] + np.repeat([*noise, 0.0], JOINTS)
         around = [x + ball(0.0, r) for x, r in zip(point, spread.tolist(), strict=True)]
-        pairs = [slice(i * JOINTS, (i + 1) * JOINTS) for i in range(3)]
-        at = problem.law.torque(*(point[p] for p in pairs), sample)
-        tube = problem.law.torque(*(around[p] for p in pairs), sample)
+        theta, velocity, integral = (slice(i * JOINTS, (i + 1) * JOINTS) for i in range(3))
+        at = problem.law.torque(point[theta], point[velocity], point[integral], sample)
+        tube = problem.law.torque(around[theta], around[velocity], around[integral], sample)
         torque = np.array([centre(u) for u in at.value])
         gain = np.array([[centre(x) for x in row] for row in tube.slopes])
         rest = np.array([
@@ -191,8 +220,9 @@ class Tube:
     def _check_limits(self, torque: np.ndarray, radius: np.ndarray) -> None:
         for joint, limit in enumerate(self.problem.parameters.torque_limit):
             if not abs(torque[joint]) + radius[joint] < limit:
-                raise DoesNotClose(
-                    f"motor {joint + 1} may reach its limit of {limit:g} N m: |{torque[joint]:.4g}| ± {radius[joint]:.3g} N m"
+                raise NoBound(
+                    f"motor {joint + 1} may reach its limit of {limit:g} N m: "
+                    f"|{torque[joint]:.4g}| ± {radius[joint]:.3g} N m"
                 )
 
     def _advance(self, closed: Closed) -> None:
