@@ -26,10 +26,10 @@ from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES
 from fuzzyarm.policies import load_policy
 
-__all__ = ["PATHS", "TipBound", "TipClaim", "find_bound", "problem_of"]
+__all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "problem_of"]
 
-PATHS: dict[str, TipPath] = {"circle": Circle(), "lemniscate": Lemniscate(center=(0.35, 0.65), half_width=0.2)}
-"""Paths of the tip by name: the paper's circle, and the eight with the defaults of its class."""
+PATHS: dict[str, TipPath] = {"circle": Circle(), "lemniscate": Lemniscate((0.4, 0.5), 0.2)}
+"""Paths of the tip by name: the paper's circle, and an eight of the same width."""
 
 PERIOD = 1e-3  # control period [s], the environment's own
 
@@ -110,7 +110,8 @@ class TipBound:
         at = PERIOD * (int(self.tip.argmax()) + 1)
         return (
             f"{c.policy}, {c.case}, set {c.set_name}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm\n"
-            f"  at every one of {len(self.tip)} samples of the {c.path} in {c.duration:g} s: PROVEN, {self.seconds:.0f} s\n"
+            f"  at every one of {len(self.tip)} samples of the {c.path} in {c.duration:g} s: PROVEN "
+            f"in {self.seconds:.0f} s\n"
             f"  largest at t = {at:.3f} s; made of, in mm: {parts}"
         )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +36,7 @@ class Mode(enum.IntEnum):
     BACKWARD = -1
     """F(v), for a negative velocity."""
     FREE = 0
-    """None."""
+    """A constant torque."""
     FORWARD = 1
     """-F(v), for a positive velocity."""
     REST = 2
@@ -62,15 +62,9 @@ class Segment(NamedTuple):
 class Centre:
     """Makes the centre of one period after the other, for an arm and a control period T [s]."""
 
-    def __init__(self, arm: Arm, period: float, *, friction: bool) -> None:
-        """Prepare the collocation.
-
-        Args:
-            arm: constants of the arm.
-            period: T [s].
-            friction: whether the centre has dry friction.
-        """
-        self._arm, self._period, self._friction = arm, period, friction
+    def __init__(self, arm: Arm, period: float) -> None:
+        """Prepare the collocation for the constants of an arm and T [s]."""
+        self._arm, self._period = arm, period
         self._static, self._grain = (arm.static1, arm.static2), math.ulp(period)
         nodes, _ = np.polynomial.legendre.leggauss(NODES)
         vandermonde = np.linalg.inv(np.vander(nodes, NODES, increasing=True))
@@ -85,23 +79,27 @@ class Centre:
         self._velocity_at = np.vander(nodes, NODES + 1, increasing=True) @ self._velocity
         self._angle_at = np.vander(nodes, DEGREE + 1, increasing=True) @ self._angle
 
-    def segments(self, state: np.ndarray, torque: np.ndarray, force: np.ndarray) -> Iterator[Segment]:
+    def segments(
+        self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, drags: Sequence[float | None]
+    ) -> Iterator[Segment]:
         """Yield the centre of a period, in segments on which no motor changes its mode.
 
         Args:
             state: at the start (8,).
             torque: held (2,) [N m].
             force: x, y at the middle of the period, and their change over it (4,) [N].
+            drags: for each motor the constant friction torque that it has [N m]; None: that of the law.
         """
         begun = 0.0
         for count in range(MOST_SEGMENTS):
-            modes = self._modes(state, torque)
+            modes = self._modes(state, torque, drags)
+            torques = torque + [drag or 0.0 for drag in drags]
             left = self._period - begun
-            found = self._solved(state, torque, _part(force, begun, left, self._period), modes, left)
+            found = self._solved(state, torques, _part(force, begun, left, self._period), modes, left)
             at = self._first_change(found, torque) if count < MOST_SEGMENTS - 1 else None
             if at is not None and SHORTEST < at < 1.0 - SHORTEST:
                 part = round(at * left / self._grain) * self._grain  # so that all durations add up exactly
-                found = self._solved(state, torque, _part(force, begun, part, self._period), modes, part)
+                found = self._solved(state, torques, _part(force, begun, part, self._period), modes, part)
                 for j in range(JOINTS):  # who has come to rest rests exactly
                     before, after = state[4 + j], found.end[4 + j]
                     if modes[j] in (Mode.FORWARD, Mode.BACKWARD) and abs(after) < 1e-9 and abs(after) < abs(before):
@@ -114,11 +112,12 @@ class Centre:
             if begun == self._period:
                 return
 
-    def _modes(self, state: np.ndarray, torque: np.ndarray) -> tuple[Mode, ...]:
-        if not self._friction:
-            return (Mode.FREE,) * JOINTS
+    def _modes(self, state: np.ndarray, torque: np.ndarray, drags: Sequence[float | None]) -> tuple[Mode, ...]:
         modes = []
         for j in range(JOINTS):
+            if drags[j] is not None:
+                modes.append(Mode.FREE)
+                continue
             net = self._net(state[j], state[2 + j], state[4 + j], state[6 + j], torque[j], j)
             moving = state[4 + j] or (net if abs(net) > self._static[j] else 0.0)
             modes.append(Mode(int(np.sign(moving))) if moving else Mode.REST)

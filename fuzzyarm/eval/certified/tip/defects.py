@@ -103,13 +103,14 @@ class PeriodMotion:
 
     Attributes:
         angle, velocity, acceleration: signals of θ_1, θ_2, q_1, q_2 and of their derivatives [rad, s].
+        duration: of the period, or of a part of it [s].
     """
 
     _shift = _shift_table()
 
     def __init__(self, angles: np.ndarray, period: float) -> None:
         """Take the coefficients (4, DEGREE + 1) of the angles [rad] and T [s]."""
-        self._rate = 2 / arb(period)
+        self._rate, self.duration = 2 / arb(period), period
         self.angle: list[Signal] = [[arb(c) for c in row] for row in angles.tolist()]
         self.velocity = [self._derivative(signal) for signal in self.angle]
         self.acceleration = [self._derivative(signal) for signal in self.velocity]

@@ -6,8 +6,8 @@ the friction -P (`defects`), so the torque on the deviation is w = Γ_f + P. Thr
     v > 0     w = P - F(v);          v < 0     w = P + F(v);
     v = 0     w = -δN - I_a θ̈_y:     on the set of times with v = 0 almost everywhere v̇ = 0, so Γ_f = -N there.
 
-*Sign.* If v >= 0 at the start of the period and N + F(v) >= 0 wherever the tube has v < 0, then v >= 0 throughout:
-where v < 0 it does not fall. So a side can be left out although the tube reaches across zero.
+*Speed.* Where v > 0, I_a v̇ = N - F(v) <= N_max - F_min: so v <= max(0, v_0 + t (N_max - F_min)/I_a), and likewise below
+zero. It bounds v by itself, beside the tube: one side may be ruled out although the tube reaches across zero.
 
 *Monotony.* v -> F(v) sgn v + L v increases, L the largest -F' of the tube. So, if -P is within η of what the law allows
 at the centre's velocity, the velocities of two solutions part no faster than I_a |δv|' <= |δN| + η + L |δv|, whatever
@@ -18,9 +18,9 @@ sticks or slips in between.
 
 from __future__ import annotations
 
-import dataclasses
 import enum
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from fuzzyarm.eval.certified.tip.defects import (
 from fuzzyarm.eval.certified.tip.enclosures import SLACK, Jet, ball, between, centre, largest, low_high
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 
-__all__ = ["Friction", "Plan", "Signs"]
+__all__ = ["Friction", "Plan", "PlanFails", "Speed"]
 
 
 class Plan(enum.Enum):
@@ -55,12 +55,11 @@ class Plan(enum.Enum):
     """All that is not ruled out."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Signs:
-    """What is known of a motor's velocity at a sample: v >= 0, v <= 0; both: it rests."""
+class Speed(NamedTuple):
+    """What is known of a motor's velocity at a sample beside the tube: low <= v <= high [rad/s]."""
 
-    not_negative: bool
-    not_positive: bool
+    low: float
+    high: float
 
 
 class Friction:
@@ -69,13 +68,14 @@ class Friction:
     Attributes:
         plan: how it is bounded.
         slope: change of the friction with the velocity that is part of the linear equation [N m s/rad].
+        drag: middle of the friction torques that are possible by the plan MIXED [N m], once `bound` was called.
     """
 
     def __init__(
-        self, joint: int, plan: Plan, mode: Mode, motion: PeriodMotion, torque: float, plant: BallPlant, signs: Signs
+        self, joint: int, plan: Plan, mode: Mode, motion: PeriodMotion, torque: float, plant: BallPlant, known: Speed
     ) -> None:
-        """Take the centre's motion and mode, the held torque [N m], the plant and what is known of the sign."""
-        self.joint, self.plan, self.signs, self._arm = joint, plan, signs, plant.exact
+        """Take the centre's motion and mode, the held torque [N m], the plant and what is known of v."""
+        self.joint, self.plan, self.known, self._arm = joint, plan, known, plant.exact
         self.share = plant.share[joint]
         self.speed = signal_ends(motion.velocity[joint])
         self._speed = between(*self.speed)
@@ -86,10 +86,10 @@ class Friction:
         self._inertial = largest(inertia * signal_range(motion.acceleration[joint]))
         self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
         self._slip: Signal | None = None
-        self._missed = 0.0
+        self._missed, self._duration = 0.0, motion.duration
         self.static = self.strength(0.0, 0.0)
         self._rests = all(a.is_zero() for a in motion.velocity[joint])
-        self.slope = 0.0
+        self.slope = self.drag = 0.0
         if self.side:
             self._slip = motion.slip(joint, self.side, plant.exact)
             parts = [(ball(1.0), self._needed), (ball(-float(self.side)), self._slip)]
@@ -166,7 +166,7 @@ class Friction:
             return 0.0
         if self.plan is Plan.HELD:
             limit = self.share[0] * self.static[0]
-            known = self.signs.not_negative and self.signs.not_positive and self._rests
+            known = self.known == (0.0, 0.0) and self._rests
             if not known or largest(self._net) + tube_net + constants + products >= limit * (1.0 - 1e-9):
                 raise PlanFails(self.joint)
             return 0.0
@@ -186,11 +186,11 @@ class Friction:
     def _mixed(
         self, low: float, high: float, tube_speed: float, tube_net: float, constants: float, products: float
     ) -> float:
-        forward, backward = self._sides(low, high, tube_net + constants + products)
+        low, high = self._during(low, high, tube_net + constants + products)
         needed_low, needed_high = signal_ends(self._needed)
         ends: list[float] = []
-        for side, possible, fastest in ((1, forward, high), (-1, backward, -low)):
-            if not possible or fastest <= 0.0:
+        for side, fastest in ((1, high), (-1, -low)):
+            if fastest <= 0.0:
                 continue
             slowest = max(0.0, low if side > 0 else -high)
             if side == self.side and self._slip is not None:
@@ -206,6 +206,8 @@ class Friction:
             net_low, net_high = low_high(self._net + ball(0.0, (tube_net + constants + products) * (1 + SLACK)))
             if max(net_low, -static) <= min(net_high, static):  # otherwise the motor cannot rest
                 ends += [max(-rest, needed_low - min(net_high, static)), min(rest, needed_high - max(net_low, -static))]
+        if ends:
+            self.drag = 0.5 * (min(ends) + max(ends)) - 0.5 * (needed_low + needed_high)
         return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
 
     def _uncertain(self, fastest: float, slowest: float) -> float:
@@ -213,30 +215,31 @@ class Friction:
         _, strongest = self.strength(slowest, fastest)
         return max(self.share[1] - 1.0, 1.0 - self.share[0]) * strongest
 
-    def _sides(self, low: float, high: float, spread: float) -> tuple[bool, bool]:
-        """Return whether v > 0 and v < 0 are possible on the tube."""
-        after = self.signs_during(low, high, spread)
-        return not after.not_positive, not after.not_negative
-
-    def signs_during(self, low: float, high: float, spread: float) -> Signs:
-        """Return what is known of the sign during the whole period, for v in [low, high] and N within `spread`."""
+    def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
+        """Return how fast v may fall at most where v < 0 and rise where v > 0 [rad/s²], N within `spread`."""
         net_low, net_high = low_high(self._net)
         backward = self.share[0] * self.strength(0.0, max(-low, 0.0))[0]
         forward = self.share[0] * self.strength(0.0, max(high, 0.0))[0]
-        return Signs(
-            low >= 0.0 or (self.signs.not_negative and net_low - spread + backward >= 0.0),
-            high <= 0.0 or (self.signs.not_positive and net_high + spread - forward <= 0.0),
-        )
+        return (net_low - spread + backward) / self._inertia, (net_high + spread - forward) / self._inertia
 
-    def signs_after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Signs:
-        """Return what is known of the sign at the end of the period, where v lies in the range `end` [rad/s]."""
+    def _during(self, low: float, high: float, spread: float) -> Speed:
+        """Return what is known of v during the segment, in [low, high] by the tube, N within `spread` [N m]."""
+        falling, rising = self._rates(low, high, spread)
+        least = min(self.known.low, 0.0) + min(falling, 0.0) * self._duration * (1.0 + SLACK)
+        most = max(self.known.high, 0.0) + max(rising, 0.0) * self._duration * (1.0 + SLACK)
+        return Speed(max(low, least), min(high, most))
+
+    def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
+        """Return what is known of v at the end of the segment, where the tube has it in the range `end` [rad/s]."""
         if self.plan is Plan.ANY:
-            return Signs(False, False)
+            return Speed(-math.inf, math.inf)
         if self.plan is Plan.HELD:
-            return Signs(True, True)
+            return Speed(0.0, 0.0)
         low, high = low_high(self._speed + ball(0.0, tube_speed))
-        during = self.signs_during(low, high, spread)
-        return Signs(during.not_negative or end[0] >= 0.0, during.not_positive or end[1] <= 0.0)
+        falling, rising = self._rates(low, high, spread)
+        least = min(0.0, min(self.known.low, 0.0) + falling * self._duration * (1.0 - SLACK * np.sign(falling)))
+        most = max(0.0, max(self.known.high, 0.0) + rising * self._duration * (1.0 + SLACK * np.sign(rising)))
+        return Speed(max(end[0], least), min(end[1], most))
 
 
 class PlanFails(ValueError):

@@ -22,7 +22,7 @@ from fuzzyarm.eval.certified.tip.centre import Mode, Segment
 from fuzzyarm.eval.certified.tip.constants import Drive, drive
 from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, signal_range, signal_size
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
-from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Signs
+from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 from fuzzyarm.eval.certified.tip.remainders import at_middle, lever_arms, link_remainder, tube_slopes
 from fuzzyarm.eval.certified.tip.transition import (
@@ -55,8 +55,9 @@ class Closed:
         solution: of the linear equation.
         drive: of the uncertain constants.
         columns: (8, n) of the zonotope at the end without the torques w̄; those of the constants first.
-        signs: of both motors at the end.
+        known: of both motors' velocities at the end.
         plans: by which the frictions were bounded.
+        drags: middle of the friction torques of motors with the plan MIXED [N m], None for others.
     """
 
     tube: np.ndarray
@@ -64,8 +65,9 @@ class Closed:
     solution: Transition
     drive: Drive
     columns: np.ndarray
-    signs: tuple[Signs, ...]
+    known: tuple[Speed, ...]
     plans: tuple[Plan, ...]
+    drags: tuple[float | None, ...]
 
 
 class Claim(NamedTuple):
@@ -84,39 +86,40 @@ class Period:
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
         self._centre, self._torque, self._period, self._course = centre, torque, period, course
         self._at = at_middle(self.motion, force, plant.exact)
+        levers: tuple[np.ndarray, np.ndarray]
         levers = lever_arms(self.motion, plant.exact) if course else (np.zeros((2, 2)), np.zeros((2, 2)))
-        self._lever, self._lever_spread = levers
+        self._lever, self._lever_spread = levers[0], levers[1]
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
         halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
         self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
         self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
 
-    def confirm(self, start: Zonotope, signs: tuple[Signs, ...], claim: Claim, *, friction: str) -> Closed:
+    def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: Claim, *, friction: str) -> Closed:
         """Return the period closed by a claimed tube and plans, without any search; `NoBound` where they fail."""
         if friction == "any" and set(claim.plans) != {Plan.ANY}:
             raise NoBound("a plan that is not for any friction")
         try:
-            return self._closed(start, signs, list(claim.plans), claim.tube)
+            return self._closed(start, known, list(claim.plans), claim.tube)
         except PlanFails as failed:
             raise NoBound(str(failed)) from None
 
-    def close(self, start: Zonotope, signs: tuple[Signs, ...], *, friction: str) -> Closed:
+    def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:
         """Return the closed period for the zonotope of ξ at its start; `NoBound` where there is none."""
-        plans = [self._plan(joint, start, signs[joint], friction) for joint in range(JOINTS)]
+        plans = [self._plan(joint, start, known[joint], friction) for joint in range(JOINTS)]
         for _ in range(3 * JOINTS + 1):
             try:
-                return self._closed(start, signs, plans)
+                return self._closed(start, known, plans)
             except PlanFails as failed:
-                known = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
-                plans[failed.joint] = Plan.MONOTONE if known else Plan.MIXED
+                certain = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
+                plans[failed.joint] = Plan.MONOTONE if certain else Plan.MIXED
         raise NoBound("the plans of the friction contradict each other")
 
-    def _plan(self, joint: int, start: Zonotope, signs: Signs, friction: str) -> Plan:
+    def _plan(self, joint: int, start: Zonotope, known: Speed, friction: str) -> Plan:
         if friction == "any":
             return Plan.ANY
         mode = self._centre.modes[joint]
-        if mode == Mode.REST and signs.not_negative and signs.not_positive:
+        if mode == Mode.REST and known == (0.0, 0.0):
             return Plan.HELD
         low, high = low_high(signal_range(self.motion.velocity[joint]))
         spread = float(start.totals()[D_THETA][joint])
@@ -124,10 +127,10 @@ class Period:
         return Plan.SLIP if slips else Plan.MONOTONE
 
     def _closed(
-        self, start: Zonotope, signs: tuple[Signs, ...], plans: list[Plan], claimed: np.ndarray | None = None
+        self, start: Zonotope, known: tuple[Speed, ...], plans: list[Plan], claimed: np.ndarray | None = None
     ) -> Closed:
         frictions = [
-            Friction(j, plans[j], self._centre.modes[j], self.motion, float(self._torque[j]), self.plant, signs[j])
+            Friction(j, plans[j], self._centre.modes[j], self.motion, float(self._torque[j]), self.plant, known[j])
             for j in range(JOINTS)
         ]
         system = linear(
@@ -145,8 +148,9 @@ class Period:
             if (reached < tube).all():
                 if claimed is None:
                     self._check_monotone(torques, before, frictions)
-                after = self._signs(tube, frictions, driven)
-                return Closed(tube, torques, solution, driven, columns, after, tuple(plans))
+                after = self._speeds(tube, frictions, driven)
+                drags = tuple(f.drag if f.plan is Plan.MIXED else None for f in frictions)
+                return Closed(tube, torques, solution, driven, columns, after, tuple(plans), drags)
             if claimed is not None:
                 raise NoBound(f"the claimed tube is left in row {int(np.argmax(reached - tube))}")
             if not (reached[ROWS.theta].max() < LARGEST and reached[ROWS.link].max() < LARGEST):
@@ -217,18 +221,18 @@ class Period:
             )
         return torques * ROUND_UP
 
-    def _signs(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Signs, ...]:
-        """Return what is known of the signs of the motors' velocities at the end."""
+    def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
+        """Return what is known of the motors' velocities at the end."""
         within = sum(half * tube[rows] for half, rows in self._within)
         own = sum(half * tube[rows] for half, rows in self._own)
         ends = self.motion.at(1)
-        signs = []
+        found = []
         for j, friction in enumerate(frictions):
             radius = float(tube[ROWS.d_theta][j])
             low, high = low_high(ends[STATES // 2 + j])
             spread = float(tube[ROWS.net][j] + driven.motor[j] + within[j] + own[j])
-            signs.append(friction.signs_after(radius, spread, (low - radius, high + radius)))
-        return tuple(signs)
+            found.append(friction.after(radius, spread, (low - radius, high + radius)))
+        return tuple(found)
 
 
 _PRODUCTS = ("stiffness", "damping", "motor_inertia", "viscous_friction")

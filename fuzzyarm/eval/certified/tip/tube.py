@@ -18,7 +18,7 @@ from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.eval.certified.tip.centre import Centre, Segment
 from fuzzyarm.eval.certified.tip.defects import Forces
 from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, ball, centre, largest, radius_of
-from fuzzyarm.eval.certified.tip.friction import Plan, Signs
+from fuzzyarm.eval.certified.tip.friction import Plan, Speed
 from fuzzyarm.eval.certified.tip.laws import BallLaw, Sample
 from fuzzyarm.eval.certified.tip.period import Claim, Closed, Period
 from fuzzyarm.eval.certified.tip.plant import BallPlant
@@ -98,9 +98,10 @@ class Tube:
         self._integral = np.zeros(JOINTS)
         numbers = STATES + JOINTS * (1 + problem.plants.late)
         self._set = Zonotope(numbers, len(plant.parameters))
-        self._signs: tuple[Signs, ...] = (Signs(True, True),) * JOINTS
+        self._known: tuple[Speed, ...] = (Speed(0.0, 0.0),) * JOINTS
         self._waiting: np.ndarray | None = None
-        self._centre = Centre(plant.middle, problem.period, friction=problem.plants.friction == "law")
+        self._centre = Centre(plant.middle, problem.period)
+        self._drags: tuple[float | None, ...] = (None,) * JOINTS
 
     def __iter__(self) -> Iterator[Step]:
         """Advance to the end of the motion; `NoBound` where there is no tube."""
@@ -128,10 +129,18 @@ class Tube:
         """Yield the segments of a control step, with what is claimed of them."""
         if self._claims is None:
             force = 0.5 * sum(self.problem.plants.force) * self.problem.schedule.forces[k]
-            for segment in self._centre.segments(self._state, torque, force):
+            for segment in self._centre.segments(self._state, torque, force, self._next_drags()):
                 yield segment, None
         else:
             yield from self._claims[k]
+
+    def _next_drags(self) -> list[float | None]:
+        """Return the constant friction of motors of whose velocity even the sign is not known for long."""
+        if self.problem.plants.friction == "any":
+            return [0.0] * JOINTS
+        spread = self._set.totals()[D_THETA]
+        slow = np.abs(self._state[D_THETA]) <= 1.05 * spread
+        return [drag if slow[j] else None for j, drag in enumerate(self._drags)]
 
     def _force(self, k: int, begun: float, duration: float) -> Forces:
         """Return the tip force on a segment that begins at `begun` [s], for the middle of its factor."""
@@ -148,11 +157,11 @@ class Tube:
         self._shift(self._set, period.motion.at(-1), self._state)
         start = self._set.part(xi)
         if claim is None:
-            closed = period.close(start, self._signs, friction=problem.plants.friction)
+            closed = period.close(start, self._known, friction=problem.plants.friction)
         else:
-            closed = period.confirm(start, self._signs, claim, friction=problem.plants.friction)
+            closed = period.confirm(start, self._known, claim, friction=problem.plants.friction)
         self._advance(closed)
-        self._state, self._signs = segment.end, closed.signs
+        self._state, self._known, self._drags = segment.end, closed.known, closed.drags
         self._shift(self._set, period.motion.at(1), self._state)
         return closed
 
@@ -256,8 +265,8 @@ class Tube:
 def tip_bound(state: np.ndarray, deviations: Zonotope, problem: Problem, sample: int) -> tuple[float, np.ndarray]:
     """Return a bound of the tip error [m] at a sample, and the shares of it by source.
 
-    |p(q) - p_r| <= |p(q_y) - p_r| + |J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
-    that touches it in `DIRECTIONS` directions.
+    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
+    that touches it in `DIRECTIONS` directions, and so does it with the centre's own error.
     """
     arm = problem.plant.exact
     angles = PerJoint(*(arb(x) for x in state[LINK].tolist()))
@@ -274,12 +283,16 @@ def tip_bound(state: np.ndarray, deviations: Zonotope, problem: Problem, sample:
     full = np.zeros((DIRECTIONS, len(deviations.box)))
     full[:, LINK] = rows
     reach = deviations.size(full)
-    direction = int(np.argmax(reach))
-    widest = float(reach[direction]) / math.cos(0.5 * math.pi / DIRECTIONS) * (1.0 + 1e-12)
+    aside = np.abs(
+        np.stack([np.cos(turns), np.sin(turns)], axis=1) @ [centre(tip.x) - wanted[0], centre(tip.y) - wanted[1]]
+    )
+    direction = int(np.argmax(reach + aside))
+    corner = (1.0 + 1e-12) / math.cos(0.5 * math.pi / DIRECTIONS)
+    widest = min(offset + float(reach.max()) * corner, float((reach + aside).max() + SLACK * offset + 1e-18) * corner)
     radius = deviations.totals()[LINK]
     lengths = [largest(arm.length1), largest(arm.length2)]
     bent = 0.5 * (lengths[0] * radius[0] ** 2 + lengths[1] * (radius[0] + radius[1]) ** 2)
     image = np.abs(full[direction] @ deviations.columns)
     shares = [float(image[deviations.source == i].sum()) for i in range(len(SOURCES))]
-    shares += [float(image[deviations.source < 0].sum()), offset]
-    return (offset + widest + float(bent)) * ROUND_UP, np.array(shares)
+    shares += [float(image[deviations.source < 0].sum()), float(aside[direction])]
+    return (widest + float(bent)) * ROUND_UP, np.array(shares)

@@ -3,8 +3,8 @@
     x = Z g + β,      |g_i| <= 1,   |β| <= box;       |r x| <= Σ_i |(r Z)_i| + |r| box   for a row r.
 
 The first columns are those of the uncertain constants: their g_i is the same at every instant. The others are the
-disturbances of the periods so far, each with a source. A column that is old is merged, with others of its source, into
-the box that holds them, which becomes a column for each number.
+disturbances of the periods so far, each with a source. Columns that are old are merged, with others of their source,
+into a parallelepiped that holds them, a column for each number.
 """
 
 from __future__ import annotations
@@ -78,7 +78,26 @@ class Zonotope:
         old, source = self.columns[:, first:last], self.source[first:last]
         merged, labels = [], []
         for label in np.unique(source):
-            merged.append(np.diag(np.abs(old[:, source == label]).sum(axis=1) * ROUND_UP))
-            labels.append(np.full(len(self.box), label))
+            block, missed = _merged(old[:, source == label])
+            self.box += missed
+            merged.append(block)
+            labels.append(np.full(block.shape[1], label))
         self.columns = np.hstack([self.columns[:, :first], *merged, self.columns[:, last:]])
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
+
+
+def _merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a column for each number, and a box, that together hold what many columns hold.
+
+    Z g = Q (Qᵀ Z) g + (Z - Q Qᵀ Z) g for any Q. The columns of Q are the principal directions of Z, in units in which
+    the rows are of one size, so that |Qᵀ Z g|, bounded row by row, is not much more than what the columns reach.
+    """
+    units = np.abs(columns).sum(axis=1)
+    units[units == 0.0] = 1.0
+    scaled = columns / units[:, np.newaxis]
+    directions = np.linalg.eigh(scaled @ scaled.T)[1]
+    Q, inverse = units[:, np.newaxis] * directions, directions.T / units
+    shares = inverse @ columns
+    sizes = np.abs(shares).sum(axis=1) * ROUND_UP
+    rounding = np.abs(Q) @ np.abs(inverse) @ np.abs(columns).sum(axis=1) + np.abs(Q) @ sizes
+    return Q * sizes, np.abs(columns - Q @ shares).sum(axis=1) * ROUND_UP + SLACK * rounding
