@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,13 +97,19 @@ class Friction:
         # -F' is largest at v = v_s/√2, where it is √2 e^(-1/2) (F_s - F_c)/v_s = 0.8578 (F_s - F_c)/v_s.
         arm = plant.exact
         rise = (arm.static1 - arm.coulomb1, arm.static2 - arm.coulomb2)[joint]
-        self._steepest = largest(rise / arm.stribeck_velocity) * 0.858 * self.share[1]
+        self._steepest = largest(rise / arm.stribeck_velocity) * 0.858
         if plan is Plan.SLIP:
-            self.slope = -centre(self._rate(ball(abs(centre(self._speed)))))
+            slope = dry_friction(Jet.variable(ball(abs(centre(self._speed))), 0), joint, self._arm).slope(0)
+            self.slope = -centre(slope)
 
-    def _rate(self, speed: Any) -> Any:
-        """Return F'(v)."""
-        return dry_friction(Jet.variable(speed, 0), self.joint, self._arm).slope(0)
+    def _rates_of_strength(self, slowest: float, fastest: float) -> tuple[float, float]:
+        """Return the lowest and the highest F'(v) [N m s/rad] for speeds in a range; F' falls to v_s/√2, then rises."""
+        ends = [
+            low_high(dry_friction(Jet.variable(ball(v), 0), self.joint, self._arm).slope(0)) for v in (slowest, fastest)
+        ]
+        turn = 0.5**0.5 * centre(self._arm.stribeck_velocity)
+        inside = slowest <= turn * (1.0 + 1e-9) and turn * (1.0 - 1e-9) <= fastest
+        return -self._steepest if inside else min(ends[0][0], ends[1][0]), max(ends[0][1], ends[1][1])
 
     def strength(self, slowest: float, fastest: float) -> tuple[float, float]:
         """Return the lowest and the highest F(v) [N m] in a range of speeds: F falls, as static >= Coulomb friction."""
@@ -126,7 +132,7 @@ class Friction:
         """
         # A centre that is not quite on the side on which it slips is compared after a shift by `aside`.
         aside = max(0.0, -self.speed[0] if self.side > 0 else self.speed[1]) if self.side else 0.0
-        rate = self._steepest / self._inertia
+        rate = self._steepest * self.share[1] / self._inertia
         grown = start + aside + duration * (torque / self._inertia + rate * aside)
         return grown * float(np.exp(rate * duration)) * (1.0 + SLACK) + aside
 
@@ -173,14 +179,10 @@ class Friction:
         if self.plan is Plan.SLIP:
             if not (self.side * (low if self.side > 0 else high) > 0.0):
                 raise PlanFails(self.joint)
-            speed = between(min(abs(low), abs(high)), max(abs(low), abs(high)))
-            rate = self._rate(speed)
-            uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0])
-            return (
-                self._missed
-                + (largest(rate + self.slope) + uncertain * largest(rate)) * tube_speed * (1 + SLACK)
-                + products
-            )
+            falling, rising = self._rates_of_strength(min(abs(low), abs(high)), max(abs(low), abs(high)))
+            uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0]) * max(-falling, rising)
+            rest = max(abs(falling + self.slope), abs(rising + self.slope)) + uncertain
+            return (self._missed + rest * tube_speed) * (1.0 + SLACK) + products
         return self._mixed(low, high, tube_speed, tube_net, constants, products)
 
     def _mixed(
