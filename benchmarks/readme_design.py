@@ -93,8 +93,8 @@ def tip_bound_table(document: dict[str, Any]) -> str:
     return (
         f"{table(headings, rows, left=4)}\n\nThe largest tip error at any sample: proven for every plant of the set, "
         f"and the largest of the simulated ones (one plant for `table-1`, integrated event by event; else "
-        f"{document['plants']} of each set, half at its corners); the largest ratio of an error to the bound at the same "
-        f"sample. Time on one core. `{document['command']}`; {made_with(document)}"
+        f"{document['plants']} of each set, half at its corners); the largest ratio of an error to the bound at the "
+        f"same sample. Time on one core. `{document['command']}`; {made_with(document)}"
     )
 
 
