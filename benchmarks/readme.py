@@ -51,7 +51,7 @@ SCRIPTS: dict[str, list[str]] = {
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
-    "tip_bound": [],
+    "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
 

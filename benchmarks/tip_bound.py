@@ -30,6 +30,7 @@ from fuzzyarm.envs.physics.readings import at_rest, static_deflection, tip_point
 from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.randomisation import Draw, varied
+from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
@@ -38,6 +39,7 @@ from fuzzyarm.eval.provenance import current_provenance
 COMMAND = "python benchmarks/tip_bound.py"
 SUBSTEPS = 40
 COUNTED = 1e-6  # [m], smallest bound that a ratio counts for
+MAGNIFIED = 25  # errors in the picture
 EVERY = 10  # samples of the curves that are stored
 
 _FACTORS = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
@@ -194,10 +196,42 @@ def measured(claim: TipClaim, lanes: int) -> dict[str, Any]:
     }
 
 
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw the tube around the circle for a set, and bounds with the worst simulated errors over time."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    from matplotlib import pyplot as plt
+
+    figure, (plane, over_time) = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
+    by_name = {(row["policy"], row["case"], row["set"], row["path"], row["duration"]): row for row in rows}
+    shown = by_name["fuzzy-4-tip", "nominal", "near", "circle", 1.5]
+    curve, reference = shown["curve"], JointReference()
+    points = reference.path.points(quintic_time_law(np.array(curve["time"]), reference.duration)[0])[0]
+    outwards = (points - np.array(reference.path.center)) / reference.path.radius
+    for name, key, style in (("proven", "bound_mm", "-"), ("simulated, worst", "simulated_mm", ":")):
+        offset = 1e-3 * MAGNIFIED * np.array(curve[key])[:, np.newaxis] * outwards
+        for side in (1.0, -1.0):
+            line = points + side * offset
+            plane.plot(line[:, 1], -line[:, 0], style, color="C0", label=name if side > 0.0 else None)
+    plane.plot(points[:, 1], -points[:, 0], color="0.6", linewidth=0.8, label="path")
+    plane.set(title=f"fuzzy-4-tip, set near, errors {MAGNIFIED} times", xlabel="y [m]", ylabel="-x [m]", aspect="equal")
+    plane.legend(loc="center")
+    for index, name in enumerate(("table-1", "any-friction", "near")):
+        row = by_name["fuzzy-4-tip", "nominal", name, "circle", 1.5]
+        times = row["curve"]["time"]
+        over_time.semilogy(times, row["curve"]["bound_mm"], color=f"C{index}", label=f"{name}: proven")
+        over_time.semilogy(times, row["curve"]["simulated_mm"], ":", color=f"C{index}", label="simulated, worst")
+    over_time.set(xlabel="time [s]", ylabel="tip error [mm]", title="fuzzy-4-tip, paper's circle")
+    over_time.legend(fontsize="small", ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.15))
+    figure.savefig(path, dpi=120)
+
+
 def main() -> None:
     """Measure and print a line for each claim; write them all, or put those that were measured into the file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--figure", type=Path)
     parser.add_argument("--only", default="", help="measure the claims whose text contains this")
     parser.add_argument("--plants", type=int, default=400)
     options = parser.parse_args()
@@ -216,6 +250,8 @@ def main() -> None:
     if options.json:
         document = {"rows": rows, "plants": options.plants, "command": COMMAND, **current_provenance()}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    if options.figure:
+        draw(rows, options.figure)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ __all__ = [
     "Forces",
     "PeriodMotion",
     "Signal",
+    "TipForces",
     "dry_friction",
     "rest_size",
     "signal_ends",
@@ -83,10 +84,26 @@ def rest_size(signal: Signal) -> float:
 
 
 class Forces(NamedTuple):
-    """The tip force of a period as signals along x and y: its mean, and half its change with s."""
+    """A tip force as signals along x and y: its mean, and half its change with s."""
 
     x: Signal
     y: Signal
+
+
+class TipForces(NamedTuple):
+    """What may act at the tip during a segment.
+
+    Attributes:
+        middle: the force in the middle of the set.
+        radii: how far the force along x and y can be from it [N].
+        direction: a unit vector (x, y).
+        courses: largest part of any course along the direction and across it [N].
+    """
+
+    middle: Forces
+    radii: tuple[float, float]
+    direction: tuple[float, float]
+    courses: tuple[float, float]
 
 
 def _shift_table() -> Any:

@@ -20,7 +20,7 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.tip.centre import Mode, Segment
 from fuzzyarm.eval.certified.tip.constants import Drive, drive
-from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, signal_range, signal_size
+from fuzzyarm.eval.certified.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.eval.certified.tip.plant import BallPlant
@@ -80,15 +80,13 @@ class Claim(NamedTuple):
 class Period:
     """A period that is to be closed."""
 
-    def __init__(self, centre: Segment, torque: np.ndarray, force: Forces, plant: BallPlant, course: float) -> None:
-        """Take the centre, the held torque (2,) [N m], the force, the plant and the force of any course [N]."""
-        period = centre.duration
+    def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
+        """Take the centre, the held torque (2,) [N m], what may act at the tip, and the plant."""
+        force, period = tip.middle, centre.duration
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
-        self._centre, self._torque, self._period, self._course = centre, torque, period, course
+        self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
         self._at = at_middle(self.motion, force, plant.exact)
-        levers: tuple[np.ndarray, np.ndarray]
-        levers = lever_arms(self.motion, plant.exact) if course else (np.zeros((2, 2)), np.zeros((2, 2)))
-        self._lever, self._lever_spread = levers[0], levers[1]
+        self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
         halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
@@ -203,13 +201,13 @@ class Period:
     def _torques(self, tube: np.ndarray, frictions: list[Friction], driven: Drive, before: np.ndarray) -> np.ndarray:
         """Return w̄ (8,) for a claimed tube."""
         torques = driven.rest.copy()
-        slopes = tube_slopes(self.motion, tube, self.force, self._course, self.plant.whole)
+        slopes = tube_slopes(self.motion, tube, self._tip, self.plant.whole)
         torques[CHANNELS.link] += self._defect + link_remainder(slopes, self._at, tube)
-        torques[CHANNELS.link] += self._lever_spread.sum(axis=1) * self._course
+        torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
         within = sum(half * tube[rows] for half, rows in self._within)
         own = sum(half * tube[rows] for half, rows in self._own)
         torques[CHANNELS.joint] += within
-        torques[CHANNELS.tip] = self._course
+        torques[CHANNELS.tip] += self._tip.courses
         for j, friction in enumerate(frictions):
             if friction.plan is Plan.MONOTONE:
                 driving = friction.driving(tube[ROWS.net][j], driven.motor[j] + within[j], own[j])

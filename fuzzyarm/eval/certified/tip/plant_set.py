@@ -2,7 +2,7 @@
 
 Every factor is constant during the motion and independent of the others; masses count with the inertia of their link,
 as in `randomisation.varied`. What may vary with time, in any measurable way: the friction torque of a set with ``any``
-friction, the tip force within `force_course`, and the error of the encoders within `noise`.
+friction, and the tip force within `force_swing` and `force_course`; and at every sample the errors within `noise`.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ class PlantSet:
         payload: mass at the tip [kg], added to the case's own payload.
         force: factor of the case's tip force.
         friction: ``"law"``: stick and Stribeck friction as in the environment; ``"any"``: any torque up to the static.
+        force_swing: largest share of the case's tip force by which its factor may vary, in any course in time.
         force_course: largest component along x and along y of a further tip force, of any course in time [N].
         noise: largest error of a measured motor angle [rad] and velocity [rad/s].
         late: whole control periods by which every torque acts late; until the first acts, it is held from the start.
@@ -50,6 +51,7 @@ class PlantSet:
     payload: Range = (0.0, 0.0)
     force: Range = (1.0, 1.0)
     friction: Literal["law", "any"] = "law"
+    force_swing: float = 0.0
     force_course: float = 0.0
     noise: Range = (0.0, 0.0)
     late: int = 0
@@ -62,7 +64,8 @@ class PlantSet:
                 given = checks.interval(name, getattr(self, name), unit, low=low, high=high)
                 object.__setattr__(self, name, given)
             checks.choice("friction", self.friction, ("law", "any"))
-            object.__setattr__(self, "force_course", checks.real("force_course", self.force_course, "N", low=0.0))
+            for name, unit in (("force_swing", ""), ("force_course", "N")):
+                object.__setattr__(self, name, checks.real(name, getattr(self, name), unit, low=0.0))
             object.__setattr__(self, "noise", checks.reals("noise", self.noise, 2, low=0.0))
             object.__setattr__(self, "late", checks.whole("late", self.late, high=1))
         except TypeError as error:

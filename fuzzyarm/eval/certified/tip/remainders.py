@@ -19,8 +19,8 @@ from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
-from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, signal_range
-from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, Jet, ball, between, centre, no_jet, radius_of
+from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, TipForces, signal_range
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, no_jet, radius_of
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 from fuzzyarm.eval.certified.tip.transition import ROWS
 
@@ -54,7 +54,7 @@ def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray
     return mass, angle, velocity
 
 
-def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: Forces, course: float, arm: Arm) -> LinkSlopes:
+def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: Arm) -> LinkSlopes:
     """Return the slopes at every point of the tube (18,) around the centre, for every arm of the balls `arm`."""
     boxes = []
     for kind, rows in (
@@ -64,8 +64,8 @@ def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: Forces, course: f
     ):
         radii = tube[rows].tolist()
         boxes.append([signal_range(s) + ball(0.0, r) for s, r in zip(kind[JOINTS:], radii, strict=True)])
-    forces = (signal_range(force.x) + between(-course, course), signal_range(force.y) + between(-course, course))
-    return _slopes(boxes, forces, arm)
+    x, y = (signal_range(s) + ball(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
+    return _slopes(boxes, (x, y), arm)
 
 
 def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndarray], tube: np.ndarray) -> np.ndarray:
@@ -79,17 +79,17 @@ def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndar
     return total * ROUND_UP
 
 
-def lever_arms(motion: PeriodMotion, arm: Arm) -> tuple[np.ndarray, np.ndarray]:
-    """Return Jᵀ (2, 2) [m] at the middle of the period, and how far it is from that along the centre, (2, 2)."""
+def lever_arms(motion: PeriodMotion, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+    """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it along the centre."""
     q1, q2 = (signal_range(s) for s in motion.angle[JOINTS:])
     m1, m2 = (s[0] for s in motion.angle[JOINTS:])
     lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
     for axis in range(2):
-        unit = (1.0, 0.0) if axis == 0 else (0.0, 1.0)
+        unit = direction if axis == 0 else (-direction[1], direction[0])
         for joint, (near, wide) in enumerate(zip(_lever(m1, m2, unit, arm), _lever(q1, q2, unit, arm), strict=True)):
             lever[joint, axis] = centre(near)
             spread[joint, axis] = radius_of(wide, lever[joint, axis])
-    return lever, spread
+    return lever, spread + SLACK * np.abs(lever).sum()
 
 
 def _lever(q1: arb, q2: arb, unit: tuple[float, float], arm: Arm) -> tuple[arb, arb]:

@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.readings import at_rest, static_deflection, tip_point
 from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.eval.certified.tip.centre import Centre, Segment
-from fuzzyarm.eval.certified.tip.defects import Forces
+from fuzzyarm.eval.certified.tip.defects import Forces, TipForces, combined, signal_size
 from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, ball, centre, largest, radius_of
 from fuzzyarm.eval.certified.tip.friction import Plan, Speed
 from fuzzyarm.eval.certified.tip.laws import BallLaw, Sample
@@ -142,18 +142,30 @@ class Tube:
         slow = np.abs(self._state[D_THETA]) <= 1.05 * spread
         return [drag if slow[j] else None for j, drag in enumerate(self._drags)]
 
-    def _force(self, k: int, begun: float, duration: float) -> Forces:
-        """Return the tip force on a segment that begins at `begun` [s], for the middle of its factor."""
-        period, line = arb(self.problem.period), self.problem.schedule.forces[k].tolist()
-        low, high = self.problem.plants.force
-        factor, at = (arb(low) + arb(high)) / 2, (arb(begun) + arb(duration) / 2) / period - arb(0.5)
-        half = arb(duration) / period / 2
-        return Forces(*([factor * (line[i] + at * line[2 + i]), factor * half * line[2 + i]] for i in range(2)))
+    def _force(self, k: int, begun: float, duration: float) -> TipForces:
+        """Return what may act at the tip on a segment that begins at `begun` [s]."""
+        plants, line = self.problem.plants, self.problem.schedule.forces[k].tolist()
+        period, (low, high) = arb(self.problem.period), plants.force
+        at, half = (arb(begun) + arb(duration) / 2) / period - arb(0.5), arb(duration) / period / 2
+        case = Forces(*([line[i] + at * line[2 + i], half * line[2 + i]] for i in range(2)))
+        factor = (arb(low) + arb(high)) / 2
+        middle = Forces(*([factor * a for a in signal] for signal in case))
+        varies = largest(arb(high) - factor) + plants.force_swing
+        radii = [varies * signal_size(signal) + plants.force_course for signal in case]
+        along, courses = (1.0, 0.0), [plants.force_course] * 2
+        size = math.hypot(centre(case.x[0]), centre(case.y[0]))
+        if plants.force_swing and size:
+            along = centre(case.x[0]) / size, centre(case.y[0]) / size
+            across = combined([(arb(-along[1]), case.x), (arb(along[0]), case.y)])
+            parts = [combined([(arb(along[0]), case.x), (arb(along[1]), case.y)]), across]
+            # The direction is a unit vector up to rounding; a box along the axes is wider along others.
+            courses = [plants.force_swing * signal_size(part) + 1.415 * plants.force_course for part in parts]
+        return TipForces(middle, (radii[0], radii[1]), along, (courses[0] * (1 + SLACK), courses[1] * (1 + SLACK)))
 
-    def _cross(self, segment: Segment, torque: np.ndarray, force: Forces, claim: Claim | None) -> Closed:
+    def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: Claim | None) -> Closed:
         """Close the tube on a segment and take the zonotope over it."""
         problem, xi = self.problem, slice(0, STATES + JOINTS)
-        period = Period(segment, torque, force, problem.plant, problem.plants.force_course)
+        period = Period(segment, torque, force, problem.plant)
         self._shift(self._set, period.motion.at(-1), self._state)
         start = self._set.part(xi)
         if claim is None:

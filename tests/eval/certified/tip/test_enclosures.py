@@ -8,7 +8,15 @@ from scipy.linalg import expm
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, combined, rest_size, signal_ends, signal_range
+from fuzzyarm.eval.certified.tip.defects import (
+    Forces,
+    PeriodMotion,
+    TipForces,
+    combined,
+    rest_size,
+    signal_ends,
+    signal_range,
+)
 from fuzzyarm.eval.certified.tip.enclosures import BITS, Jet, low_high
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 from fuzzyarm.eval.certified.tip.remainders import LinkSlopes, link_remainder, tube_slopes
@@ -102,7 +110,7 @@ def test_link_remainder_bounds_sampled_values():
     motion, tube = motion_of(1e-2), np.zeros(18)
     tube[ROWS.link], tube[ROWS.d_link], tube[ROWS.link_acceleration] = 2e-3, 0.1, 5.0
     force = Forces([arb(20.0)], [arb(-5.0)])
-    whole = tube_slopes(motion, tube, force, 0.0, ARM)
+    whole = tube_slopes(motion, tube, TipForces(force, (0.0, 0.0), (1.0, 0.0), (0.0, 0.0)), ARM)
     middle = tuple(np.array([[float(x.mid()) for x in row] for row in part]) for part in whole)
     bound = link_remainder(whole, middle, tube)
     worst = np.zeros(2)
