@@ -65,5 +65,5 @@ def run(options: Options) -> int:
         return 1
     if options.out is not None:
         save_bound(bound, options.out)
-    say(json.dumps(bound.to_dict(), indent=1) if options.json else escaped(bound.to_text()))
+    say(json.dumps(bound.to_dict(), indent=1) if options.json else bound.to_text())
     return 0

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.checks import choice, whole
+from fuzzyarm.common.console import escaped
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -109,7 +110,7 @@ class TipBound:
         parts = ", ".join(f"{name} {at_most(1e3 * x, 2)}" for name, x in spent.items() if x > 1e-3 * self.largest)
         at = PERIOD * (int(self.tip.argmax()) + 1)
         return (
-            f"{c.policy}, {c.case}, set {c.set_name}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm\n"
+            f"{escaped(c.policy)}, {c.case}, set {escaped(c.set_name)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm\n"
             f"  at every one of {len(self.tip)} samples of the {c.path} in {c.duration:g} s: PROVEN "
             f"in {self.seconds:.0f} s\n"
             f"  largest at t = {at:.3f} s; made of, in mm: {parts}"

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.checks import finite_array, real
+from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.rounding import at_most
@@ -30,6 +31,8 @@ from fuzzyarm.policies import resolve
 __all__ = ["SCHEMA", "BoundCheck", "check_bound", "is_bound", "read_bound", "save_bound"]
 
 SCHEMA = "fuzzyarm-tip-bound/1"
+"""Of the file of a bound."""
+
 MAX_BYTES = 16 * 2**20
 LARGEST = 1e6  # of any number of a tube
 
@@ -96,9 +99,9 @@ class BoundCheck:
         """Return the result as text."""
         c = self.claim
         most = at_most(1e3 * self.bound, 4)
-        what = f"the tip error of {c.policy}, case {c.case}, set {c.set_name}, is at most {most} mm"
-        head = f"{self.path}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
-        return f"{head}\n  {what}" if self.proven else f"{head}\n  claimed: {what}\n  {self.reason}"
+        what = f"the tip error of {escaped(c.policy)}, case {escaped(c.case)}, set {escaped(c.set_name)}, is at most {most} mm"
+        head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
+        return f"{head}\n  {what}" if self.proven else f"{head}\n  claimed: {what}\n  {escaped(self.reason)}"
 
 
 def save_bound(bound: TipBound, path: Path) -> None:

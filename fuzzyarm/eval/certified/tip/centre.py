@@ -23,6 +23,8 @@ from fuzzyarm.envs.physics.friction import stribeck_magnitude
 __all__ = ["DEGREE", "Centre", "Mode", "Segment"]
 
 DEGREE = 7
+"""Of the polynomials of the angles."""
+
 NODES = DEGREE - 1
 ITERATIONS = 14  # of the collocation; each gains a digit or two
 SAMPLES = 33  # of a segment, at which changes of mode are looked for

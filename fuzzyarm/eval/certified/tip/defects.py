@@ -41,6 +41,7 @@ ORDER = DEGREE + 1
 """Coefficients of a power series, without the one of its remainder."""
 
 Signal = list[Any]
+"""Coefficients in s in [-1, 1]."""
 
 
 def signal_range(signal: Signal) -> Any:

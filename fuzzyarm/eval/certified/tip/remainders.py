@@ -47,7 +47,7 @@ def _slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes
 
 
 def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return M_k, G_k and D_k (2, 2) of the centre at the middle of the period, in floats."""
+    """Return M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad] (2, 2) at the middle of the period, in floats."""
     at = [[signal[0] for signal in kind[JOINTS:]] for kind in (motion.angle, motion.velocity, motion.acceleration)]
     slopes = _slopes(at, (force.x[0], force.y[0]), arm)
     mass, angle, velocity = (np.array([[centre(x) for x in row] for row in part]) for part in slopes)
@@ -55,7 +55,10 @@ def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray
 
 
 def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: Arm) -> LinkSlopes:
-    """Return the slopes at every point of the tube (18,) around the centre, for every arm of the balls `arm`."""
+    """Return the slopes at every point of the tube (18,) around the centre, for every arm of the balls.
+
+    M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], (2, 2) each.
+    """
     boxes = []
     for kind, rows in (
         (motion.angle, ROWS.link),

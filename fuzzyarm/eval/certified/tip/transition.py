@@ -20,6 +20,8 @@ from fuzzyarm.eval.certified.tip.enclosures import SLACK
 __all__ = ["CHANNELS", "PARTS", "ROWS", "STATES", "Channels", "Linear", "Transition", "linear", "transition"]
 
 STATES = 4 * JOINTS
+"""Numbers of δθ, δq, δθ̇, δq̇."""
+
 SIZE = STATES + JOINTS  # of ξ
 TERMS = 24
 PARTS = 2  # of a period, in each of which the first two moments of a disturbance are kept
@@ -37,6 +39,8 @@ class Channels(NamedTuple):
 
 
 CHANNELS = Channels(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(4)))
+"""Where the channels lie."""
+
 COUNT = 4 * JOINTS
 
 
@@ -55,6 +59,8 @@ class Rows(NamedTuple):
 
 
 ROWS = Rows(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(9)))
+"""Where the rows lie."""
+
 ROW_COUNT = 9 * JOINTS
 
 

@@ -13,7 +13,7 @@ from fuzzyarm.envs.batch.schedule import COLUMNS, Schedule
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import plant_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.readings import at_rest, static_deflection, tip_point
+from fuzzyarm.envs.physics.readings import at_rest, static_deflection
 from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.eval.certified.tip.centre import Centre, Segment
 from fuzzyarm.eval.certified.tip.defects import Forces, TipForces, combined, signal_size
@@ -23,15 +23,15 @@ from fuzzyarm.eval.certified.tip.laws import BallLaw, Sample
 from fuzzyarm.eval.certified.tip.period import Claim, Closed, Period
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
-from fuzzyarm.eval.certified.tip.transition import CHANNELS, D_THETA, LINK, STATES, THETA
+from fuzzyarm.eval.certified.tip.tip_error import tip_bound
+from fuzzyarm.eval.certified.tip.transition import CHANNELS, D_THETA, STATES, THETA
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES, Zonotope
 
-__all__ = ["Problem", "Step", "Tube", "tip_bound"]
+__all__ = ["Problem", "Step", "Tube"]
 
 INTEGRAL = slice(STATES, STATES + JOINTS)
 WAITING = slice(INTEGRAL.stop, INTEGRAL.stop + JOINTS)  # the torque that acts one period late
 MEASURED_ROWS = [*range(STATES)[THETA], *range(STATES)[D_THETA], *range(INTEGRAL.stop)[INTEGRAL]]
-DIRECTIONS = 48  # of the polygon around the tip's deviations; it is at most 0.06 % larger than they are
 LAW_ROUNDING = 2.0**-42  # of the terms of a law: more than a thousand float operations
 _CHANNEL_SOURCE = {"motor": 0, "link": 1, "joint": 2, "tip": 3}
 _LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
@@ -122,7 +122,8 @@ class Tube:
         if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
             raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
         self._end()
-        tip, sources = tip_bound(self._state, self._set, problem, k + 1)
+        wanted = problem.schedule.table[k + 1, COLUMNS.target][:2].tolist()
+        tip, sources = tip_bound(self._state, self._set, problem.plant.exact, wanted)
         return Step(torque, tuple(segments), tuple(closed), tip, sources)
 
     def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, Claim | None]]:
@@ -272,39 +273,3 @@ class Tube:
                     continue
                 below = np.zeros((len(z.box) - STATES, len(made)))
                 z.add(np.vstack([made.T, below]), _CHANNEL_SOURCE[name])
-
-
-def tip_bound(state: np.ndarray, deviations: Zonotope, problem: Problem, sample: int) -> tuple[float, np.ndarray]:
-    """Return a bound of the tip error [m] at a sample, and the shares of it by source.
-
-    |p(q) - p_r| <= |p(q_y) - p_r + J δq| + (L_1 δq_1² + L_2 (δq_1 + δq_2)²)/2. The zonotope J δq lies in the polygon
-    that touches it in `DIRECTIONS` directions, and so does it with the centre's own error.
-    """
-    arm = problem.plant.exact
-    angles = PerJoint(*(arb(x) for x in state[LINK].tolist()))
-    tip = tip_point(angles, arm)
-    wanted = problem.schedule.table[sample, COLUMNS.target][:2].tolist()
-    x, y = largest(tip.x - wanted[0]), largest(tip.y - wanted[1])
-    offset = math.hypot(x, y) * ROUND_UP
-    q12 = angles.joint1 + angles.joint2
-    second = [-arm.length2 * q12.sin(), arm.length2 * q12.cos()]
-    first = [-arm.length1 * angles.joint1.sin() + second[0], arm.length1 * angles.joint1.cos() + second[1]]
-    jacobian = np.array([[centre(first[i]), centre(second[i])] for i in range(2)])
-    turns = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    rows = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ jacobian
-    full = np.zeros((DIRECTIONS, len(deviations.box)))
-    full[:, LINK] = rows
-    reach = deviations.size(full)
-    aside = np.abs(
-        np.stack([np.cos(turns), np.sin(turns)], axis=1) @ [centre(tip.x) - wanted[0], centre(tip.y) - wanted[1]]
-    )
-    direction = int(np.argmax(reach + aside))
-    corner = (1.0 + 1e-12) / math.cos(0.5 * math.pi / DIRECTIONS)
-    widest = min(offset + float(reach.max()) * corner, float((reach + aside).max() + SLACK * offset + 1e-18) * corner)
-    radius = deviations.totals()[LINK]
-    lengths = [largest(arm.length1), largest(arm.length2)]
-    bent = 0.5 * (lengths[0] * radius[0] ** 2 + lengths[1] * (radius[0] + radius[1]) ** 2)
-    image = np.abs(full[direction] @ deviations.columns)
-    shares = [float(image[deviations.source == i].sum()) for i in range(len(SOURCES))]
-    shares += [float(image[deviations.source < 0].sum()), float(aside[direction])]
-    return (widest + float(bent)) * ROUND_UP, np.array(shares)

@@ -19,7 +19,9 @@ SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and n
 """Where a column comes from, beside the uncertain constants."""
 
 BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
-MOST, KEPT = 3600, 1800  # columns at which old ones are merged, and how many stay
+# Columns at which old ones are merged, and how many stay. With more, products of matrices would be worth the threads
+# of a linear algebra library, which on a busy machine take far longer than the products.
+MOST, KEPT = 1400, 700
 
 
 class Zonotope:
