@@ -109,8 +109,9 @@ class TipBound:
         c, spent = self.claim, self.spent()
         parts = ", ".join(f"{name} {at_most(1e3 * x, 2)}" for name, x in spent.items() if x > 1e-3 * self.largest)
         at = PERIOD * (int(self.tip.argmax()) + 1)
+        what = escaped(f"{c.policy}, {c.case}, set {c.set_name}")
         return (
-            f"{escaped(c.policy)}, {c.case}, set {escaped(c.set_name)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm\n"
+            f"{what}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm\n"
             f"  at every one of {len(self.tip)} samples of the {c.path} in {c.duration:g} s: PROVEN "
             f"in {self.seconds:.0f} s\n"
             f"  largest at t = {at:.3f} s; made of, in mm: {parts}"

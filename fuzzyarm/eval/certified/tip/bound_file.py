@@ -99,7 +99,7 @@ class BoundCheck:
         """Return the result as text."""
         c = self.claim
         most = at_most(1e3 * self.bound, 4)
-        what = f"the tip error of {escaped(c.policy)}, case {escaped(c.case)}, set {escaped(c.set_name)}, is at most {most} mm"
+        what = f"the tip error of {escaped(f'{c.policy}, case {c.case}, set {c.set_name}')} is at most {most} mm"
         head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
         return f"{head}\n  {what}" if self.proven else f"{head}\n  claimed: {what}\n  {escaped(self.reason)}"
 

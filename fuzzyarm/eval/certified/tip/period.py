@@ -36,7 +36,7 @@ from fuzzyarm.eval.certified.tip.transition import (
     linear,
     transition,
 )
-from fuzzyarm.eval.certified.tip.zonotope import Zonotope
+from fuzzyarm.eval.certified.tip.zonotope import Zonotope, product
 
 __all__ = ["Claim", "Closed", "Period"]
 
@@ -180,7 +180,7 @@ class Period:
         """Return the columns (8, n) at the end, and the bound (18,) of |S ξ_h| during the period."""
         S, D, b = system.S, system.D, system.b
         constants = driven.level.shape[1]
-        columns = solution.phi @ start.columns
+        columns = product(solution.phi, start.columns)
         columns[:, :constants] += solution.held @ driven.level + solution.ramp @ driven.slope
         end = Zonotope(len(columns), constants)
         slack = solution.growth @ (start.box + SLACK * start.totals())

@@ -13,15 +13,14 @@ import numpy as np
 
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK
 
-__all__ = ["SOURCES", "Zonotope"]
+__all__ = ["SOURCES", "Zonotope", "product"]
 
 SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
 """Where a column comes from, beside the uncertain constants."""
 
 BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
-# Columns at which old ones are merged, and how many stay. With more, products of matrices would be worth the threads
-# of a linear algebra library, which on a busy machine take far longer than the products.
-MOST, KEPT = 1400, 700
+MOST, KEPT = 3600, 1800  # columns at which old ones are merged, and how many stay
+BLOCK = 1200  # columns that are multiplied at a time
 
 
 class Zonotope:
@@ -63,7 +62,7 @@ class Zonotope:
             rows: r.
             extra: (n, constants), added to the columns of the uncertain constants.
         """
-        images, sizes = rows @ self.columns, np.abs(rows)
+        images, sizes = product(rows, self.columns), np.abs(rows)
         if extra is not None:
             images[:, : self._constants] += extra
         return np.asarray((np.abs(images).sum(axis=1) + sizes @ (self.box + SLACK * self.totals())) * ROUND_UP)
@@ -86,6 +85,15 @@ class Zonotope:
             labels.append(np.full(block.shape[1], label))
         self.columns = np.hstack([self.columns[:, :first], *merged, self.columns[:, last:]])
         self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
+
+
+def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return matrix (m, n) times columns (n, k), block by block.
+
+    The whole product would be worth the threads of a linear algebra library, which on a busy machine take far longer.
+    """
+    starts = range(0, max(columns.shape[1], 1), BLOCK)
+    return np.hstack([matrix @ columns[:, start : start + BLOCK] for start in starts])
 
 
 def _merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
