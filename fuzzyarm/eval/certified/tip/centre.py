@@ -98,8 +98,13 @@ class Centre:
             torques = torque + [drag or 0.0 for drag in drags]
             left = self._period - begun
             found = self._solved(state, torques, _part(force, begun, left, self._period), modes, left)
-            at = self._first_change(found, torque) if count < MOST_SEGMENTS - 1 else None
-            if at is not None and SHORTEST < at < 1.0 - SHORTEST:
+            at, who = self._first_change(found, torque) if count < MOST_SEGMENTS - 1 else (1.0, 0)
+            if at <= SHORTEST and state[4 + who]:
+                # A velocity that is zero but for rounding, and on the wrong side, is set to zero.
+                state = state.copy()
+                state[4 + who] = 0.0
+                continue
+            if SHORTEST < at < 1.0 - SHORTEST:
                 part = round(at * left / self._grain) * self._grain  # so that all durations add up exactly
                 found = self._solved(state, torques, _part(force, begun, part, self._period), modes, part)
                 for j in range(JOINTS):  # who has come to rest rests exactly
@@ -132,10 +137,10 @@ class Centre:
         viscous = (arm.viscous1, arm.viscous2)[j]
         return torque - stiffness * (theta - q) - damping * (dtheta - dq) - viscous * dtheta
 
-    def _first_change(self, found: Segment, torque: np.ndarray) -> float | None:
-        """Return the share of a segment after which a motor changes its mode first; None if none does."""
+    def _first_change(self, found: Segment, torque: np.ndarray) -> tuple[float, int]:
+        """Return the share of a segment after which a motor changes its mode first, 1 if none does, and which one."""
         s = np.linspace(-1.0, 1.0, SAMPLES)
-        first = None
+        first = 1.0, 0
         values = polynomial.polyval(s, found.angles.T)
         rates = polynomial.polyval(s, polynomial.polyder(found.angles, axis=1).T) * (2.0 / found.duration)
         for j, mode in enumerate(found.modes):
@@ -155,7 +160,7 @@ class Centre:
             fit = np.polynomial.Polynomial.fit(s[near], margin[near], min(3, len(s[near]) - 1))
             roots = [r.real for r in fit.roots() if abs(r.imag) < 1e-9 and s[k] - 1e-9 <= r.real <= s[k + 1] + 1e-9]
             at = 0.5 * (1.0 + float(roots[0] if roots else s[k + 1]))
-            first = at if first is None else min(first, at)
+            first = min(first, (at, j))
         return first
 
     def _solved(

@@ -1,6 +1,7 @@
 """The tube against the arm: no simulated plant of the set leaves it, and it is checked again from its file."""
 
 import dataclasses
+import itertools
 import json
 
 import numpy as np
@@ -194,6 +195,21 @@ def test_unknown_names_are_exit_code_2(capsys):
 def test_sets_by_name():
     assert find_set("table-1") == PlantSet()
     assert PlantSet.from_dict(find_set("near").to_dict()) == find_set("near")
+
+
+def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
+    path = tmp_path / "set.toml"
+    path.write_text("payload = [0.0, 0.3]\n")
+    words = ["prove", "--set", str(path), "--steps", "6", "--json"]
+    assert main([*words, "--cells", "payload", "3"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    ends = [cell["payload"] for cell in found["cells"]]
+    assert ends[0][0] == 0.0 and ends[-1][1] == 0.3 and all(a[1] == b[0] for a, b in itertools.pairwise(ends))
+    assert found["bound"] == max(cell["bound"] for cell in found["cells"])
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["bound"] > 0.9 * found["bound"]
+    assert main([*words, "--cells", "mass", "3"]) == 2
+    assert "choose from: payload, force" in one_line_error(capsys)
 
 
 def test_what_is_spent_adds_up(exact):
