@@ -41,8 +41,9 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian, tip_position
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.integrator import hold
+from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import current_provenance
 
@@ -175,8 +176,9 @@ class MujocoArm:
 
 
 def our_advance(parameters: ArmParameters, substeps: int) -> Advance:
-    """Return the control step of `integrator.hold`."""
+    """Return the control step of `hold.hold_of`."""
     arm, no_force = np.array(arm_constants(parameters))[:, np.newaxis], np.zeros((4, 1))
+    hold = hold_of(two_joints())
 
     def advance(state: np.ndarray, torque: np.ndarray) -> np.ndarray:
         lane = state[:, np.newaxis].copy()

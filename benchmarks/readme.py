@@ -33,6 +33,7 @@ from readme_results import (
     sweep_table,
     tip_table,
 )
+from readme_robots import robots_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
@@ -136,6 +137,7 @@ def sections() -> dict[str, str]:
         "bounds": bounds_table(stored["certified_bounds"]),
         "tip-bound": tip_bound_table(stored["tip_bound"]),
         "abuse": abuse_table(stored["abuse"]),
+        "robots": robots_table(),
     }
 
 

@@ -34,4 +34,6 @@ def pytest_collection_modifyitems(items) -> None:
 @pytest.fixture
 def undrawn(monkeypatch) -> None:
     """Let `fuzzyarm evaluate` draw no figures, which take longer than the episodes."""
-    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda rollouts, folder, progress=None: [])
+    monkeypatch.setattr(
+        "fuzzyarm.eval.evaluation.figures.write_figures", lambda rollouts, folder, progress=None, titles=None: []
+    )

@@ -41,8 +41,9 @@ def _environment():
 
 def test_an_edit_of_a_source_changes_the_name_of_its_machine_code():
     """Numba caches by file: the digest in the kernel's name is what keeps stale code out."""
+    from support.two_joints import hold
+
     from fuzzyarm.envs.physics.compiled import _digest
-    from fuzzyarm.envs.physics.integrator import hold
     from fuzzyarm.fuzzy_policy.laws.fuzzy import _fuzzy_law
 
     physics, laws = ("common", "envs"), ("common", "envs", "fuzzy_policy")
@@ -100,8 +101,8 @@ def test_what_docstrings_refer_to_exists(path):
 
 
 def test_a_reference_to_something_that_does_not_exist_is_found():
-    assert found("layout.Work") and found("fuzzyarm.load_policy") and found("policies.registry.add_policy")
-    assert found("layout.Wrok") is False and found("fuzzyarm.learned_polices") is False
+    assert found("layout.Layout") and found("fuzzyarm.load_policy") and found("policies.registry.add_policy")
+    assert found("layout.Layuot") is False and found("fuzzyarm.learned_polices") is False
     assert found("gym.make") is None
 
 

@@ -24,15 +24,17 @@ class Options:
     """Policy: fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip
     to bring the tip to the reference instead of the motors; elastic-observer; ppo-nominal, -robust, -residual or a
     learned policy's folder; or code of your own as package.module:factory. May be repeated (default: fuzzy-4 and
-    computed-torque, both with and without -tip, elastic-observer and the learned ones)"""
+    computed-torque, both with and without -tip, elastic-observer and the learned ones; for another robot
+    computed-torque, with and without -tip, and elastic-observer)"""
     case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
     seeds: Annotated[int | None, Parameter(metavar="N")] = None
     """Episodes of each policy in each case, seeded 0 to N-1 (default: 1)"""
     encoder_noise: Annotated[tuple[float, float] | None, Parameter(metavar="RAD RAD_PER_S")] = None
     """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
-    robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """TOML file of another arm (default: Table 1 of the paper)"""
+    robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """Another robot: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm (default: the paper's
+    arm). Its loads are scaled, see the documentation"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
@@ -57,21 +59,23 @@ def run(options: Options) -> int:
     from fuzzyarm.eval.evaluation.verdict import verdict
 
     config = _config(options)
+    titles = config.titles
     out = options.out or Path("fuzzyarm-evaluation")
     with claimed_folder(out):
         with progress("episodes", len(config.policies) * len(config.cases) * config.seeds) as advance:
             evaluation = evaluate(config, advance)
         written = write_results(evaluation, out)
         with progress("figures", None) as advance:
-            written += write_figures(evaluation.rollouts, out, advance)
+            written += write_figures(evaluation.rollouts, out, advance, titles)
         written.append(write_rollouts(evaluation.rollouts, out))  # last: with it the evaluation is whole
     if options.json:
         say(json.dumps(evaluation.to_dict(), indent=1))
     else:
         console = output()
-        print_results(evaluation.rows, console)
+        print_results(evaluation.rows, console, titles)
         print_paragraphs(console, _certificates(evaluation))
-        print_paragraphs(console, ["\n".join(verdict(evaluation.rows, evaluation.certificates, out, len(written)))])
+        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
+        print_paragraphs(console, ["\n".join(lines)])
     for rollout in evaluation.rollouts:
         if not rollout.completed:
             end = f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
@@ -80,15 +84,19 @@ def run(options: Options) -> int:
 
 
 def _config(options: Options) -> EvaluationConfig:
+    from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.eval.evaluation.run import EvaluationConfig
+    from fuzzyarm.envs.physics.robot import Robot
+    from fuzzyarm.eval.evaluation.run import ANY_ROBOT, EvaluationConfig
+
+    arm = None if options.robot is None else chosen_arm(options.robot, None)
 
     given: dict[str, Any] = {
-        "policies": options.policy or None,
+        "policies": options.policy or (ANY_ROBOT if isinstance(arm, Robot) else None),
         "cases": options.case or None,
         "seeds": options.seeds,
         "encoder_noise": options.encoder_noise,
-        "parameters": options.robot and ArmParameters.from_toml(options.robot),
+        "parameters" if isinstance(arm, ArmParameters) else "robot": arm,
     }
     return EvaluationConfig(**{name: value for name, value in given.items() if value is not None})
 

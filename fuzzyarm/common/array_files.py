@@ -18,6 +18,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, open_regular
 
 __all__ = ["LARGEST_ARRAYS", "MOST_COMPRESSED", "read_arrays"]
@@ -72,7 +73,7 @@ def read_arrays(path: Path, *, largest: int = LARGEST_ARRAYS) -> dict[str, np.nd
         except (*_BROKEN, OSError) as error:
             if isinstance(error, OSError) and error.errno != errno.EINVAL:  # of a place before the beginning
                 raise
-            reason = " ".join(str(error).split())[:160] or type(error).__name__
+            reason = escaped(" ".join(str(error).split())[:160]) or type(error).__name__
             raise DocumentError(f"{path} is damaged ({reason})") from None
 
 

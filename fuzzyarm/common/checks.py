@@ -16,12 +16,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 __all__ = [
+    "array_of",
     "choice",
     "distinct",
     "finite_array",
     "instance",
     "interval",
     "is_real",
+    "is_sequence",
     "listed",
     "real",
     "real_entries",
@@ -102,9 +104,17 @@ def reals(name: str, values: Any, count: int, unit: str = "", **bounds: float) -
     needed = f"must be {count} real numbers{_bracketed(unit)}; {_allowed(unit, **bounds)}"
     if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
         raise TypeError(f"{name} = {shown(values)} {needed}")
-    if len(values) != count or (isinstance(values, np.ndarray) and values.ndim != 1):
+    if not is_sequence(values, count):
         raise ValueError(f"{name} = {shown(values)} {needed}")
     return tuple(real(f"{name}[{k}]", value, unit, **bounds) for k, value in enumerate(values))
+
+
+def is_sequence(values: Any, count: int) -> bool:
+    """Return whether values are a sequence, or an array of one axis, of `count` entries; a text is none."""
+    if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
+        return False
+    flat = not isinstance(values, np.ndarray | memoryview) or values.ndim == 1
+    return flat and len(values) == count
 
 
 def interval(name: str, values: Any, unit: str = "", *, low: float, high: float) -> tuple[float, float]:
@@ -166,7 +176,7 @@ def finite_array(
         TypeError: the entries are no real numbers (complex numbers, texts, dates, objects).
         ValueError: the shape differs, or an entry is not finite or beyond `largest`.
     """
-    array = np.asarray(values)
+    array = array_of(name, values)
     real_entries(name, array, unit)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}; allowed: {shape}")
@@ -177,6 +187,19 @@ def finite_array(
         allowed = _allowed(unit, low=-largest, high=largest)
         raise ValueError(f"{name} holds a number of size {np.abs(result).max():g}: out of range; {allowed}")
     return result
+
+
+def array_of(name: str, values: Any) -> np.ndarray:
+    """Return values as an array of any type and shape.
+
+    Raises:
+        ValueError: rows differ in length, or there are more numbers or levels than an array holds.
+    """
+    try:
+        return np.asarray(values)
+    except (ValueError, MemoryError, OverflowError) as error:
+        reason = str(error).partition(".")[0] or "more numbers than the memory holds"
+        raise ValueError(f"{name} = {shown(values)} is no array: {listed([reason])}") from None
 
 
 def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:

@@ -40,6 +40,7 @@ __all__ = [
 ]
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
+NARROWEST = 40  # columns; rich takes minutes and gigabytes to fold a help text to one
 _BETWEEN_WORDS = re.compile(r" (?![^\[]*\])")  # spaces, but for those within the brackets of a unit such as [N m]
 
 
@@ -128,7 +129,10 @@ def _console(**settings: Any) -> Console:
             with naming_output():
                 super().print(*objects, **options)
 
-    return Output(**settings)
+    made = Output(**settings)
+    if made.width < NARROWEST:
+        made.width = NARROWEST  # the terminal breaks the lines
+    return made
 
 
 def table(

@@ -68,7 +68,9 @@ def read_toml(path: Path, *, largest: int = LARGEST_TOML) -> dict[str, Any]:
     """Return the content of a TOML file; errors as for `read_json`."""
     text = read_bytes(path, largest=largest)
     try:
-        content = tomllib.loads(text.decode("utf-8"))
+        decoded = text.decode("utf-8")
+        _check_dotted_keys(decoded)
+        content = tomllib.loads(decoded)
         _check_values(content, finite=False)  # whose numbers the record checks
     except (ValueError, RecursionError) as error:
         raise DocumentError(f"{path} is not a TOML file: {_brief(error)}") from None
@@ -171,6 +173,15 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _no_constant(name: str) -> Any:
     raise ValueError(f"{name} is no number of JSON")
+
+
+def _check_dotted_keys(text: str) -> None:
+    """Raise ValueError for a TOML key of more than `DEEPEST` parts: the time that it takes grows with their square."""
+    run = 0
+    for part in text.split("."):
+        run = run + 1 if part.strip() and not any(mark in part for mark in "=,[]{}#\n") else 0
+        if run > DEEPEST:
+            raise ValueError(f"a key has more than {DEEPEST} parts")
 
 
 def _check_values(content: Any, *, finite: bool) -> None:

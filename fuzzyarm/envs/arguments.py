@@ -9,24 +9,20 @@ import numpy as np
 from gymnasium import spaces
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.block import ANGLE_ROOM, VELOCITY_ROOM
+from fuzzyarm.envs.batch.reporting import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.tables import MAX_ACCELERATION
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import State
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import size
-from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
+from fuzzyarm.envs.scenario.cases import case_for
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = [
     "RESET_OPTIONS",
-    "STATE_SIZE",
     "action_space",
     "check_options",
-    "checked_arm",
     "chosen_disturbance",
     "chosen_reference",
     "chosen_scenario",
@@ -35,36 +31,28 @@ __all__ = [
     "real_numbers",
 ]
 
-STATE_SIZE = size(State)  # numbers in `initial_state`
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
 """What the `options` of `reset` may hold."""
 
 
-def chosen_disturbance(case: str, disturbance: Disturbance | None) -> Disturbance:
-    """Return the disturbance itself, or that of the named case."""
+def chosen_disturbance(case: str, disturbance: Disturbance | None, arm: AnyArm) -> Disturbance:
+    """Return the disturbance itself, or that of the named case for this arm."""
     if disturbance is None:
-        return find_case(case).disturbance
+        return case_for(case, arm).disturbance
     checks.instance("disturbance", disturbance, Disturbance)
     if not (isinstance(case, str) and case == "nominal"):
         raise ValueError(f"give either case = {checks.shown(case)} or a disturbance, not both")
     return disturbance
 
 
-def chosen_reference(
-    reference: JointReference | None, randomisation: DomainRandomisation, parameters: ArmParameters
-) -> JointReference | None:
-    """Return the reference itself, the paper's circle for this arm, or None where each episode draws its own."""
+def chosen_reference(reference: Reference | None, randomisation: DomainRandomisation, arm: AnyArm) -> Reference | None:
+    """Return the reference itself, the default one of this arm, or None where each episode draws its own."""
     if reference is None:
-        return None if randomisation.references else JointReference(parameters=parameters)
-    checks.instance("reference", reference, JointReference)
+        return None if randomisation.references else default_reference(arm)
+    checks.instance("reference", reference, Reference)  # type: ignore[type-abstract]
     if randomisation.references:
         raise ValueError("give either a reference or a randomisation that draws references, not both")
     return reference
-
-
-def checked_arm(parameters: Any) -> ArmParameters:
-    """Return the arm; TypeError if it is none."""
-    return checks.instance("parameters", parameters, ArmParameters)
 
 
 def check_options(options: dict[str, Any]) -> None:
@@ -74,26 +62,27 @@ def check_options(options: dict[str, Any]) -> None:
         raise ValueError(f"unknown reset option {checks.listed(unknown)}; known: {', '.join(RESET_OPTIONS)}")
 
 
-def chosen_scenario(options: dict[str, Any], own: Scenario) -> Scenario:
+def chosen_scenario(options: dict[str, Any], own: Scenario, arm: AnyArm) -> Scenario:
     """Return the scenario that reset options ask for."""
     check_options(options)
     disturbance, reference = own
     if "case" in options or "disturbance" in options:
-        disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"))
+        disturbance = chosen_disturbance(options.get("case", "nominal"), options.get("disturbance"), arm)
     if "reference" in options:
-        reference = checks.instance("reference", options["reference"], JointReference)
+        reference = checks.instance("reference", options["reference"], Reference)  # type: ignore[type-abstract]
     return Scenario(disturbance, reference)
 
 
-def initial_state(given: Any, parameters: ArmParameters) -> np.ndarray:
-    """Return a given start (8,), angles [rad] and velocities [rad/s], checked against the box (25)."""
-    p, state = parameters, real_numbers("initial_state", given)
-    high = np.repeat([p.joint_limit, p.velocity_limit], 2, axis=0).reshape(STATE_SIZE)
-    if state.shape != (STATE_SIZE,) or not np.all(np.abs(state) <= high):
+def initial_state(given: Any, arm: AnyArm) -> np.ndarray:
+    """Return a given start (4 joints,), angles [rad] and velocities [rad/s], checked against the limits."""
+    low, high, speed, _ = bounds_of(arm)
+    lowest, highest = (np.concatenate(part) for part in ((low, low, -speed, -speed), (high, high, speed, speed)))
+    state = real_numbers("initial_state", given)
+    if state.shape != lowest.shape or not np.all((state >= lowest) & (state <= highest)):
+        numbers = checks.shown(np.asarray(given).tolist())
         raise ValueError(
-            f"initial_state = {checks.shown(np.asarray(given).tolist())} must be 8 finite numbers: motor "
-            f"angles, link angles (each |q| <= {p.joint_limit} rad), motor velocities, link velocities (|dq| <= "
-            f"{p.velocity_limit} rad/s)"
+            f"initial_state = {numbers} must be {len(lowest)} finite numbers: motor angles, link angles (each "
+            f"{_range('q', low, high)} rad), motor velocities, link velocities ({_range('dq', -speed, speed)} rad/s)"
         )
     return state
 
@@ -105,24 +94,40 @@ def real_numbers(name: str, given: Any) -> np.ndarray:
         TypeError: an entry is no real number.
         ValueError: rows differ in length, or a number is too large.
     """
-    array = np.asarray(given)
+    array = checks.array_of(name, given)
     if array.dtype.kind == "O":
         entries = [checks.real(name, entry) if checks.is_real(entry) else entry for entry in array.ravel()]
         array = np.reshape(np.asarray(entries), array.shape)
     checks.real_entries(name, array)
-    return np.array(array, dtype=np.float64, order="C")
+    try:
+        return np.array(array, dtype=np.float64, order="C")
+    except MemoryError:
+        raise ValueError(f"{name} has shape {array.shape}: more numbers than the memory holds") from None
 
 
-def action_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
+def action_space(arms: Sequence[AnyArm]) -> spaces.Box:
     """Return the motor torques that the strongest of these arms can give."""
-    limit = np.max([arm.torque_limit for arm in parameters], axis=0).astype(np.float32)
+    limit = np.max([bounds_of(arm).torque for arm in arms], axis=0).astype(np.float32)
     return spaces.Box(-limit, limit)
 
 
-def observation_space(parameters: Sequence[ArmParameters]) -> spaces.Box:
+def observation_space(arms: Sequence[AnyArm]) -> spaces.Box:
     """Return what may be observed of these arms."""
-    q = np.max([arm.joint_limit for arm in parameters], axis=0)
-    dq = np.max([arm.velocity_limit for arm in parameters], axis=0)
-    # Motor readings get room beyond the box (25): the observation that ends an episode lies outside it.
-    high = np.concatenate([ANGLE_ROOM * q, VELOCITY_ROOM * dq, q, dq, np.full(JOINTS, MAX_ACCELERATION)])
-    return spaces.Box(-high, high, dtype=np.float64)
+    bounds = [bounds_of(arm) for arm in arms]
+    low, high = np.min([each.low for each in bounds], axis=0), np.max([each.high for each in bounds], axis=0)
+    dq = np.max([each.velocity for each in bounds], axis=0)
+    # Motor readings get room beyond the limits: the observation that ends an episode lies outside of them.
+    room, ddq = (
+        ANGLE_ROOM * np.max([each.high - each.low for each in bounds], axis=0),
+        np.full_like(dq, MAX_ACCELERATION),
+    )
+    lowest = np.concatenate([low - room, -VELOCITY_ROOM * dq, low, -dq, -ddq])
+    highest = np.concatenate([high + room, VELOCITY_ROOM * dq, high, dq, ddq])
+    return spaces.Box(lowest, highest, dtype=np.float64)
+
+
+def _range(name: str, low: np.ndarray, high: np.ndarray) -> str:
+    """Return what a message says of the range of a quantity, from its bounds (joints,)."""
+    if np.array_equal(low, -high):
+        return f"|{name}| <= {tuple(high.tolist())}"
+    return f"{tuple(low.tolist())} <= {name} <= {tuple(high.tolist())}"

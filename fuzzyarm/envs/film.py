@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from fuzzyarm.envs.batch.schedule import Schedule
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm
 
 __all__ = ["Film"]
 
@@ -23,7 +23,7 @@ class Film:
         parameters: the arm.
     """
 
-    def __init__(self, in_window: bool, fps: int, control_period: float, parameters: ArmParameters) -> None:
+    def __init__(self, in_window: bool, fps: int, control_period: float, parameters: AnyArm) -> None:
         """Begin without a trace; nothing is loaded yet."""
         self._in_window, self._fps, self._parameters = in_window, fps, parameters
         self._steps_per_frame = max(1, round(1.0 / (fps * control_period)))

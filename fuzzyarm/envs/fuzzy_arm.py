@@ -1,13 +1,15 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as two numbers,
-the block `layout.Work` in the kernel `kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that
-`integrator.step` advances. The results go back through the block into the observation and the dictionary `info`.
+An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as a tuple, the
+block `Layout.Work` in the kernel `Kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that `Physics.step`
+advances: for two joints `integrator.step`. The results go back through the block into the observation and the
+dictionary `info`.
 """
 
 from __future__ import annotations
 
 import copy
+import os
 from typing import Any
 
 import gymnasium as gym
@@ -19,7 +21,6 @@ from numpy import empty
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
     action_space,
-    checked_arm,
     chosen_disturbance,
     chosen_reference,
     chosen_scenario,
@@ -27,25 +28,23 @@ from fuzzyarm.envs.arguments import (
     observation_space,
     real_numbers,
 )
-from fuzzyarm.envs.batch import kernels
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
+from fuzzyarm.envs.batch.layout import INFO, SCALARS, VECTORS
 from fuzzyarm.envs.film import Film
-from fuzzyarm.envs.observation import JOINTS, SIZE
 from fuzzyarm.envs.periods import checked_periods
+from fuzzyarm.envs.physics.equations import chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.termination import Termination
 
 __all__ = ["FuzzyArmEnv"]
 
-# Places of the vectors; plain numbers, for speed.
-_TIP, _TIP_REFERENCE, _Q_MOTOR, _DQ_MOTOR, _Q_LINK, _DQ_LINK, _TORQUE, _FRICTION, _FORCE = range(len(VECTORS))
+_COUNTS = {2: "two", 3: "three"}
 _DOUBLE, _SINGLE = np.dtype(np.float64), np.dtype(np.float32)
-_ACTION_SHAPE, _VECTORS_SHAPE = (JOINTS,), (len(VECTORS), PLANAR)
 
 
 class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -95,13 +94,15 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     `in_domain`, `torque_clipped`, `reward_tracking`, `reward_effort`.
 
     ## Arguments
-    `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (a
-    `JointReference`, default: the paper's circle), `parameters` (an `ArmParameters`, the plant's), `control_period`
+    `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (default: the
+    paper's circle), `parameters` (an `ArmParameters`, the plant's), or `robot` in its place (another serial robot, by
+    name, TOML file or as a `Robot`: all above is then for its n joints, with 5 n numbers observed, and for a tip with
+    three coordinates, and loads and default reference are for the robot), `control_period`
     and `substep` [s] (a whole fraction of the control period; default: the largest one up to 0.2 ms), `randomisation`
     ("nominal", "plants", "robust" or a `DomainRandomisation` of your own: what each episode draws, from its seed; then
     `info["randomisation"]` says what was drawn), `render_mode`.
 
-    `reset(options=...)` takes, for the episode it starts, `initial_state` (8 numbers in the order of `State`),
+    `reset(options=...)` takes, for the episode it starts, `initial_state` (4 n numbers in the order of `State`),
     `reference`, and `case` or `disturbance`.
 
     Raises:
@@ -125,8 +126,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         case: str = "nominal",
         *,
         disturbance: Disturbance | None = None,
-        reference: JointReference | None = None,
+        reference: Reference | None = None,
         parameters: ArmParameters | None = None,
+        robot: str | os.PathLike[str] | Robot | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
@@ -135,12 +137,12 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Build the environment; arguments as in the class docstring."""
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
-        self.parameters = ArmParameters() if parameters is None else checked_arm(parameters)
+        self.parameters: Any = chosen_arm(robot, parameters)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
         drawn = find_randomisation(randomisation, self.parameters)
-        self._disturbance = chosen_disturbance(case, disturbance)
+        self._disturbance = chosen_disturbance(case, disturbance, self.parameters)
         self._reference = chosen_reference(reference, drawn, self.parameters)
         self._lanes = Lanes(
             [self.parameters],
@@ -150,6 +152,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             substeps=self.substeps,
             randomisation=drawn,
         )
+        self._kernels, layout = self._lanes.kernels, self._lanes.layout
+        self._observed, self._vectors = layout.observed, (len(VECTORS), layout.longest)
+        self._places = layout.vector_places
         self._extras = drawn.varies or render_mode is not None
         self.action_space = action_space([self.parameters])
         self.observation_space = observation_space([self.parameters])
@@ -173,7 +178,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._spec = made_from
 
     @property
-    def reference(self) -> JointReference:
+    def reference(self) -> Reference:
         """The reference of the episode under way; before the first, the one a reset without options starts."""
         if self._reference is not None and not self._begun:
             return self._reference
@@ -189,7 +194,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._ended = True  # until the end of this method: after a reset that raises, step must raise too
         self._film.rewind()
         own = Scenario(self._disturbance, self._reference)
-        scenario, initial = chosen_scenario({} if options is None else options, own), None
+        scenario, initial = chosen_scenario({} if options is None else options, own, self.parameters), None
         if options and options.get("initial_state") is not None:
             initial = initial_state(options["initial_state"], self.parameters)[np.newaxis]
         # `np_random` belongs to the user; the episodes draw from a stream of their own with the same seed. Gymnasium
@@ -201,64 +206,62 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._arm = self._lanes.arrays
         self._begun = True
         self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
-        observations, vectors, scalars = split(results)
+        observations, vectors, scalars = self._lanes.layout.split(results)
         numbers = dict(zip(SCALARS, scalars[:, 0].tolist(), strict=True))
-        info = dict(zip(VECTORS, vectors[:, 0], strict=True)) | numbers
+        info = dict(zip(VECTORS, self._lanes.layout.each(vectors[:, 0]), strict=True)) | numbers
         # A start outside the box ends with the first step.
         info["in_domain"], info["torque_clipped"] = numbers["reason"] == Termination.NONE, False
         info = {name: info[name] for name in INFO}
         self._ended = False
         if self._extras:
-            self._complete(info)
+            self._complete(info, vectors[:, 0])
         return observations[0], info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Hold the torques `action` [N m] for one control period."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        observation, vectors = empty(SIZE), empty(_VECTORS_SHAPE)
+        advance, observation, vectors = self._kernels.advance_one, empty(self._observed), empty(self._vectors)
         values, clock, table, period, substeps = self._arm
         # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
         try:
             kind = action.dtype  # compiled code would take texts and dates for numbers
-            torque1, torque2 = action.tolist() if kind is _DOUBLE or kind is _SINGLE else self._two_numbers(action)
-            scalars = kernels.advance_one(
-                values, clock, table, period, substeps, torque1, torque2, observation, vectors
-            )
-        except (AttributeError, TypeError, ValueError):  # no array of two numbers
-            torque1, torque2 = self._two_numbers(action)
-            scalars = kernels.advance_one(
-                values, clock, table, period, substeps, torque1, torque2, observation, vectors
-            )
+            torque = tuple(action.tolist()) if kind is _DOUBLE or kind is _SINGLE else self._numbers(action)
+            scalars = advance(values, clock, table, period, substeps, torque, observation, vectors)
+        except (AttributeError, MemoryError, TypeError, ValueError):  # no array of as many numbers as joints
+            torque = self._numbers(action)
+            scalars = advance(values, clock, table, period, substeps, torque, observation, vectors)
         time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
-        if reason < 0:
-            limit = list(self.parameters.torque_limit)
-            raise ValueError(f"action = {[torque1, torque2]} N m is not finite; allowed: ±{limit} N m")
-        self._ended = truncated or reason > 0
+        inside = reason == 0
+        if not inside and reason < 0:
+            limit = self._lanes.torque_limit(0)
+            raise ValueError(f"action = {list(torque)} N m is not finite; allowed: ±{limit} N m")
+        self._ended = truncated or not inside
+        tip, tip_reference, q_motor, dq_motor, q_link, dq_link, applied, friction, force = self._places
         info = {
             "time": time,
-            "tip": vectors[_TIP],
-            "tip_reference": vectors[_TIP_REFERENCE],
+            "tip": vectors[tip],
+            "tip_reference": vectors[tip_reference],
             "tip_error": error,
             "circularity_error": circularity,
             "circularity_error_motor": motor,
-            "q_link": vectors[_Q_LINK],
-            "dq_link": vectors[_DQ_LINK],
-            "q_motor": vectors[_Q_MOTOR],
-            "dq_motor": vectors[_DQ_MOTOR],
-            "torque": vectors[_TORQUE],
-            "friction_torque": vectors[_FRICTION],
-            "external_force": vectors[_FORCE],
-            "in_domain": reason == 0,
+            "q_link": vectors[q_link],
+            "dq_link": vectors[dq_link],
+            "q_motor": vectors[q_motor],
+            "dq_motor": vectors[dq_motor],
+            "torque": vectors[applied],
+            "friction_torque": vectors[friction],
+            "external_force": vectors[force],
+            "in_domain": inside,
             "torque_clipped": clipped,
             "reward_tracking": tracking,
             "reward_effort": effort,
         }
-        if reason:
+        if not inside:
             info["reason"] = Termination(reason).text
         if self._extras:
-            self._complete(info)
-        return observation, reward, reason > 0, truncated, info
+            self._complete(info, vectors)
+        return observation, reward, not inside, truncated, info
 
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""
@@ -272,22 +275,21 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Close the window, if there is one."""
         self._film.close()
 
-    @staticmethod
-    def _two_numbers(action: Any) -> list[float]:
-        """Return what was given for an action as two floats, or raise ValueError."""
-        array = np.asarray(action)
-        if array.shape != _ACTION_SHAPE:
-            raise ValueError(f"action has shape {array.shape}; it must be (2,): the two motor torques [N m]")
+    def _numbers(self, action: Any) -> tuple[float, ...]:
+        """Return what was given for an action as floats, or raise ValueError."""
+        array, joints = checks.array_of("action", action), self._lanes.physics.joints
+        words = _COUNTS.get(joints, str(joints))
+        if array.shape != (joints,):
+            raise ValueError(f"action has shape {array.shape}; it must be ({joints},): the {words} motor torques [N m]")
         try:
-            numbers: list[float] = real_numbers("action", array).tolist()
+            numbers = tuple(real_numbers("action", array).tolist())
         except TypeError as error:
-            raise ValueError(f"action = {checks.shown(action)} must be two real numbers [N m]: {error}") from None
+            raise ValueError(f"action = {checks.shown(action)} must be {words} real numbers [N m]: {error}") from None
         return numbers
 
-    def _complete(self, info: dict[str, Any]) -> None:
+    def _complete(self, info: dict[str, Any], vectors: np.ndarray) -> None:
         """Add what the episode drew, and let the renderer follow."""
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:
-            vectors = np.array([info[name] for name in VECTORS])
             self._film.follow(info["time"], vectors, self._lanes.schedule(0)[1], self._ended)

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.arguments import STATE_SIZE, initial_state, real_numbers
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.arguments import initial_state, real_numbers
+from fuzzyarm.envs.physics.equations import AnyArm, checked_parameters, chosen_arm, equations_of
+from fuzzyarm.envs.physics.records import size
 
-__all__ = ["each_lane", "initial_states", "per_lane", "seeds_of"]
+__all__ = ["arms_of", "each_lane", "initial_states", "per_lane", "seeds_of"]
 
 
 def per_lane(name: str, value: Any, lanes: int) -> list[Any]:
@@ -43,14 +44,23 @@ def each_lane(make: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     return made
 
 
-def initial_states(given: Any, plants: Sequence[ArmParameters], lanes: int) -> np.ndarray:
-    """Return checked starts (lanes, 8), see `arguments.initial_state`, from one (8,) or one per lane.
+def arms_of(robot: Any, parameters: Any, lanes: int) -> list[AnyArm]:
+    """Return the arms that these arguments name, one for all lanes or one per lane; errors as of `chosen_arm`."""
+    given = per_lane("parameters", parameters, lanes)
+    if parameters is not None:
+        each_lane(checked_parameters, given)
+    return each_lane(chosen_arm, per_lane("robot", robot, lanes), given)
+
+
+def initial_states(given: Any, plants: Sequence[AnyArm], lanes: int) -> np.ndarray:
+    """Return checked starts (lanes, 4 joints), see `arguments.initial_state`, from one (4 joints,) or one per lane.
 
     Raises:
         ValueError: a start has another shape or is out of the box of its plant.
     """
     states = real_numbers("initial_state", given)
-    one, all_lanes = (STATE_SIZE,), (lanes, STATE_SIZE)
+    numbers = size(equations_of(plants[0]).State)
+    one, all_lanes = (numbers,), (lanes, numbers)
     if states.shape not in (one, all_lanes):
         raise ValueError(f"initial_state has shape {states.shape}; allowed: {one} or {all_lanes}")
     rows = [states] if states.ndim == 1 else list(states)

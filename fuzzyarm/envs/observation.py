@@ -1,7 +1,7 @@
 """The observation that every policy receives: motor angles and velocities, then the reference at the same instant.
 
-An observation is an array (..., `SIZE`); only this module defines the order of its parts. `observed` gives them as
-views, in NumPy, in compiled code and for tensors alike:
+An observation is an array (..., 5 n) for an arm of n joints; only this module defines the order of its parts.
+`observed` gives them as views, in NumPy, in compiled code and for tensors alike:
 
     o = observed(observation)
     error = o.q_motor - o.q_reference
@@ -15,7 +15,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.records import JOINTS
 
-__all__ = ["JOINTS", "MEASURED", "REFERENCE", "SIZE", "START", "Observation", "observed"]
+__all__ = ["JOINTS", "MEASURED", "PARTS", "REFERENCE", "SIZE", "START", "Observation", "observed", "starts"]
 
 
 class Observation(NamedTuple):
@@ -36,10 +36,19 @@ class Observation(NamedTuple):
     ddq_reference: Any
 
 
-SIZE = JOINTS * len(Observation._fields)
-"""Numbers in an observation."""
+PARTS = len(Observation._fields)
+"""Parts of an observation: an arm of n joints has `PARTS` n numbers in its."""
 
-START = Observation(*range(0, SIZE, JOINTS))
+SIZE = JOINTS * PARTS
+"""Numbers in an observation of the paper's arm; so for the three below."""
+
+
+def starts(joints: int) -> Observation:
+    """Return where each part begins in the observation of an arm."""
+    return Observation(*range(0, joints * PARTS, joints))
+
+
+START = starts(JOINTS)
 """Where each part begins."""
 
 MEASURED = slice(START.q_motor, START.q_reference)
@@ -51,11 +60,12 @@ REFERENCE = slice(START.q_reference, SIZE)
 
 @register_jitable
 def observed(array: Any) -> Observation:
-    """Return the parts of observations (..., `SIZE`) as views (..., `JOINTS`) of them."""
+    """Return the parts of observations (..., `PARTS` n) as views (..., n) of them."""
+    n = array.shape[-1] // PARTS
     return Observation(
-        array[..., START.q_motor : START.q_motor + JOINTS],
-        array[..., START.dq_motor : START.dq_motor + JOINTS],
-        array[..., START.q_reference : START.q_reference + JOINTS],
-        array[..., START.dq_reference : START.dq_reference + JOINTS],
-        array[..., START.ddq_reference : START.ddq_reference + JOINTS],
+        array[..., :n],
+        array[..., n : 2 * n],
+        array[..., 2 * n : 3 * n],
+        array[..., 3 * n : 4 * n],
+        array[..., 4 * n :],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,6 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
     action_space,
     check_options,
-    checked_arm,
     chosen_disturbance,
     chosen_reference,
     chosen_scenario,
@@ -23,14 +23,16 @@ from fuzzyarm.envs.arguments import (
 )
 from fuzzyarm.envs.autoreset import RESET_MASK, chosen_mode, masked_lanes
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import INFO, PLANAR, SCALARS, VECTORS, split
-from fuzzyarm.envs.lane_arguments import each_lane, initial_states, per_lane, seeds_of
-from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.batch.layout import INFO, SCALARS
+from fuzzyarm.envs.lane_arguments import arms_of, each_lane, initial_states, per_lane, seeds_of
 from fuzzyarm.envs.periods import checked_periods
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.vector_info import final_info, masked, partial_info, reasons, values
 
@@ -55,8 +57,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ``reset(options={"reset_mask": mask})`` begins one in the lanes that the mask (num_envs,) of booleans names, and a
     step before raises. A mask works in every mode: the other lanes go on where they are and have no `info`.
 
-    Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference` and `parameters` may each be one for all
-    lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
+    Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
+    for all lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
     ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is how many threads share a step
     (default: one per 1024 lanes, at most one per core); results do not depend on it.
 
@@ -78,8 +80,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         case: str | Sequence[str] = "nominal",
         *,
         disturbance: Disturbance | Sequence[Disturbance] | None = None,
-        reference: JointReference | Sequence[JointReference] | None = None,
+        reference: Reference | Sequence[Reference] | None = None,
         parameters: ArmParameters | Sequence[ArmParameters] | None = None,
+        robot: str | os.PathLike[str] | Robot | Sequence[str | os.PathLike[str] | Robot] | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
@@ -98,11 +101,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
         self.control_period, self.substeps = checked_periods(control_period, substep)
-        arms = self._per_lane("parameters", ArmParameters() if parameters is None else parameters)
-        plants = each_lane(checked_arm, arms)
+        plants = arms_of(robot, parameters, self.num_envs)
         self._randomisation = find_randomisation(randomisation, plants[0])
         self._disturbances = each_lane(
-            chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance)
+            chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance), plants
         )
         self._references = self._own_references(reference, plants)
         self._lanes = Lanes(
@@ -142,22 +144,23 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seeds is not None and not isinstance(seed, Sequence | np.ndarray):
             super().reset(seed=seeds[0])
         if which is None:
-            observation, vectors, scalars = split(self._lanes.reset(seeds, scenarios, initial))
+            observation, vectors, scalars = self._lanes.layout.split(self._lanes.reset(seeds, scenarios, initial))
             self._begun, self._over = True, None
             return observation, self._info(vectors, scalars)
         return self._reset_some(which, seeds, scenarios, initial)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Hold the torques `actions` (num_envs, 2) [N m] for one control period."""
+        """Hold the torques `actions` (num_envs, joints) [N m] for one control period."""
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        given = np.asarray(actions)
-        if given.shape != (self.num_envs, JOINTS):
-            needed = (self.num_envs, JOINTS)
+        given = checks.array_of("actions", actions)
+        needed = self._lanes.action_shape
+        if given.shape != needed:
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
         torque = real_numbers("actions", given)
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
+        split = self._lanes.layout.split
         observation, vectors, scalars = split(self._lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
@@ -167,7 +170,9 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._mode is not AutoresetMode.SAME_STEP:
             self._over = which
             return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **reasons(scalars)}
-        final = final_info(observation, vectors, scalars, self._lanes.randomisation_info(), ended)
+        final = final_info(
+            observation, self._lanes.layout.each(vectors), scalars, self._lanes.randomisation_info(), ended
+        )
         reward = reward.copy()
         observation[which], vectors[:, which], scalars[:, which] = split(self._lanes.restart(which))
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
@@ -216,7 +221,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _info(self, vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
         """Return info of every lane."""
-        info = values(vectors, scalars)
+        info = values(self._lanes.layout.each(vectors), scalars)
         info.update(self._masks)
         if self._randomisation.varies:
             drawn = masked(self._lanes.randomisation_info(), self._everywhere)
@@ -233,7 +238,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"the episode is over in lanes {lanes}: call envs.reset(options={{{RESET_MASK!r}: terminated | "
                 "truncated}) before envs.step()"
             )
-        observation, vectors, scalars = split(self._lanes.step_or_restart(torque, over))
+        observation, vectors, scalars = self._lanes.layout.split(self._lanes.step_or_restart(torque, over))
         info = self._info(vectors, scalars)
         # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
         scalars = scalars.copy()
@@ -255,26 +260,28 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             scenarios = [scenarios[lane] for lane in which]
         theirs = None if seeds is None else [seeds[lane] for lane in which]
         results = self._lanes.reset(theirs, scenarios, None if initial is None else initial[which], which)
-        vectors, scalars = np.zeros((len(VECTORS), self.num_envs, PLANAR)), np.zeros((len(SCALARS), self.num_envs))
-        _, vectors[:, which], scalars[:, which] = split(results)
+        layout = self._lanes.layout
+        _, vectors, scalars = layout.split(np.zeros(layout.width * self.num_envs))
+        _, vectors[:, which], scalars[:, which] = layout.split(results)
         begun = np.isin(np.arange(self.num_envs), which)
         waiting = np.setdiff1d([] if self._over is None else self._over, which)
         self._begun, self._over = True, waiting if len(waiting) else None
-        return self._lanes.observation(), partial_info(vectors, scalars, self._lanes.randomisation_info(), begun)
+        drawn = self._lanes.randomisation_info()
+        return self._lanes.observation(), partial_info(self._lanes.layout.each(vectors), scalars, drawn, begun)
 
     def _per_lane(self, name: str, value: Any) -> list[Any]:
         """Return a list of one entry for all lanes, or of one per lane."""
         return per_lane(name, value, self.num_envs)
 
-    def _own_references(self, given: Any, plants: list[ArmParameters]) -> list[JointReference | None]:
-        """Return the given references, or the paper's circle: one object for all plants with the same links."""
-        circles: dict[Any, JointReference] = {}
+    def _own_references(self, given: Any, plants: list[AnyArm]) -> list[Reference | None]:
+        """Return the given references, or the default ones: one object for all plants with the same links."""
+        circles: dict[Any, Reference] = {}
 
-        def chosen(one: Any, arm: ArmParameters) -> JointReference | None:
+        def chosen(one: Any, arm: AnyArm) -> Reference | None:
             if one is not None or self._randomisation.references:
                 return chosen_reference(one, self._randomisation, arm)
-            links = arm.length, arm.joint_limit, arm.velocity_limit
-            circles[links] = circles.get(links) or JointReference(parameters=arm)
+            links = (arm.length, arm.joint_limit, arm.velocity_limit) if isinstance(arm, ArmParameters) else arm.digest
+            circles[links] = circles.get(links) or default_reference(arm)
             return circles[links]
 
         return each_lane(chosen, self._per_lane("reference", given), plants)
@@ -284,8 +291,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not options:
             return None
 
-        def chosen(disturbance: Disturbance, reference: JointReference | None, *values: Any) -> Scenario:
-            return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference))
+        def chosen(arm: AnyArm, disturbance: Disturbance, reference: Reference | None, *values: Any) -> Scenario:
+            return chosen_scenario(dict(zip(options, values, strict=True)), Scenario(disturbance, reference), arm)
 
         given = [self._per_lane(name, value) for name, value in options.items()]
-        return each_lane(chosen, self._disturbances, self._references, *given)
+        return each_lane(chosen, self._plants, self._disturbances, self._references, *given)

@@ -5,6 +5,7 @@ Quantities are in SI units [m, rad, rad/s, N m, N, s], as the kernels leave them
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,8 @@ _REWARD, _CLIPPED, _REASON = map(SCALARS.index, ("reward", "torque_clipped", "re
 _REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
-def values(vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
-    """Return the numbers of `info` by name, from the vectors (9, lanes, 2) and scalars (10, lanes) of the results."""
+def values(vectors: Iterable[np.ndarray], scalars: np.ndarray) -> dict[str, Any]:
+    """Return the numbers of `info` by name, from `Layout.each` of vectors and scalars (10, lanes) of the results."""
     numbers = (*vectors, *scalars[:_REWARD], scalars[_REASON] == 0.0, scalars[_CLIPPED] != 0.0)
     return dict(zip(INFO, numbers, strict=True))
 
@@ -30,23 +31,23 @@ def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
 
 
 def partial_info(
-    vectors: np.ndarray, scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
+    vectors: Iterable[np.ndarray], scalars: np.ndarray, drawn: dict[str, np.ndarray], mask: np.ndarray
 ) -> dict[str, Any]:
     """Return the info of some lanes; the rows of the others are zero.
 
     Args:
-        vectors: (9, lanes, 2), as in the results.
+        vectors: (lanes, numbers of the vector) each, as `Layout.each` gives them.
         scalars: (10, lanes).
-        drawn: what the episodes drew, by quantity: (lanes,) or (lanes, 2); empty if nothing is drawn.
+        drawn: what the episodes drew, by quantity: (lanes,) or (lanes, joints); empty if nothing is drawn.
         mask: (lanes,) of booleans.
     """
-    info = values(np.where(mask[:, np.newaxis], vectors, 0.0), np.where(mask, scalars, 0.0))
+    info = values([np.where(mask[:, np.newaxis], rows, 0.0) for rows in vectors], np.where(mask, scalars, 0.0))
     info["in_domain"] &= mask
     if drawn:
-        theirs = {
+        some = {
             name: np.where(mask if rows.ndim == 1 else mask[:, np.newaxis], rows, 0.0) for name, rows in drawn.items()
         }
-        info["randomisation"] = masked(theirs, mask)
+        info["randomisation"] = masked(some, mask)
     return masked(info, mask)
 
 
@@ -61,12 +62,16 @@ def reasons(scalars: np.ndarray) -> dict[str, Any]:
 
 
 def final_info(
-    observation: np.ndarray, vectors: np.ndarray, scalars: np.ndarray, drawn: dict[str, np.ndarray], ended: np.ndarray
+    observation: np.ndarray,
+    vectors: Iterable[np.ndarray],
+    scalars: np.ndarray,
+    drawn: dict[str, np.ndarray],
+    ended: np.ndarray,
 ) -> dict[str, Any]:
     """Return the last observation and info of the episodes that ended, for the step in which the next ones begin.
 
     Args:
-        observation: (lanes, 10), as in the results.
+        observation: (lanes, 5 joints), as in the results.
         vectors: as in `partial_info`, and so are the next two.
         scalars: with a column per lane.
         drawn: by quantity.

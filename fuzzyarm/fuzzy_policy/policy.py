@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fuzzyarm.common.checks import instance, real_entries
+from fuzzyarm.common.checks import array_of, instance, real_entries
 from fuzzyarm.envs.observation import JOINTS, SIZE
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.compiled import kernel
@@ -98,25 +98,25 @@ class Policy(abc.ABC):
             TypeError: an argument holds something else than real numbers.
             ValueError: an argument has a wrong shape.
         """
-        seen = np.asarray(observation)
+        seen = array_of("observation", observation)
         real_entries("observation", seen)
+        single = seen.ndim == 1
+        if not (single or seen.ndim == 2) or seen.shape[-1] != SIZE:
+            raise ValueError(f"observation has shape {seen.shape}; allowed: ({SIZE},) or (lanes, {SIZE})")
         given = np.asarray(seen, dtype=np.float64, order="C")
-        single = given.ndim == 1
-        if not (single or given.ndim == 2) or given.shape[-1] != SIZE:
-            raise ValueError(f"observation has shape {given.shape}; allowed: ({SIZE},) or (lanes, {SIZE})")
         batch = given[np.newaxis] if single else given
         lanes = len(batch)
         if state is None:
             memory = np.zeros((lanes, self.memory_size))
         else:
-            remembered = np.asarray(state)
+            remembered = array_of("state", state)
             real_entries("state", remembered)
             memory = np.array(remembered, dtype=np.float64, ndmin=2)
             if memory.shape != (lanes, self.memory_size):
                 allowed = (*given.shape[:-1], self.memory_size)
                 raise ValueError(f"state has shape {np.shape(state)}; allowed: {allowed}")
             if episode_start is not None:
-                starts = np.atleast_1d(episode_start)
+                starts = np.atleast_1d(array_of("episode_start", episode_start))
                 if starts.dtype.kind not in "biuf":
                     raise TypeError(f"episode_start holds {starts.dtype}; needed: truth values")
                 if starts.shape != (lanes,):
@@ -124,13 +124,18 @@ class Policy(abc.ABC):
                 memory[starts.astype(bool)] = 0.0
         action = np.empty((lanes, JOINTS))
         self.act(batch, memory, action)
-        _clip(action, self._torque_limit)
+        if not _clip(action, self._torque_limit) and np.isfinite(batch).all():
+            largest = np.abs(batch).max()
+            raise ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
         return (action[0], memory[0]) if single else (action, memory)
 
 
 @kernel
-def _clip(torque: np.ndarray, limit: np.ndarray) -> None:
-    """Bring torques (lanes, 2) within ±limit (2,), in place."""
+def _clip(torque: np.ndarray, limit: np.ndarray) -> bool:
+    """Bring torques (lanes, 2) within ±limit (2,), in place; return whether all are numbers."""
+    numbers = True
     for lane in range(len(torque)):
         for joint in range(JOINTS):
             torque[lane, joint] = min(max(torque[lane, joint], -limit[joint]), limit[joint])
+            numbers &= not np.isnan(torque[lane, joint])
+    return numbers

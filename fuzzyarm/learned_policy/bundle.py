@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fuzzyarm.common.checks import listed, whole
+from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
 from fuzzyarm.common.files import write_folder_atomically
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
@@ -247,5 +248,5 @@ def _tensors(content: bytes) -> dict[str, np.ndarray]:
         parse_json(content[_LENGTH : _LENGTH + length])  # refuses what stands twice, which the library does not
         tensors: dict[str, np.ndarray] = load(content)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{WEIGHTS} is damaged: {str(error)[:_SHOWN]}") from None
+        raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
     return tensors

@@ -113,7 +113,8 @@ class ActionDefinition:
     @property
     def smoothing(self) -> float:
         """The factor λ of the low-pass."""
-        return math.exp(-self.period / self.smoothing_time) if self.smoothing_time > 0.0 else 0.0
+        period, time = float(self.period), float(self.smoothing_time)
+        return math.exp(-period / time) if time > 0.0 else 0.0
 
     def calls(self, control_period: float) -> int:
         """Return for how many control periods an action is held.

@@ -44,7 +44,7 @@ class Network:
 
     def __post_init__(self) -> None:
         """Check shapes and numbers, and store the layers one after the other for the kernel."""
-        real("clip", self.clip, above=0.0)
+        object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
         for name in ("weights", "biases"):
             for array in instance(name, getattr(self, name), tuple):
                 _numbers(name, array)

@@ -11,6 +11,7 @@ import hashlib
 import io
 import pickle
 import random
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ import numpy as np
 import torch
 
 from fuzzyarm.common.checks import shown, whole
+from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, read_bytes
 from fuzzyarm.common.files import write_atomically
 
@@ -36,6 +38,7 @@ __all__ = [
 _SCHEMA = b"fuzzyarm-checkpoint/2"
 _LARGEST = 2**30  # bytes
 _LARGEST_INDEX = 2**26  # bytes of all but the tensors
+_LARGEST_NUMBER = 1e100  # whose square is a number
 _DEEPEST, _MOST_VALUES = 12, 1_000_000
 _SHOWN = 200  # characters of a library's message
 
@@ -50,6 +53,7 @@ _UNREADABLE = (
     NotImplementedError,
     RuntimeError,
     TypeError,
+    UserWarning,
     ValueError,
     pickle.UnpicklingError,
     zipfile.BadZipFile,
@@ -102,10 +106,12 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         raise CheckpointError(f"{path} is damaged (its sha256 differs); start the training anew")
     try:
         _check_archive(data)
-        loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", message="Detected pickle protocol")  # `torch.save` writes no other
+            loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
         _check_values(loaded, len(data))
     except _UNREADABLE as error:
-        reason = str(error).split("\n", maxsplit=1)[0][:_SHOWN]
+        reason = escaped(str(error).split("\n", maxsplit=1)[0][:_SHOWN])
         raise CheckpointError(
             f"{path} holds something else than tensors, numbers and text: {reason}; start the training anew"
         ) from None
@@ -149,15 +155,15 @@ def check_like(name: str, found: Any, own: Any) -> None:
 
 
 def check_finite(name: str, found: Any) -> None:
-    """Raise ValueError for a part of a checkpoint that holds a number that is not finite."""
+    """Raise ValueError for a part of a checkpoint with a number beyond ±`_LARGEST_NUMBER`, or none."""
     if isinstance(found, dict | list | tuple):
         for value in found.values() if isinstance(found, dict) else found:
             check_finite(name, value)
     elif isinstance(found, torch.Tensor):
-        if not bool(torch.isfinite(found).all()):
-            raise ValueError(f"{name} holds a tensor that is not finite")
-    elif isinstance(found, float) and not abs(found) < np.inf:
-        raise ValueError(f"{name} holds the number {found}")
+        if found.is_floating_point() and not bool((found.abs() <= _LARGEST_NUMBER).all()):
+            raise ValueError(f"{name} holds a tensor that is not finite, or numbers beyond {_LARGEST_NUMBER:g}")
+    elif isinstance(found, float) and not abs(found) <= _LARGEST_NUMBER:
+        raise ValueError(f"{name} holds the number {found}; allowed: ±{_LARGEST_NUMBER:g}")
 
 
 def random_state() -> dict[str, Any]:

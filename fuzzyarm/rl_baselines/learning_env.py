@@ -14,8 +14,9 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from fuzzyarm.envs.batch.saved_state import checked_arrays
 from fuzzyarm.envs.observation import JOINTS, SIZE, observed
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.randomisation import find_randomisation, reference_family
+from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.envs.task import EFFORT_WEIGHT
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.fuzzy_policy.policy import Policy

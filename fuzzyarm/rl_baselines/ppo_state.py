@@ -39,7 +39,7 @@ def check_ppo_state(found: Any, own: dict[str, Any], parameters: Sequence[torch.
         checks.whole("length of an episode", episode["l"])
     for name in ("features", "returns"):
         moments = found["normaliser"][name]
-        checks.real(f"learner.normaliser.{name}.count", moments["count"], low=0.0)
+        checks.real(f"learner.normaliser.{name}.count", moments["count"], low=0.0, high=2.0**62)
         if bool((moments["var"] < 0.0).any()):
             raise ValueError(f"learner.normaliser.{name}.var is negative")
 

@@ -5,6 +5,7 @@ The step is `torch_step`; this file has what stands around it: arguments, tables
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from torch import Tensor
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
     action_space,
-    checked_arm,
     chosen_disturbance,
     chosen_reference,
     observation_space,
@@ -24,18 +24,17 @@ from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import check_reference
-from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.periods import checked_periods
-from fuzzyarm.envs.physics.dynamics import plant_of
+from fuzzyarm.envs.physics.equations import chosen_arm, equations_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.rl_baselines.torch_compile import announced_compilation, compile_step
 from fuzzyarm.rl_baselines.torch_numbers import Table
 from fuzzyarm.rl_baselines.torch_step import (
-    ANGLES,
-    STATE_SIZE,
+    Equations,
     Lanes,
     Shared,
     advance,
@@ -69,8 +68,8 @@ class TorchFuzzyArm:
 
     | key | what | unit |
     | --- | --- | --- |
-    | final_obs | (n, 10) observation before a new episode began; in the other lanes the observation itself | SI |
-    | tip | (n, 2) of the links | m |
+    | final_obs | (n, 5 joints) observation before a new episode began; in the other lanes the observation itself | SI |
+    | tip | (n, 2 or 3) of the links | m |
     | tip_error | (n,) distance of the tip from its reference | m |
     | reward_tracking, reward_effort | (n,) parts of the reward | |
     | torque_clipped | (n,) bool, whether the action was beyond the torque limits | |
@@ -91,8 +90,9 @@ class TorchFuzzyArm:
             finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
         case: "nominal", "machining" or "payload".
         disturbance: one of your own in place of the case.
-        reference: default: the paper's circle.
+        reference: default: the paper's circle, or that of the robot.
         parameters: the plant's, default: Table 1.
+        robot: another serial robot in place of the two-joint arm, by name, TOML file or as a `Robot`.
         control_period: [s].
         substep: [s], a whole fraction of the control period; default: the largest one up to 0.2 ms.
         randomisation: what each episode draws: "nominal", "plants", "robust" or a `DomainRandomisation`.
@@ -113,8 +113,9 @@ class TorchFuzzyArm:
         compiled: bool = True,
         case: str = "nominal",
         disturbance: Disturbance | None = None,
-        reference: JointReference | None = None,
+        reference: Reference | None = None,
         parameters: ArmParameters | None = None,
+        robot: str | os.PathLike[str] | Robot | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
@@ -122,16 +123,18 @@ class TorchFuzzyArm:
         """Build the tables; arguments as in the class docstring."""
         self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), _dtype(dtype)
         self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
-        self.parameters = ArmParameters() if parameters is None else checked_arm(parameters)
+        self.parameters = chosen_arm(robot, parameters)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         self.substep = self.control_period / self.substeps
         self.randomisation = find_randomisation(randomisation, self.parameters)
         self.single_action_space = action_space([self.parameters])
         self.single_observation_space = observation_space([self.parameters])
         with torch.inference_mode(False):  # tensors of either mode can be written in it, its own in no other
-            self._shared = self._build(chosen_disturbance(case, disturbance), reference)
+            self._shared = self._build(chosen_disturbance(case, disturbance, self.parameters), reference)
             zeros = torch.zeros(self.num_envs, dtype=torch.int64, device=self.device)
-            count = STATE_SIZE + (ANGLES if dtype == torch.float32 else 0)  # float32 angles have a rest each
+            equations = self._shared.equations
+            # float32 angles have a rest each
+            count = equations.numbers + (equations.angles if dtype == torch.float32 else 0)
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
             self._lanes = Lanes(tuple(numbers), zeros, zeros.clone())
         self._advance = compile_step(advance) if compiled else advance
@@ -139,11 +142,11 @@ class TorchFuzzyArm:
 
     @property
     def state(self) -> Tensor:
-        """The true states (n, 8), noise-free, in the order of `State`: motor and link angles [rad], velocities."""
-        return torch.stack(self._lanes.numbers[:STATE_SIZE], dim=-1)
+        """The true states (n, 4 joints), noise-free, in the order of `State`: motor, link angles [rad], velocities."""
+        return torch.stack(self._lanes.numbers[: self._shared.equations.numbers], dim=-1)
 
     def randomisation_info(self) -> dict[str, Tensor]:
-        """Return what the episodes under way drew, by quantity: (n, 2) for one value per joint, else (n,)."""
+        """Return what the episodes under way drew, by quantity: (n, joints) for one value per joint, else (n,)."""
 
         def rows(value: Any) -> Tensor:
             if isinstance(value, tuple):
@@ -154,7 +157,7 @@ class TorchFuzzyArm:
         return {name: rows(value) for name, value in drawn(self._shared, self._lanes.key)._asdict().items()}
 
     def reset(self, seed: int | None = None) -> Tensor:
-        """Begin an episode in every lane and return the observations (n, 10).
+        """Begin an episode in every lane and return the observations (n, 5 joints).
 
         Args:
             seed: lane i gets the random stream of seed + i. None: the streams go on; the first time, from 0.
@@ -171,17 +174,20 @@ class TorchFuzzyArm:
             return stacked(rows).t()
 
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
-        """Hold the torques `action` (n, 2) [N m] for one control period.
+        """Hold the torques `action` (n, joints) [N m] for one control period.
 
         Returns:
-            Observations (n, 10), rewards (n,), terminated (n,) and truncated (n,) as bool, and `info`.
+            Observations (n, 5 joints), rewards (n,), terminated (n,) and truncated (n,) as bool, and `info`.
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
-        action = torch.as_tensor(_real(action), dtype=self.dtype, device=self.device)
-        if action.shape != (self.num_envs, JOINTS):
-            needed = (self.num_envs, JOINTS)
-            raise ValueError(f"action has shape {tuple(action.shape)}; needed: {needed}, motor torques [N m]")
+        given = _real(action)
+        needed = self.num_envs, self._shared.equations.physics.joints
+        if tuple(given.shape) != needed:
+            raise ValueError(f"action has shape {tuple(given.shape)}; needed: {needed}, motor torques [N m]")
+        if isinstance(given, np.ndarray):  # which torch takes if it is of a usual type and may be written
+            given = given.astype(np.float64)
+        action = torch.as_tensor(given, dtype=self.dtype, device=self.device)
         with torch.no_grad():
             torque = action.detach().t().contiguous()
             if self._stepped or not self.compiled:
@@ -201,28 +207,29 @@ class TorchFuzzyArm:
         }
         return outcome.observation.t(), outcome.reward, outcome.terminated, outcome.truncated, info
 
-    def _build(self, disturbance: Disturbance, reference: JointReference | None) -> Shared:
+    def _build(self, disturbance: Disturbance, reference: Reference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
-        plant, payload, noise = plant_of(self.parameters), disturbance.payload, disturbance.encoder_noise
+        physics, payload, noise = equations_of(self.parameters), disturbance.payload, disturbance.encoder_noise
         own = chosen_reference(reference, self.randomisation, self.parameters)
         members = self.randomisation.references if own is None else (own,)
         for member in members:
             check_reference(member, self.parameters)
-        built = [Schedule.build(member, disturbance, self.control_period) for member in members]
+        built = [Schedule.build(member, disturbance, self.control_period, physics.axes) for member in members]
         steps = np.array([one.steps for one in built])
         like = torch.empty(0, dtype=self.dtype, device=self.device)
         return Shared(
-            plant=plant,
+            equations=Equations(physics),
+            plant=physics.plant_of(self.parameters),
             payload=checks.real("payload mass", payload.mass, "kg", low=0.0, high=LARGEST),
-            payload_radius=checks.real("payload radius", payload.radius(self.parameters), "m", low=0.0, high=LARGEST),
+            payload_place=physics.payload_place(payload, self.parameters),
             noise=Noise(0.0, 0.0) if noise is None else Noise(noise.position, noise.velocity),
-            ranges=tuple((float(low), float(high)) for low, high in self.randomisation.ranges),
+            ranges=tuple((float(low), float(high)) for low, high in self.randomisation.ranges(physics.joints)),
             period=self.control_period,
             substeps=self.substeps,
             spans=Table(np.stack([np.cumsum(steps) - steps, steps], axis=-1), like.to(torch.int64)),
             starts=Table(np.array([one.references[0] for one in built]), like),
             # What acts in a step, beside what the arm is compared with after it.
-            rows=Table(np.concatenate([by_step(one.table) for one in built]), like),
+            rows=Table(np.concatenate([by_step(one) for one in built]), like),
         )
 
 
@@ -237,9 +244,10 @@ def _device(device: str | torch.device) -> torch.device:
 
 
 def _real(action: Any) -> Any:
-    """Return an action; TypeError unless its numbers are real."""
+    """Return an action as an array or a tensor; TypeError unless its numbers are real."""
     if not isinstance(action, Tensor):
-        checks.real_entries("action", np.asarray(action), "N m")
+        action = checks.array_of("action", action)
+        checks.real_entries("action", action, "N m")
     elif action.is_complex() or action.dtype == torch.bool:
         raise TypeError(f"action must hold real numbers [N m]; it holds {action.dtype}")
     return action

@@ -21,7 +21,7 @@ class Angle:
     size. In plain float32 the tip is off by up to 4 µm in an episode of the paper; with the rest by 0.1 µm.
 
     It supports the arithmetic that the physics uses: an increment may be added, angles may be added and subtracted,
-    which gives tensors, and so do sine, cosine and magnitude.
+    which gives tensors, and so do sine, cosine, magnitude, a number times the angle and comparisons with limits.
 
     Args:
         value: the angle, rounded.
@@ -37,7 +37,10 @@ class Angle:
 
     @classmethod
     def __torch_function__(cls, function: Any, types: Any, arguments: Any = (), options: Any = None) -> Any:
-        """Return tensor + angle, which is also what torch.compile makes of angle + tensor."""
+        """Return tensor + angle, or compare them, which is what torch.compile makes of angle + tensor and so on."""
+        if function in (torch.Tensor.le, torch.Tensor.ge):
+            limit, angle = arguments
+            return function(limit, angle.value)
         if function not in (torch.Tensor.add, torch.Tensor.__radd__):
             return NotImplemented
         increment, angle = arguments
@@ -48,6 +51,17 @@ class Angle:
 
     def __abs__(self) -> Tensor:
         return abs(self.value)
+
+    def __mul__(self, factor: float) -> Tensor:
+        return self.value * factor
+
+    __rmul__ = __mul__
+
+    def __ge__(self, limit: Any) -> Any:
+        return self.value >= limit
+
+    def __le__(self, limit: Any) -> Any:
+        return self.value <= limit
 
     def advanced(self, increment: Tensor) -> Angle:
         """Return the angle plus an increment [rad] that is smaller than it."""

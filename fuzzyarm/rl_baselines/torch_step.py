@@ -14,21 +14,20 @@ import torch
 from torch import Tensor
 
 from fuzzyarm.envs.batch import randomness
-from fuzzyarm.envs.batch.block import ANGLE_ROOM, VELOCITY_ROOM
+from fuzzyarm.envs.batch.beginning import resting_of, varied_of
 from fuzzyarm.envs.batch.layout import Noise
-from fuzzyarm.envs.batch.schedule import COLUMNS, ReferenceRow, Row
-from fuzzyarm.envs.physics import integrator
-from fuzzyarm.envs.physics.dynamics import Arm, Plant, State, loaded, lump
-from fuzzyarm.envs.physics.readings import at_rest, motor_angles, motor_velocities, static_deflection
-from fuzzyarm.envs.physics.records import JOINTS, PerJoint, in_list, reader, size
-from fuzzyarm.envs.scenario.randomisation import Draw, varied
-from fuzzyarm.envs.task import Assessment, Limits, assess, clipped, finite
+from fuzzyarm.envs.batch.reporting import ANGLE_ROOM, VELOCITY_ROOM
+from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
+from fuzzyarm.envs.physics.hold import held
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import flat, in_list, reader, size
+from fuzzyarm.envs.scenario.randomisation import draw_record
+from fuzzyarm.envs.task import assess_of, clipped, finite_of
 from fuzzyarm.envs.termination import reason_of
 from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, normal_pair, uniform, word
 
 __all__ = [
-    "ANGLES",
-    "STATE_SIZE",
+    "Equations",
     "Lanes",
     "Outcome",
     "Shared",
@@ -41,20 +40,14 @@ __all__ = [
     "write",
 ]
 
-STATE_SIZE = size(State)  # how many numbers the state of an arm is
-ANGLES = STATE_SIZE // 2  # of motors and links; the other half are their velocities
-
 # Counters of an episode's random stream as plain integers, which torch.compile takes for constants.
-_NEXT_KEY, _RANDOMISATION, _NOISE, _NOISE_NUMBERS = map(
-    int, (randomness.NEXT_KEY, randomness.RANDOMISATION, randomness.NOISE, randomness.NOISE_NUMBERS)
-)
-_read_row, _read_reference, _read_draw = reader(Row, in_list), reader(ReferenceRow, in_list), reader(Draw, in_list)
+_NEXT_KEY, _RANDOMISATION = int(randomness.NEXT_KEY), int(randomness.RANDOMISATION)
 
 
 class Lanes(NamedTuple):
     """What a lane carries from step to step, (n,) each; all else follows from it.
 
-    The numbers of its state, in float32 followed by the rests of its four angles; the key of the episode's random
+    The numbers of its state, in float32 followed by the rests of its angles; the key of the episode's random
     stream, and its steps so far, both int64.
     """
 
@@ -64,7 +57,7 @@ class Lanes(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a step returns; observations (10, n), tips (2, n), the others (n,)."""
+    """What a step returns; observations (5 joints, n), tips (axes, n), the others (n,)."""
 
     observation: Tensor
     final_observation: Tensor
@@ -79,26 +72,47 @@ class Outcome(NamedTuple):
     reason: Tensor
 
 
+class Equations:
+    """The equations of the arm, and the functions of the task made for them; looked up before anything is compiled.
+
+    Args:
+        physics: the equations.
+    """
+
+    def __init__(self, physics: Physics) -> None:
+        """Make the functions."""
+        self.physics = physics
+        self.numbers, self.angles = size(physics.State), 2 * physics.joints
+        self.assess, self.finite = assess_of(physics), finite_of(physics)
+        self.resting, self.varied = resting_of(physics), varied_of(physics)
+        self.read_state, self.read_draw = reader(physics.State, in_list), reader(draw_record(physics.joints), in_list)
+        self.read_row = reader(row_record(physics.joints, physics.axes), in_list)
+        self.read_reference = reader(reference_record(physics.joints), in_list)
+        self.noise = int(randomness.noise_counter(physics.joints))
+
+
 @dataclasses.dataclass(frozen=True)
 class Shared:
     """What all lanes share: numbers, which are constants to the compiler, and tables.
 
     Attributes:
-        plant: the nominal arm.
+        equations: of the arm.
+        plant: the nominal arm, a `Physics.Plant`.
         payload: mass [kg] that the disturbance adds.
-        payload_radius: its distance from joint 2 [m].
+        payload_place: where it is, see `Physics.payload_place`.
         noise: standard deviations of measured angles [rad] and velocities [rad/s].
-        ranges: low and high of every number of `Draw`.
+        ranges: low and high of every number of `draw_record`.
         period: control period [s].
         substeps: in it.
-        spans: (schedules, 2), first row in `rows` and number of steps, a `Span`.
-        starts: (schedules, numbers of `ReferenceRow`), the reference at the start.
-        rows: (steps, numbers of `Row`), the schedules below each other, see `by_step`.
+        spans: (schedules, 2), first row in `rows` and number of steps.
+        starts: (schedules, numbers of `reference_record`), the reference at the start.
+        rows: (steps, numbers of `row_record`), the schedules below each other, see `by_step`.
     """
 
-    plant: Plant
+    equations: Equations
+    plant: Any
     payload: float
-    payload_radius: float
+    payload_place: float
     noise: Noise
     ranges: tuple[tuple[float, float], ...]
     period: float
@@ -107,30 +121,30 @@ class Shared:
     starts: Table
     rows: Table
 
-    def nominal(self) -> Plant:
+    def nominal(self) -> Any:
         """Return the plant in tensors of shape ()."""
-        number = self.rows.number
-        tensors: list[Any] = [PerJoint(*map(number, v)) if isinstance(v, tuple) else number(v) for v in self.plant]
-        return Plant(*tensors)
+        return _tensors(self.plant, self.rows)
 
 
 def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
-    """Hold torques (2, n) for one control step; `lanes` are changed in place."""
-    nominal, now = shared.nominal(), drawn(shared, lanes.key)
-    arm, limits = _arm(shared, nominal, now), _limits(nominal)
+    """Hold torques (joints, n) for one control step; `lanes` are changed in place."""
+    equations = shared.equations
+    nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
+    arm, limits = _arm(shared, nominal, now), equations.physics.limits(nominal)
     beginning, steps = shared.spans.at(now.reference.long())
-    row = _read_row(shared.rows.at(beginning + lanes.step), 0)
+    row = equations.read_row(shared.rows.at(beginning + lanes.step), 0)
     force, bias = [now.force * part for part in (*row.force.mean, *row.force.change)], row.bias
 
-    sound = torch.isfinite(action[0]) & torch.isfinite(action[1])
+    sound = torch.isfinite(action).all(0)
     asked = PerJoint(*(torch.where(sound, part, 0.0) for part in action.unbind(0)))
-    torque = PerJoint(clipped(asked.joint1, limits.torque.joint1), clipped(asked.joint2, limits.torque.joint2))
-    held = PerJoint(torque.joint1 + bias.joint1, torque.joint2 + bias.joint2)
+    torque = PerJoint(*map(clipped, asked, limits.torque))
+    both = PerJoint(*(own + beside for own, beside in zip(torque, bias, strict=True)))
     h = shared.period / shared.substeps
-    numbers = _numbers(integrator.held(_state(lanes.numbers), held, force, arm, h, shared.substeps), shared.rows.dtype)
-    sound = sound & (finite(State(*numbers[:STATE_SIZE])) > 0.0)
+    after_all = held(equations.physics, _state(shared, lanes.numbers), both, force, arm, h, shared.substeps)
+    numbers = _numbers(after_all, shared.rows.dtype)
+    sound = sound & (equations.finite(equations.read_state(numbers, 0)) > 0.0)
     after = Lanes(_where(sound, numbers, lanes.numbers), lanes.key, lanes.step + 1)
-    found = assess(_state(after.numbers), torque, bias, arm, limits, row.target)
+    found = equations.assess(_state(shared, after.numbers), torque, bias, arm, limits, row.target)
 
     reason = _reason(found, sound)
     terminated = reason > 0
@@ -149,21 +163,22 @@ def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
         found.tip_error,
         found.reward_tracking,
         found.reward_effort,
-        (torque.joint1 != asked.joint1) | (torque.joint2 != asked.joint2),
+        torch.stack([own != told for own, told in zip(torque, asked, strict=True)]).any(0),
         reason,
     )
 
 
-def begin(shared: Shared, key: Tensor) -> tuple[Lanes, ReferenceRow]:
+def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:
     """Return the episodes after those with the keys (n,), and their first reference; shapes (n,) or ().
 
     At rest; the motors hold the gravity torque of the nominal arm.
     """
-    key, nominal = word(key, _NEXT_KEY), shared.nominal()
+    equations, key, nominal = shared.equations, word(key, _NEXT_KEY), shared.nominal()
     now = drawn(shared, key)
-    reference = _read_reference(shared.starts.at(now.reference.long()), 0)
-    link = PerJoint(*(q + angle for q, angle in zip(reference.q, now.angle, strict=True)))
-    state = at_rest(PerJoint(*map(_angle, link)), static_deflection(link, nominal), torch.zeros_like(link.joint1))
+    reference = equations.read_reference(shared.starts.at(now.reference.long()), 0)
+    link = [q + angle for q, angle in zip(reference.q, now.angle, strict=True)]
+    still = torch.zeros_like(link[0])
+    state = equations.resting(nominal, equations.physics.PerJoint(*map(_angle, link)), still)
     return Lanes(_numbers(state, shared.rows.dtype), key, torch.zeros_like(key)), reference
 
 
@@ -180,34 +195,45 @@ def _angle(value: Tensor, rest: Tensor | None = None) -> Any:
     return Angle(value, torch.zeros_like(value) if rest is None else rest)
 
 
-def _state(numbers: tuple[Tensor, ...]) -> State:
+def _state(shared: Shared, numbers: tuple[Tensor, ...]) -> Any:
     """Return the state as the physics shall see it."""
-    rests = numbers[STATE_SIZE:] or (None,) * ANGLES
-    return State(*map(_angle, numbers[:ANGLES], rests), *numbers[ANGLES:STATE_SIZE])
+    angles, count = shared.equations.angles, shared.equations.numbers
+    rests = numbers[count:] or (None,) * angles
+    return shared.equations.read_state([*map(_angle, numbers[:angles], rests), *numbers[angles:count]], 0)
 
 
-def _numbers(state: State, dtype: torch.dtype) -> tuple[Tensor, ...]:
+def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
     """Return what `_state` was made of; the dtype is lost on the way if torch's default dtype is a longer one."""
-    values = (part.value if isinstance(part, Angle) else part for part in state)
-    rests = (part.rest for part in state if isinstance(part, Angle))
+    parts = flat(state)
+    values = [part.value if isinstance(part, Angle) else part for part in parts]
+    rests = [part.rest for part in parts if isinstance(part, Angle)]
     return tuple(part.to(dtype) for part in (*values, *rests))
 
 
-def observed(shared: Shared, lanes: Lanes, reference: ReferenceRow) -> list[Tensor]:
-    """Return the ten rows (lanes,) of the observation: motors, with noise if there is any, then the reference."""
-    state, limits = State(*lanes.numbers[:STATE_SIZE]), _limits(shared.nominal())
-    motors = [motor_angles(state), motor_velocities(state)]
+def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
+    """Return the rows (lanes,) of the observation: motors, with noise if there is any, then the reference."""
+    physics, numbers = shared.equations.physics, shared.equations.numbers
+    state, limits = shared.equations.read_state(lanes.numbers[:numbers], 0), physics.limits(shared.nominal())
+    motors, joints = [*state.motor, *state.motor_velocity], physics.joints
     if max(shared.noise) > 0.0:
-        counter = lanes.step * _NOISE_NUMBERS + _NOISE
-        for part, spread in enumerate(shared.noise):
-            normal = normal_pair(lanes.key, counter + JOINTS * part, shared.rows.dtype)
-            motors[part] = PerJoint(*(value + spread * n for value, n in zip(motors[part], normal, strict=True)))
-    angles = [clipped(q, ANGLE_ROOM * limit) for q, limit in zip(motors[0], limits.angle, strict=True)]
-    velocities = [clipped(dq, VELOCITY_ROOM * limit) for dq, limit in zip(motors[1], limits.velocity, strict=True)]
+        counter = lanes.step * (2 * joints) + shared.equations.noise
+        spreads = [shared.noise.angle] * joints + [shared.noise.velocity] * joints
+        for k in range(0, 2 * joints, 2):
+            first, second = normal_pair(lanes.key, counter + k, shared.rows.dtype)
+            motors[k] = motors[k] + spreads[k] * first
+            motors[k + 1] = motors[k + 1] + spreads[k + 1] * second
+    lowest, highest = physics.angle_range(limits)
+    rooms = [ANGLE_ROOM * (high - low) for low, high in zip(lowest, highest, strict=True)]
+    angles = [
+        torch.clamp(q, low - room, high + room)
+        for q, low, high, room in zip(motors[:joints], lowest, highest, rooms, strict=True)
+    ]
+    speeds = zip(motors[joints:], limits.velocity, strict=True)
+    velocities = [clipped(dq, VELOCITY_ROOM * limit) for dq, limit in speeds]
     return [*angles, *velocities, *reference.q, *reference.dq, *reference.ddq]
 
 
-def drawn(shared: Shared, key: Tensor) -> Draw:
+def drawn(shared: Shared, key: Tensor) -> Any:
     """Return what the episodes with these keys (n,) drew; numbers are of shape (n,), or () where nothing is drawn."""
     entries = [
         low + (high - low) * uniform(key, _RANDOMISATION + place, shared.rows.dtype)
@@ -216,24 +242,22 @@ def drawn(shared: Shared, key: Tensor) -> Draw:
         for place, (low, high) in enumerate(shared.ranges)
     ]
     entries[-1] = torch.floor(entries[-1])
-    now: Draw = _read_draw(entries, 0)
-    return now
+    return shared.equations.read_draw(entries, 0)
 
 
-def _arm(shared: Shared, nominal: Plant, now: Draw) -> Arm:
+def _arm(shared: Shared, nominal: Any, now: Any) -> Any:
     """Return the lanes' constants with what they drew and carry."""
     number = shared.rows.number
-    arm: Arm = loaded(
-        lump(varied(nominal, now)), number(shared.payload), number(shared.payload_radius), nominal.gravity
-    )
-    return Arm(*loaded(arm, now.payload, nominal.length[1], nominal.gravity))
+    return shared.equations.varied(nominal, now, number(shared.payload), number(shared.payload_place))
 
 
-def _limits(plant: Plant) -> Limits:
-    return Limits(plant.joint_limit, plant.velocity_limit, plant.torque_limit)
+def _tensors(numbers: Any, rows: Table) -> Any:
+    """Return a nested record with its numbers as tensors of shape ()."""
+    parts = [_tensors(part, rows) if isinstance(part, tuple) else rows.number(part) for part in numbers]
+    return type(numbers)(*parts)
 
 
-def _reason(found: Assessment, sound: Tensor) -> Tensor:
+def _reason(found: Any, sound: Tensor) -> Tensor:
     """Return numbers of `Termination` as int64."""
     reason: Tensor = reason_of(1.0 * sound, found.angles_inside, found.velocities_inside)
     return reason.to(torch.int64)
@@ -248,10 +272,10 @@ def stacked(rows: Sequence[Tensor]) -> Tensor:
     return torch.stack([row.expand_as(rows[0]) for row in rows])
 
 
-def by_step(table: np.ndarray) -> np.ndarray:
-    """Return a row per control step, in the units of `Row`: reference and target at its end, force and bias during it.
+def by_step(schedule: Schedule) -> np.ndarray:
+    """Return (steps, columns), a row per control step in the units of a schedule's table.
 
-    `table` has the shape (steps + 1, columns), the result one row less.
+    Reference and target at the end of the step, force and bias during it.
     """
-    first_of_step = COLUMNS.force.start
+    table, first_of_step = schedule.table, schedule.columns.force.start
     return np.concatenate([table[1:, :first_of_step], table[:-1, first_of_step:]], axis=-1)

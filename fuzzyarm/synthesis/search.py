@@ -13,10 +13,10 @@ from fuzzyarm.common.bisection import last_that_works
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.synthesis.conic import Problem
-from fuzzyarm.synthesis.error_model import ErrorModel, consistent_form, paper_form
+from fuzzyarm.synthesis.error_model import ErrorModel, FirstVertex, consistent_form, paper_form
 from fuzzyarm.synthesis.minimise import Infeasible, Solution, solve, solve_for_largest_alpha
 from fuzzyarm.synthesis.scaling import Scaling
-from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
+from fuzzyarm.synthesis.specification import FIRST_ALPHA, PAPER_WEIGHT, Specification
 
 __all__ = [
     "best_solution",
@@ -24,6 +24,7 @@ __all__ = [
     "largest_feasible_alpha",
     "scaled_gain",
     "scaled_problem",
+    "slowest_tried",
     "smallest_feasible_pole",
 ]
 
@@ -34,6 +35,8 @@ __all__ = [
 BEST_SCALE = {True: 0.37, False: 0.6}
 PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
 FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)
+NONE = 1e12  # far above any γ; the search of scipy wants a number
+MANY = 4  # rules, from which a scale is given up if its first vertex is infeasible: 0.02 s instead of up to a minute
 
 
 def best_solution(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
@@ -49,11 +52,25 @@ def first_solution(model: TSModel, specification: Specification) -> tuple[Scalin
     find = solve_for_largest_alpha if specification.alpha is None else solve
     for factor in FACTORS:
         scaling, system, problem = scaled_problem(model, specification, factor)
+        if _refuted(model, specification, factor):
+            continue
         try:
             return scaling, find(system, problem)
         except Infeasible:
             continue
     return None
+
+
+def _refuted(model: TSModel, specification: Specification, factor: float) -> bool:
+    """Return whether the solver gives a proof that already the first vertex of a large model has no solution."""
+    if model.rules < MANY:
+        return False
+    _, system, problem = scaled_problem(FirstVertex(model.parameters, model.kept), specification, factor)
+    try:
+        solve(system, problem)
+    except Infeasible as error:
+        return error.ray is not None
+    return False
 
 
 def _smallest_gamma_paper(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
@@ -80,10 +97,12 @@ def _smallest_gamma_consistent(model: TSModel, specification: Specification) -> 
 
     def gamma_at(exponent: float) -> float:
         scaling, system, problem = scaled_problem(model, specification, 10.0**exponent)
+        if _refuted(model, specification, 10.0**exponent):
+            return NONE
         try:
             found[exponent] = scaling, solve(system, problem)
         except Infeasible:
-            return 1e12  # far above any γ; the search of scipy wants a number
+            return NONE
         return found[exponent][1].gamma
 
     scan = np.arange(-3.0, 3.5, 0.5)
@@ -157,14 +176,17 @@ def smallest_feasible_pole(model: TSModel, specification: Specification, resolut
 
 def largest_feasible_alpha(model: TSModel, specification: Specification, resolution: float = 0.02) -> float | None:
     """Return the largest feasible α [1/s] up to the specified one, by bisection; None if there is none."""
-    specified = specification.first_alpha
 
     def works(alpha: float) -> bool:
         return best_solution(model, dataclasses.replace(specification, alpha=alpha)) is not None
 
-    return _nearest_that_works(
-        works, specified, factor=0.25, limit=max(1e-3 * specified, RATES[0]), resolution=resolution
-    )
+    lowest = slowest_tried(specification)
+    return _nearest_that_works(works, specification.first_alpha, factor=0.25, limit=lowest, resolution=resolution)
+
+
+def slowest_tried(specification: Specification) -> float:
+    """Return where the search for a feasible α ends [1/s]: a thousandth of the specified one, at most `FIRST_ALPHA`."""
+    return max(min(1e-3 * specification.first_alpha, FIRST_ALPHA), RATES[0])
 
 
 def _nearest_that_works(

@@ -42,7 +42,8 @@ Check = Callable[[Any], object]
 def names_of(field: str, value: Any) -> tuple[str, ...]:
     """What a message about a field may name: it, its option, a number in it, or the value."""
     shown = described(value).partition(" ")[2].strip("\"'")[:12]
-    return field, field.replace("_", " "), option_name(field), field.rstrip("s"), shown
+    camel, effect = field.title().replace("_", ""), {"length": ("reach of the arm",)}.get(field, ())
+    return field, field.replace("_", " "), option_name(field), field.rstrip("s"), camel, shown, *effect
 
 
 def driven(env: FuzzyArmEnv) -> None:

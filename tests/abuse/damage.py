@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import os
+import shutil
 import socket
 from collections.abc import Callable, MutableMapping, MutableSequence
 from pathlib import Path
@@ -12,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from .samples import scratch
 from .values import hostile_text, json_value
 
-__all__ = ["SPECIAL", "damaged_bytes", "damaged_document", "to_json"]
+__all__ = ["SPECIAL", "copied", "damaged_bytes", "damaged_document", "to_json"]
 
 
 def damaged_document(rng: np.random.Generator, document: Any) -> tuple[Any, str]:
@@ -90,6 +92,14 @@ def damaged_bytes(rng: np.random.Generator, content: bytes) -> tuple[bytes, str]
         case 8:
             data = bytearray(rng.bytes(int(rng.integers(0, 200))))
     return bytes(data), f"bytes changed ({change}) at {place}"
+
+
+def copied(source: Path, target: str, content: bytes) -> Path:
+    """Return a copy of a folder in which one file has another content."""
+    folder = scratch()
+    shutil.copytree(source, folder, dirs_exist_ok=True, symlinks=True)
+    (folder / target).write_bytes(content)
+    return folder
 
 
 def _fifo(path: Path) -> None:

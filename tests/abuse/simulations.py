@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
+import numbers
 from collections.abc import Callable
 from typing import Any
 
@@ -132,7 +133,8 @@ def _actions(make: Callable[[], Any], name: str, valid: np.ndarray) -> Callable[
                     raise Broken("a refused action moved the arm") from None
                 raise
             _check_finite(observation), _check_finite(reward)
-            if np.asarray(action).dtype.kind not in "fiub" and not isinstance(action, list | tuple):
+            entries = np.asarray(action).ravel().tolist()
+            if not all(isinstance(one, numbers.Real) and not isinstance(one, bool) for one in entries):
                 raise Broken("was taken without a word")
 
         return Try(f"{name}.step({described(action)})", run)

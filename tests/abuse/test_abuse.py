@@ -1,6 +1,6 @@
 """Bad input is refused with one clear line, or taken and right: no crash, no hang, no half file, no false PROVEN.
 
-ABUSE_SHARE is the share of a whole run's tries, 1 by default; continuous integration takes a tenth.
+A tenth of the tries of a whole run, always the same ones, as in continuous integration; ABUSE_SHARE is another share.
 """
 
 import os
@@ -13,7 +13,7 @@ pytest.importorskip("stable_baselines3")
 from .surface import Broken, Surface, Try, try_all
 from .surfaces import SURFACES
 
-SHARE = float(os.environ.get("ABUSE_SHARE", "1"))
+SHARE = float(os.environ.get("ABUSE_SHARE", "0.1"))
 
 
 @pytest.mark.slow

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 from mujoco.rollout import Rollout
+from support.two_joints import state_of
 
 from fuzzyarm.envs.physics.dynamics import (
     Payload,
-    State,
     arm_constants,
     coriolis_torque,
     gravity_torque,
@@ -104,7 +104,7 @@ def test_coriolis_and_gravity_are_ours(seed):
 def test_springs_dampers_and_viscous_friction_are_ours(seed):
     parameters, payload, state = random_case(seed)
     arm = forward(parameters, payload, state)
-    between = np.array(joint_torque(State(*state), arm_constants(parameters, payload)))
+    between = np.array(joint_torque(state_of(state), arm_constants(parameters, payload)))
     ours = np.concatenate([-between - np.array(parameters.viscous_friction) * state[4:6], between])
     theirs = arm.data.qfrc_passive @ peer.TO_HINGES
     np.testing.assert_allclose(theirs, ours, rtol=1e-9)

@@ -101,6 +101,9 @@ def test_several_numbers_are_a_tuple_of_floats(values):
         ({1.0, 2.0}, TypeError, "must be 2 real numbers"),
         ((1.0,), ValueError, "must be 2 real numbers"),
         ([[1.0, 2.0]], ValueError, "must be 2 real numbers"),
+        (np.array(1.0), ValueError, r"point = array\(1\.\) must be 2 real numbers"),
+        (memoryview(np.array(1.0)), ValueError, "must be 2 real numbers"),
+        (np.ones((2, 1)), ValueError, "must be 2 real numbers"),
         ((1.0, None), TypeError, r"point\[1\] = None must be a real number"),
         ((1.0, math.nan), ValueError, r"point\[1\] = nan m is out of range"),
     ],
@@ -173,3 +176,14 @@ def test_names_that_are_not_distinct_are_refused(wrong):
     with pytest.raises(ValueError, match=r"^policies = .* must be one or more different names$"):
         checks.distinct("policies", wrong)
     assert checks.distinct("policies", ("b", "a")) == ("b", "a")
+
+
+CYCLE: list = [1.0]
+CYCLE.append(CYCLE)
+
+
+@pytest.mark.parametrize("values", [[1.0, [2.0]], CYCLE, range(10**12)], ids=["uneven", "cycle", "endless"])
+def test_what_no_array_holds_is_named(values):
+    with pytest.raises(ValueError, match=r"^point = (\[1\.0, \[|range\(0).* is no array: ") as caught:
+        checks.array_of("point", values)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 300

@@ -100,6 +100,15 @@ def test_output_is_wide_where_it_is_no_terminal(capsys):
     assert capsys.readouterr().out == "x" * 900 + "\n"
 
 
+@pytest.mark.parametrize("width", [1, 39])
+def test_no_terminal_is_narrower_than_what_is_laid_out_for_it(monkeypatch, width):
+    """Rich took minutes and gigabytes to lay out a help text in one column."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert console.output(piped_width=None).width == console.NARROWEST
+    monkeypatch.setenv("COLUMNS", "41")
+    assert console.output(piped_width=None).width == 41
+
+
 def test_paragraphs_are_printed_as_they_are(capsys):
     console.print_paragraphs(console.output(), ["a [bold]b[/bold] :smile: 12", "c"])
     assert capsys.readouterr().out == "\na [bold]b[/bold] :smile: 12\n\nc\n"

@@ -618,7 +618,7 @@ BAD_REFERENCES = {
         JointReference(parameters=LONG),
         r"links of \(0\.6, 0\.5\) m, the plant has \(0\.5, 0\.5\) m",
     ),
-    "no reference": ({}, Circle(), r"reference = Circle.* must be a .*JointReference"),
+    "no reference": ({}, Circle(), r"reference = Circle.* must be a .*[.]Reference"),
     "narrow plant": ({"parameters": NARROW}, JointReference(), r"reference angle reaches .*allows \(0\.5, 3\.0\) rad"),
     "slow plant": (
         {"parameters": SLOW},

@@ -158,6 +158,14 @@ BREAKS = {
     "no fraction": (lambda: EvaluationConfig(control_period=1e-300), "control_period = 1e-300 s is out of range"),
     "a long action": (lambda: ActionDefinition(period=1e300), r"period = 1e\+300 s is out of range"),
     "a policy's period": (lambda: load_policy("fuzzy-1", control_period=1e-300), "control_period = 1e-300 s is out of"),
+    "an array of no axis": (lambda: TorqueBias(np.array(1.0)), r"TorqueBias\.torque = array\(1\.\) must be 2 real"),
+    "a size": (lambda: ArmParameters(mass=np.array(1.0)), r"mass = array\(1\.\) must be 2 real numbers"),
+    "a masked point": (
+        lambda: Spline(np.ma.masked_array([0.3, 2.0], mask=[True, False])),
+        r"waypoints\[0\] = masked must be a pair",
+    ),
+    "a range of nothing": (lambda: SweepConfig(ranges=((1.1, 0.9, "mass"),)), "ranges: quantity = 1.1 is unknown"),
+    "a low end": (lambda: SweepConfig(ranges=(("mass", [], 1.1),)), r"ranges: low of mass = \[\] must be a real"),
     "a long episode": (
         lambda: FuzzyArmEnv(control_period=1e-6, reference=JointReference(duration=1e6)),
         "1000000000000 control periods of 1e-06 s; allowed: 1000000",
@@ -170,3 +178,36 @@ def test_what_once_broke_is_named(name):
     call, message = BREAKS[name]
     with pytest.raises((TypeError, ValueError), match=message):
         call()
+
+
+UNEVEN = [1.0, [2.0]]
+HUGE = np.broadcast_to(np.float64(1.0), (10**10,))
+
+
+@pytest.mark.parametrize("given", [UNEVEN, range(10**12), HUGE], ids=["uneven", "endless", "huge"])
+def test_what_no_array_holds_is_no_action_and_no_observation(given):
+    single, batch, policy = FuzzyArmEnv(), FuzzyArmVectorEnv(2), load_policy("fuzzy-1")
+    single.reset(seed=0), batch.reset(seed=0)
+    uses = {
+        "action": single.step,
+        "actions": batch.step,
+        "observation": policy.predict,
+        "initial_state": lambda one: single.reset(options={"initial_state": one}),
+    }
+    if given is not HUGE:
+        uses["state"] = lambda one: policy.predict(np.zeros(10), one)
+    for name, use in uses.items():
+        with pytest.raises(ValueError, match=f"^{name} ") as caught:
+            use(given)
+        assert "\n" not in str(caught.value)
+
+
+def test_an_observation_from_which_no_torque_follows_is_refused():
+    policy = load_policy("elastic-observer")
+    observation = np.array([[0.3, 0.5, 0.0, 0.0, 0.3, 0.5, 0.0, 0.0, 0.0, 0.0]] * 2)
+    observation[1, 7] = 1e300
+    with pytest.raises(ValueError, match=r"no finite torque follows from an observation with a number of size 1e\+300"):
+        policy.predict(observation)
+    observation[1, 7] = np.nan  # which the environment gives for a state that is not finite
+    torque, _ = policy.predict(observation)
+    assert np.isfinite(torque[0]).all()

@@ -4,23 +4,22 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.two_joints import LAYOUT, WIDTH, Target, advance, assess, finite, hold, split, state_of
 
-from fuzzyarm.envs.batch.kernels import advance
-from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, WIDTH, Clock, Lane, split
+from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, Clock
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
     Payload,
-    State,
     arm_constants,
     joint_torque,
     rigid_inverse_dynamics,
     tip_position,
 )
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
-from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, in_list, reader, size
-from fuzzyarm.envs.task import Limits, Target, assess, clipped, finite
+from fuzzyarm.envs.physics.two_joints import Limits
+from fuzzyarm.envs.task import clipped
 
 limits_of, target_of = reader(Limits, in_list), reader(Target, in_list)
 TABLE_1 = ArmParameters()
@@ -35,7 +34,7 @@ def measure(state, torque=NOTHING, bias=NOTHING, target=None, limits=LIMITS):
     """One arm of Table 1, measured."""
     target = circle_target(RESTING) if target is None else target
     known = limits_of(limits, 0), target_of(target, 0)
-    return assess(State(*state), PerJoint(*torque), PerJoint(*bias), arm_constants(TABLE_1), *known)
+    return assess(state_of(state), PerJoint(*torque), PerJoint(*bias), arm_constants(TABLE_1), *known)
 
 
 def circle_target(state, distance=0.0):
@@ -105,7 +104,7 @@ def test_advance_writes_every_entry_and_leaves_table_and_action_alone():
     assert np.isfinite(observations).all()
     assert all(np.isfinite(part).all() for part in (*vectors.values(), *scalars.values()))
     assert all(map(np.array_equal, kept, [values[8:], clock[1:], table, action]))
-    assert np.array_equal(clock[0], kept[1][0] + 1) and len(values) == size(Lane) and len(clock) == size(Clock)
+    assert np.array_equal(clock[0], kept[1][0] + 1) and len(values) == size(LAYOUT.Lane) and len(clock) == size(Clock)
 
 
 def test_each_result_is_reported_under_its_name():
@@ -220,12 +219,12 @@ def test_each_way_out_of_the_domain_is_told_by_its_number(entry, reason):
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e13])
 def test_a_number_that_is_not_finite_or_beyond_measure_is_noticed_in_every_entry(entry, value):
     state = RESTING.copy()
-    assert finite(State(*state)) == 1.0
+    assert finite(state_of(state)) == 1.0
     state[entry] = value
     with np.errstate(invalid="ignore"):
-        assert finite(State(*state)) == 0.0
+        assert finite(state_of(state)) == 0.0
         state[(entry + 1) % 8] = -value
-        assert finite(State(*state)) == 0.0  # nor do two such numbers make up for each other
+        assert finite(state_of(state)) == 0.0  # nor do two such numbers make up for each other
 
 
 def test_clipped_is_exact():
@@ -243,7 +242,7 @@ def friction(found):
 @pytest.mark.parametrize("share", [-1.0, -0.3, 0.0, 0.999, 1.0])
 def test_friction_of_stuck_joints_balances_the_net_torque(share):
     state, bias = RESTING + np.r_[1e-3, -2e-3, np.zeros(6)], np.array([2.0, -1.0])
-    spring = np.array(joint_torque(State(*state), arm_constants(TABLE_1)))
+    spring = np.array(joint_torque(state_of(state), arm_constants(TABLE_1)))
     torque = spring - bias + share * STATIC
     net = torque + bias - spring
     reported = friction(measure(state, torque, bias))
@@ -286,7 +285,7 @@ def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
     _, vectors, scalars = step(values, clock, table, action)
     hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
     known = limits_of(limits, 0), target_of(target, 0)
-    expected = assess(State(*state), PerJoint(*applied), PerJoint(*bias), Arm(*arm), *known)
+    expected = assess(state_of(state), PerJoint(*applied), PerJoint(*bias), Arm(*arm), *known)
     assert np.array_equal(values[:8], state) and np.array_equal(vectors["torque"], applied.T)
     assert np.array_equal(vectors["tip"], np.stack(expected.tip, axis=-1))
     assert np.array_equal(vectors["friction_torque"], friction(expected).T)

@@ -44,6 +44,26 @@ KINDS = {
 }
 
 
+BEYOND = """
+import numpy as np
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+env = FuzzyArmEnv(control_period=0.1)
+env.reset(seed=0)
+last = 0.0
+for _ in range(400_000):
+    env._ended = False  # as another thread may find it
+    last = env.step(np.zeros(2))[-1]["time"]
+print(round(last, 9))
+"""
+
+
+def test_a_step_past_the_end_of_the_schedule_stays_at_its_end():
+    """What two threads do that both find the episode still running, and go on for ever."""
+    done = subprocess.run([sys.executable, "-c", BEYOND], capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == 0, done.returncode
+    assert done.stdout == "1.5\n"
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_environment_used_by_several_threads_does_not_crash(kind):
     script = ABUSE.format(make=KINDS[kind])

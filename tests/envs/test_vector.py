@@ -21,12 +21,12 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import vector as wrappers
 from support.results import assert_identical, identical
+from support.two_joints import advance
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.batch.kernels import advance
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.integrator import BLOCK
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import BLOCK
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
@@ -695,8 +695,8 @@ BAD_ARGUMENTS = {
         {"case": ["nominal", "payload", "nominal"], "disturbance": NOISY},
         "^lane 1: give either case = 'payload' or a disturbance, not both",
     ),
-    "reference": ({"reference": Circle()}, "^reference = Circle.* must be a .*JointReference"),
-    "one reference": ({"reference": [SHORT, Circle(), SHORT]}, "^lane 1: reference = Circle.* must be a .*JointRef"),
+    "reference": ({"reference": Circle()}, "^reference = Circle.* must be a .*[.]Reference"),
+    "one reference": ({"reference": [SHORT, Circle(), SHORT]}, "^lane 1: reference = Circle.* must be a .*[.]Ref"),
     "references": ({"reference": (SHORT, SHORT)}, f"reference has {ONE_PER_LANE}"),
     "two sources": (
         {"reference": SHORT, "randomisation": "robust"},
@@ -739,9 +739,9 @@ BAD_OPTIONS = {
     "cases": ({"case": ["nominal"] * 4}, "case has 4 entries for 3 lanes; give one, or one per lane"),
     "disturbance": ({"disturbance": "noise"}, "disturbance = 'noise' must be a .*Disturbance"),
     "both": ({"case": "payload", "disturbance": NOISY}, "give either case = 'payload' or a disturbance, not both"),
-    "reference": ({"reference": Circle()}, "^reference = Circle.* must be a .*JointReference"),
-    "no reference": ({"reference": None}, "^reference = None must be a .*JointReference"),
-    "one reference": ({"reference": [SHORT, SHORT, None]}, "^lane 2: reference = None must be a .*JointReference"),
+    "reference": ({"reference": Circle()}, "^reference = Circle.* must be a .*[.]Reference"),
+    "no reference": ({"reference": None}, "^reference = None must be a .*[.]Reference"),
+    "one reference": ({"reference": [SHORT, SHORT, None]}, "^lane 2: reference = None must be a .*[.]Reference"),
     "another arm's reference": (
         {"reference": JointReference(parameters=LONG)},
         r"links of \(0\.6, 0\.5\) m, the plant",

@@ -195,3 +195,8 @@ def test_margins_are_taken_over_the_action_period(tmp_path):
     assert row["control_period"] == 2e-3 and other["control_period"] == 1e-3
     assert row["spectral_radius"]["one sample later"] == pytest.approx(expected, rel=1e-9)
     assert "silent acts every 2 ms" in " ".join(margin_notes(document))
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_shortest_smoothing_time_smooths_nothing():
+    assert ActionDefinition(smoothing_time=np.float64(5e-324)).smoothing == 0.0

@@ -13,18 +13,20 @@ import pytest
 import torch
 from gymnasium.error import ResetNeeded
 from numpy.testing import assert_allclose, assert_array_equal
+from support.two_joints import PHYSICS, state_of
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.batch import randomness
-from fuzzyarm.envs.physics import integrator
-from fuzzyarm.envs.physics.dynamics import Arm, Payload, State, arm_constants
+from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants
+from fuzzyarm.envs.physics.hold import held, hold_numpy
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import Assessment
+from fuzzyarm.envs.task import assessment_record
 from fuzzyarm.envs.termination import Termination
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 from fuzzyarm.rl_baselines.torch_numbers import Angle, normal_pair, uniform, word
@@ -107,13 +109,13 @@ def test_the_integrator_on_tensors_equals_numpy(device):
     torque = generator.normal(size=(2, lanes)) * np.array([[200.0], [80.0]])
     force = generator.normal(size=(4, lanes)) * 100.0
     arm = np.array(arm_constants(ArmParameters(), Payload(3.0)))[:, None] * generator.uniform(0.9, 1.1, (20, lanes))
-    expected = integrator.hold_numpy(state, torque, force, arm, 2e-4, 5)
+    expected = hold_numpy(PHYSICS, state, torque, force, arm, 2e-4, 5)
 
     def tensors(rows):
         return [torch.tensor(row, device=device) for row in rows]
 
-    found = integrator.held(State(*tensors(state)), tensors(torque), tensors(force), Arm(*tensors(arm)), 2e-4, 5)
-    assert_allclose(numbers(torch.stack(found)), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+    found = held(PHYSICS, state_of(tensors(state)), tensors(torque), tensors(force), Arm(*tensors(arm)), 2e-4, 5)
+    assert_allclose(numbers(torch.stack(flat(found))), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
     assert (expected[4:6] == 0.0).any()  # some motors stick
 
 
@@ -226,7 +228,7 @@ def test_of_several_reasons_the_first_counts_and_not_finite_before_all():
     angles, velocities, sound = (
         torch.tensor(list(flags)) for flags in zip(*itertools.product([0.0, 1.0], repeat=3), strict=True)
     )
-    found = Assessment(*[torch.zeros(8)] * 8, angles, velocities)
+    found = assessment_record(2, 2)(*[torch.zeros(8)] * 8, angles, velocities)
     expected = [
         3 if not s else 1 if not a else 2 if not v else 0 for a, v, s in zip(angles, velocities, sound, strict=True)
     ]
@@ -563,3 +565,15 @@ def test_wrong_calls_are_named():
     envs.reset(seed=0)
     with pytest.raises(ValueError, match=r"action has shape \(2,\); needed: \(2, 2\)"):
         envs.step(torch.zeros(2))
+    with pytest.raises(ValueError, match=r"action = \[1\.0, \[2\.0\]\] is no array"):
+        envs.step([1.0, [2.0]])
+
+
+def test_actions_may_be_arrays_of_any_real_type():
+    envs, found = TorchFuzzyArm(2, compiled=False), []
+    fixed = np.ones((2, 2))
+    fixed.setflags(write=False)
+    for action in (torch.ones(2, 2), fixed, np.ones((2, 2), np.longdouble), np.ones((2, 2), int), [[1, 1], [1.0, 1]]):
+        envs.reset(seed=0)
+        found.append(envs.step(action)[0])
+    assert all(torch.equal(one, found[0]) for one in found)

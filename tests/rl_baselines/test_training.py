@@ -154,6 +154,15 @@ def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distributi
     assert a == b and a["policy/weights.safetensors"] != c["policy/weights.safetensors"]
 
 
+def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_extended(tmp_path):
+    Training(replace(SMALL, total_timesteps=64), tmp_path / "run").run()  # an update has 512 steps
+    optimizer = read_checkpoint(tmp_path / "run" / "checkpoint.pt")["learner"]["optimizer"]
+    assert [group["lr"] for group in optimizer["param_groups"]] == [0.0]
+    extended = Training.resume(tmp_path / "run", total_timesteps=1024)
+    extended.run()
+    assert extended.algorithm.steps == 1024
+
+
 def test_the_very_beginning_can_be_resumed(tmp_path):
     Training(SMALL, tmp_path / "a").run()
 

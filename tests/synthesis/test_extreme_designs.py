@@ -6,7 +6,9 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.synthesis import DesignFailed, Specification, design
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
+from fuzzyarm.synthesis import DesignFailed, Specification, design, search
+from fuzzyarm.synthesis.error_model import FirstVertex
 
 
 @pytest.mark.parametrize(
@@ -72,3 +74,36 @@ def test_a_design_for_an_arm_of_another_size_is_proven_or_fails_in_words(scale):
     )
     with contextlib.suppress(DesignFailed):
         assert design(Specification(kept=()), arm).certificate.proven
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"alpha": 1e6}, "alpha would have to give: the largest that works for one vertex of the model alone is about"),
+        pytest.param({"alpha": 9e5, "fastest_pole": 9.9e5}, "works for one vertex", marks=pytest.mark.slow),
+        ({"gamma": 1e-30}, r"no decay rate down to 0\.02 1/s helps: raise gamma$"),
+        ({"alpha": 1e5, "gamma": None, "gain_bound": 100.0}, "helps: raise the gain bound$"),
+    ],
+    ids=str,
+)
+def test_the_32_rules_of_an_impossible_design_are_never_solved(monkeypatch, asked, words):
+    """One vertex of A refutes it in a fraction of a second; its limit is the one that is named."""
+    orders = []
+
+    def noted(system, problem):
+        orders.append(len(system.A))
+        return solve(system, problem)
+
+    solve = search.solve
+    monkeypatch.setattr(search, "solve", noted)
+    with pytest.raises(DesignFailed, match=words):
+        design(Specification(kept=NAMED_RULES[32], **asked))
+    assert set(orders) == {1}
+
+
+def test_what_one_vertex_allows_is_an_upper_bound_of_what_all_allow():
+    model = TSModel(ArmParameters(), NAMED_RULES[4])
+    asked = Specification(kept=model.kept, alpha=1e4, gamma=1e-3, gain_bound=1e5)
+    one = search.largest_feasible_alpha(FirstVertex(model.parameters, model.kept), asked)
+    every = search.largest_feasible_alpha(model, asked)
+    assert 0.5 * one < every < 1.03 * one

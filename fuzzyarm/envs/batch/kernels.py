@@ -1,152 +1,193 @@
 """The compiled control step: hold the torques in every lane, or in the single arm.
 
 One arm and a quarter of a million run the same code, block by block: the actions are written into the block `work`
-(`layout.Work`), `integrator.hold_block` reads its records (`State`, `Arm`, ...) and advances them, and what
-`task.assess` finds goes from the block into the `layout.Results`, which the environments return.
+(`Layout.Work`), `hold.hold_block_of` reads its records (`State`, ...) and advances them by `Physics.step`, and what
+`task.assess_of` finds goes from the block into the `layout.Results`, which the environments return.
 """
 
 from __future__ import annotations
 
+import functools
+from typing import Any
+
 import numpy as np
-from numba import float64, int64
+from numba import float64, int64, types
 
-from fuzzyarm.envs.batch.block import advance_block, observe, write_command
-from fuzzyarm.envs.batch.layout import PLANAR, VECTORS, WIDTH, Scalars, Work, parts
-from fuzzyarm.envs.observation import SIZE
-from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.records import BLOCK, PerJoint, in_columns, in_list, reader, size
+from fuzzyarm.envs.batch.beginning import begin_of
+from fuzzyarm.envs.batch.block import advance_block_of
+from fuzzyarm.envs.batch.layout import VECTORS, Layout, Scalars, layout_of
+from fuzzyarm.envs.batch.reporting import observe_of
+from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import BLOCK, in_block, in_list, over_joints, reader, size, writer
 
-__all__ = ["advance", "advance_one", "observe_again", "prepare"]
+__all__ = ["Kernels", "kernels_of"]
 
-_WORK_SIZE = size(Work) * BLOCK
 _read_scalars = reader(Scalars, in_list)
-_read_action = reader(PerJoint, in_columns)
 _NOT_FINITE = -1
 
-# Types of the arguments: of both kernels, of `advance` alone, of `advance_one` alone.
+# Types of the arguments: of both kernels, and of `advance` alone.
 _ARRAYS = (float64[:, ::1], int64[:, ::1], float64[:, ::1], float64, int64)
 _ADVANCE = (*_ARRAYS, float64[:, ::1], int64, int64, float64[::1])
-_ADVANCE_ONE = (*_ARRAYS, float64, float64, float64[::1], float64[:, ::1])
 
 
-@kernel
-def advance(
-    values: np.ndarray,
-    clock: np.ndarray,
-    table: np.ndarray,
-    period: float,
-    substeps: int,
-    action: np.ndarray,
-    start: int,
-    stop: int,
-    out: np.ndarray,
-) -> int:
-    """Hold the torques for one control step, in the lanes from `start` to `stop`; no lane moves if one is not finite.
+class Kernels:
+    """The kernels for arms with the same equations.
 
-    Args:
-        values: (numbers of `Lane`, lanes), changed in place.
-        clock: (numbers of `Clock`, lanes), changed in place; every lane must be before its last row.
-        table: (rows, numbers of `Row`), the schedules of all episodes below each other.
-        period: control period [s].
-        substeps: sub-steps in it.
-        action: (lanes, 2) motor torques [N m]; clipped to the limits.
-        start: first lane.
-        stop: lane after the last.
-        out: (WIDTH lanes,), the results of all lanes, see `split`; written.
-
-    Returns:
-        The first lane, of all, whose action is not finite, or -1.
+    Attributes:
+        layout: of the arrays that they work on.
+        advance: see `advance_of`.
+        advance_one: see `advance_one_of`.
+        observe_again: see `observe_again_of`.
+        begin: see `beginning.begin_of`.
     """
-    for lane in range(action.shape[0]):
-        if not (np.isfinite(action[lane, 0]) and np.isfinite(action[lane, 1])):
-            return lane
-    work, results = np.empty(_WORK_SIZE), parts(out)
-    for first in range(start, stop, BLOCK):
-        lanes = min(BLOCK, stop - first)
-        for i in range(lanes):
-            write_command(work, i, _read_action(action, first + i))
-        advance_block(work, lanes, values, clock, table, period, substeps, first, results)
-    return -1
+
+    def __init__(self, physics: Physics) -> None:
+        """Make the kernels; each is compiled, or read from disk, when it is first called."""
+        self.layout = layout_of(physics)
+        self.advance = advance_of(self.layout)
+        self.advance_one = advance_one_of(self.layout)
+        self.observe_again = observe_again_of(self.layout)
+        self.begin = begin_of(self.layout)
+
+    def prepare(self, lanes: int) -> None:
+        """Compile the kernel that steps so many lanes, or load it from disk: the first step need not wait for it."""
+        if lanes > 1:
+            self.advance.compile(_ADVANCE)
+        elif hasattr(self.advance_one, "compile"):
+            torque = types.UniTuple(float64, self.layout.physics.joints)
+            # From here on the name is that of the machine code itself. It is called without a look at the types of
+            # the arguments, which would cost the single arm a twentieth of its step.
+            self.advance_one = self.advance_one.compile((*_ARRAYS, torque, float64[::1], float64[:, ::1]))
+
+    def __reduce__(self) -> tuple[Any, tuple[Physics]]:
+        """Leave the machine code behind."""
+        return kernels_of, (self.layout.physics,)
 
 
-@kernel
-def advance_one(
-    values: np.ndarray,
-    clock: np.ndarray,
-    table: np.ndarray,
-    period: float,
-    substeps: int,
-    torque1: float,
-    torque2: float,
-    observation: np.ndarray,
-    vectors: np.ndarray,
-) -> tuple[float, float, float, float, float, float, float, bool, bool, int]:
-    """Do what `advance` does for a single lane, with half the overhead; `FuzzyArmEnv.step` calls this.
+@functools.cache
+def kernels_of(physics: Physics) -> Kernels:
+    """Return the kernels for arms with these equations, always the same ones."""
+    return Kernels(physics)
 
-    The same code is compiled for one lane, so that the compiler removes the loops over lanes, and the results come as
-    separate values that Python need not unpack.
 
-    Args:
-        values: as in `advance`, and so are the next four.
-        clock: with one lane.
-        table: the schedules.
-        period: control period [s].
-        substeps: in it.
-        torque1: of the first motor [N m].
-        torque2: of the second.
-        observation: (10,), written.
-        vectors: (9, 2), written; the rows of `Vectors`.
+def advance_of(layout: Layout) -> Any:
+    """Return the kernel ``advance(values, clock, table, period, substeps, action, start, stop, out)``.
 
-    Returns:
-        The `Scalars`, the flags as such. If a torque is not finite nothing happens, and the last of them is -1.
+    It holds the torques for one control step, in the lanes from `start` to `stop`, and returns the first lane, of all,
+    whose action is not finite, or -1; no lane moves if there is one.
+
+    - values: (numbers of `Lane`, lanes), changed in place.
+    - clock: (numbers of `Clock`, lanes), changed in place; every lane must be before its last row.
+    - table: (rows, numbers of a row), the schedules of all episodes below each other.
+    - period: control period [s].
+    - substeps: sub-steps in it.
+    - action: (lanes, joints) motor torques [N m]; clipped to the limits.
+    - start, stop: first lane, and the lane after the last.
+    - out: (`Layout.width` lanes,), the results of all lanes, see `Layout.split`; written.
     """
-    work, out = np.empty(_WORK_SIZE), np.empty(WIDTH)
-    results = parts(out)
-    out[-1] = _NOT_FINITE
-    if np.isfinite(torque1) and np.isfinite(torque2):
-        write_command(work, 0, PerJoint(torque1, torque2))
-        advance_block(work, 1, values, clock, table, period, substeps, 0, results)
-        for k in range(SIZE):
-            observation[k] = results.observation[k]
-        for k in range(len(VECTORS)):
-            for axis in range(PLANAR):
-                vectors[k, axis] = results.vectors[PLANAR * k + axis]
-    found = _read_scalars(results.scalars, 0)
-    return (
-        found.time,
-        found.tip_error,
-        found.circularity_error,
-        found.circularity_error_motor,
-        found.reward_tracking,
-        found.reward_effort,
-        found.reward,
-        found.torque_clipped != 0.0,
-        found.truncated != 0.0,
-        int(found.reason),
-    )
+    advance_block, parts, work_size = advance_block_of(layout), layout.parts, size(layout.Work) * BLOCK
+    joints, command = layout.physics.joints, layout.WORK.command.joint1
+
+    @kernel_for(layout.physics.digest)
+    def advance(
+        values: np.ndarray,
+        clock: np.ndarray,
+        table: np.ndarray,
+        period: float,
+        substeps: int,
+        action: np.ndarray,
+        start: int,
+        stop: int,
+        out: np.ndarray,
+    ) -> int:
+        for lane in range(action.shape[0]):
+            for joint in range(joints):
+                if not np.isfinite(action[lane, joint]):
+                    return lane
+        work, results = np.empty(work_size), parts(out)
+        for first in range(start, stop, BLOCK):
+            lanes = min(BLOCK, stop - first)
+            for i in range(lanes):
+                for joint in range(joints):
+                    work[(command + joint) * BLOCK + i] = action[first + i, joint]
+            advance_block(work, lanes, values, clock, table, period, substeps, first, results)
+        return -1
+
+    return advance
 
 
-@kernel
-def observe_again(values: np.ndarray, clock: np.ndarray, table: np.ndarray, out: np.ndarray) -> None:
-    """Write what the last step, or the beginning of the episode, let be observed; nothing moves.
+def advance_one_of(layout: Layout) -> Any:
+    """Return ``advance_one(values, clock, table, period, substeps, torque, observation, vectors)``.
 
-    Args:
-        values: as in `advance`, and so are the next two; not changed.
-        clock: where each lane is; not changed.
-        table: the schedules.
-        out: (WIDTH lanes,), written; of the results of all lanes only the observations [rad, rad/s, rad/s²].
+    It does what `advance_of` does for a single lane, with half the overhead; `FuzzyArmEnv.step` calls it. The same code
+    is compiled for one lane, so that the compiler removes the loops over lanes, and the results come as separate
+    values that Python need not unpack: the `Scalars`, the flags as such. If a torque is not finite nothing happens, and
+    the last of them is -1.
+
+    - values, clock, table, period, substeps: as in `advance_of`, with one lane.
+    - torque: tuple of the motors' torques [N m].
+    - observation: (`Layout.observed`,), written.
+    - vectors: (9, `Layout.longest`), written; the rows of `Vectors`.
     """
-    results = parts(out)
-    for lane in range(values.shape[1]):
-        observe(values, clock, table, lane, results, lane)
+    advance_block, parts, longest = advance_block_of(layout), layout.parts, layout.longest
+    work_size, width, observed = size(layout.Work) * BLOCK, layout.width, layout.observed
+    PerJoint = layout.physics.PerJoint
+    write_command = writer(PerJoint, in_block, layout.WORK.command)
+    all_finite = over_joints(np.isfinite, PerJoint, 1, "&")
+    read_torque = reader(PerJoint, in_list)
+
+    @kernel_for(layout.physics.digest)
+    def advance_one(
+        values: np.ndarray,
+        clock: np.ndarray,
+        table: np.ndarray,
+        period: float,
+        substeps: int,
+        torque: tuple[float, ...],
+        observation: np.ndarray,
+        vectors: np.ndarray,
+    ) -> tuple[float, float, float, float, float, float, float, bool, bool, int]:
+        work, out = np.empty(work_size), np.empty(width)
+        results, command = parts(out), read_torque(torque, 0)
+        out[-1] = _NOT_FINITE
+        if all_finite(command):
+            write_command(work, 0, command)
+            advance_block(work, 1, values, clock, table, period, substeps, 0, results)
+            for k in range(observed):
+                observation[k] = results.observation[k]
+            for k in range(len(VECTORS)):
+                for axis in range(longest):
+                    vectors[k, axis] = results.vectors[longest * k + axis]
+        found = _read_scalars(results.scalars, 0)
+        return (
+            found.time,
+            found.tip_error,
+            found.circularity_error,
+            found.circularity_error_motor,
+            found.reward_tracking,
+            found.reward_effort,
+            found.reward,
+            found.torque_clipped != 0.0,
+            found.truncated != 0.0,
+            int(found.reason),
+        )
+
+    return advance_one
 
 
-def prepare(lanes: int) -> None:
-    """Compile the kernel that steps so many lanes, or load it from disk: the first step need not wait for it."""
-    global advance_one
-    if lanes > 1:
-        advance.compile(_ADVANCE)
-    elif hasattr(advance_one, "compile"):
-        # From here on the name is that of the machine code itself. It is called without a look at the types of the
-        # arguments, which would cost the single arm a twentieth of its step.
-        advance_one = advance_one.compile(_ADVANCE_ONE)
+def observe_again_of(layout: Layout) -> Any:
+    """Return the kernel ``observe_again(values, clock, table, out)``.
+
+    It writes what the last step, or the beginning of the episode, let be observed, of the results (`Layout.width`
+    lanes,) of all lanes only the observations [rad, rad/s, rad/s²]; nothing moves. Arguments as in `advance_of`.
+    """
+    observe, parts = observe_of(layout), layout.parts
+
+    @kernel_for(layout.physics.digest)
+    def observe_again(values: np.ndarray, clock: np.ndarray, table: np.ndarray, out: np.ndarray) -> None:
+        results = parts(out)
+        for lane in range(values.shape[1]):
+            observe(values, clock, table, lane, results, lane)
+
+    return observe_again

@@ -7,25 +7,23 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.beginning import begin
-from fuzzyarm.envs.batch.kernels import advance, observe_again, prepare
-from fuzzyarm.envs.batch.layout import CLOCK, LANE, START, WIDTH, Clock, Lane, split
+from fuzzyarm.envs.batch.assignment import Assignment
+from fuzzyarm.envs.batch.kernels import kernels_of
+from fuzzyarm.envs.batch.layout import CLOCK, START, Clock
 from fuzzyarm.envs.batch.randomness import key_before, key_of
 from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays, digest
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.compiled import announced_compilation
-from fuzzyarm.envs.physics.dynamics import State, plant_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import JOINTS, size
-from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Draw, by_quantity
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import flat, size
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantity, draw_record
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = ["Lanes"]
-
-_TORQUE_LIMIT = list(LANE.limits.torque)
 
 
 class Lanes:
@@ -46,7 +44,7 @@ class Lanes:
 
     def __init__(
         self,
-        plants: Sequence[ArmParameters],
+        plants: Sequence[AnyArm],
         scenarios: Sequence[Scenario],
         count: int,
         *,
@@ -60,16 +58,17 @@ class Lanes:
         self.period, self.substeps = float(control_period), substeps
         self.count, self.randomisation = count, randomisation
         self.parameters, self._plant_of = distinct(plants, count)
-        self._plants = np.array([np.hstack(plant_of(arm)) for arm in self.parameters])
-        self._ranges = randomisation.ranges
-        self.values = np.full((size(Lane), count), np.nan)
+        self.physics = _common_equations(self.parameters)
+        self.kernels, self.action_shape = kernels_of(self.physics), (count, self.physics.joints)
+        self.layout = self.kernels.layout
+        self._plants = np.array([flat(self.physics.plant_of(arm)) for arm in self.parameters])
+        self._ranges = randomisation.ranges(self.physics.joints)
+        self.values = np.full((size(self.layout.Lane), count), np.nan)
         self.clock = np.zeros((size(Clock), count), dtype=np.int64)
         self.clock[CLOCK.key] = np.random.SeedSequence().generate_state(count, np.uint64).view(np.int64)
-        self.drawn = np.empty((size(Draw), count if randomisation.varies else 0))
+        self.drawn = np.empty((size(draw_record(self.physics.joints)), count if randomisation.varies else 0))
         self._drawn_info: dict[str, np.ndarray] = {}
-        self._own, self._own_start_of, self._own_radius_of = self._tabulated(scenarios, np.arange(count))
-        self._tables = self._own
-        self._start_of, self._radius_of = self._own_start_of.copy(), self._own_radius_of.copy()
+        self._assigned = Assignment(self._tabulated(scenarios, np.arange(count)))
         self._workers = Workers(count, threads)
         self.threads = self._workers.threads
 
@@ -80,12 +79,12 @@ class Lanes:
         initial: np.ndarray | None = None,
         which: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Begin an episode in n lanes and return their results (WIDTH n,), see `layout.split`.
+        """Begin an episode in n lanes and return their results (`Layout.width` n,), see `Layout.split`.
 
         Args:
             seeds: of each of these lanes' random streams; None: the stream continues.
             scenarios: what to do this time in place of the lanes' own scenarios; one for all n lanes, or one per lane.
-            initial: states (n, 8) to start from; None: at rest on the reference.
+            initial: states (n, 4 joints) to start from; None: at rest on the reference.
             which: (n,) the lanes, in ascending order; None: all of them.
 
         Raises:
@@ -96,25 +95,24 @@ class Lanes:
             raise ValueError(f"{len(seeds)} seeds for {len(lanes)} lanes; give one per lane")
         if initial is not None:
             initial = np.array(initial, dtype=np.float64, order="C")
-            if initial.shape != (len(lanes), size(State)):
-                raise ValueError(f"initial has shape {initial.shape}; needed: {(len(lanes), size(State))}")
+            needed = len(lanes), size(self.physics.State)
+            if initial.shape != needed:
+                raise ValueError(f"initial has shape {initial.shape}; needed: {needed}")
         if scenarios is None:
-            self._leave(lanes)
+            self._assigned.leave(lanes, self.clock)
         else:
-            extra, start_of, radius_of = self._tabulated(scenarios, lanes)
-            self._leave(lanes)
-            # These tables come after the lanes' own, to which a lane returns at its next automatic reset.
-            self._start_of[lanes], self._radius_of[lanes] = start_of + len(self._tables.schedules), radius_of
-            self._tables = self._tables.followed_by(extra)
+            others = self._tabulated(scenarios, lanes)
+            self._assigned.leave(lanes, self.clock)
+            self._assigned.visit(lanes, others)  # a lane returns to its own at its next automatic reset
         for lane, seed in zip(lanes, seeds or (), strict=seeds is not None):
             if seed is not None:
                 self.clock[CLOCK.key, lane] = key_of(seed).view(np.int64)
         with announced_compilation():
-            prepare(self.count)
+            self.kernels.prepare(self.count)
             return self._begin(lanes, initial)
 
     def restart(self, which: np.ndarray) -> np.ndarray:
-        """Begin an episode in the lanes `which` (n,), each in its own scenario; return their results (WIDTH n,).
+        """Begin an episode in the lanes `which` (n,), each in its own scenario; return results (`Layout.width` n,).
 
         Raises:
             IndexError: there is no such lane.
@@ -122,18 +120,23 @@ class Lanes:
         """
         if which.dtype != np.int64 or which.ndim != 1:
             raise ValueError(f"lanes of {which.dtype} {which.shape}; needed: a row of whole numbers")
-        self._start_of[which], self._radius_of[which] = self._own_start_of[which], self._own_radius_of[which]
+        self._assigned.back(which)
         return self._begin(which)
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, int]:
-        """The first arguments of `kernels.advance` and `kernels.advance_one`, with their shapes."""
-        return self.values, self.clock, self._tables.table, self.period, self.substeps
+        """The first arguments of `Kernels.advance` and `Kernels.advance_one`, with their shapes."""
+        return self.values, self.clock, self._assigned.tables.table, self.period, self.substeps
+
+    def torque_limit(self, lane: int) -> list[float]:
+        """Return the limits (joints,) of the motors' torques [N m] in a lane whose episode has begun."""
+        limits: list[float] = self.values[list(self.layout.LANE.limits.torque), lane].tolist()
+        return limits
 
     @property
     def longest_episode(self) -> int:
         """Control steps of the longest of the lanes' own schedules."""
-        return max(schedule.steps for schedule in self._own.schedules)
+        return max(schedule.steps for schedule in self._assigned.own.schedules)
 
     def close(self) -> None:
         """End the threads; a later step starts new ones."""
@@ -141,10 +144,10 @@ class Lanes:
 
     def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
         self.drawn = self.drawn.copy()  # infos returned earlier keep the old array
-        places = self._start_of[which], self._radius_of[which]
-        results = self._begin_in(which, self._tables, places, (self.values, self.clock, self.drawn), initial)
+        places, arrays = self._assigned.places(which), (self.values, self.clock, self.drawn)
+        results = self._begin_in(which, self._assigned.tables, places, arrays, initial)
         if self.randomisation.varies:
-            self._drawn_info = by_quantity(self.drawn)
+            self._drawn_info = by_quantity(self.drawn, self.physics.joints)
         return results
 
     def _begin_in(
@@ -155,34 +158,33 @@ class Lanes:
         arrays: Iterable[np.ndarray],
         initial: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Begin episodes in these arrays, see `beginning.begin`; `places` are its `start_of` and `radius_of`."""
-        results = np.empty(WIDTH * len(which))
+        """Begin episodes in these arrays, see `beginning.begin_of`; `places` are its `start_of` and `place_of`."""
+        results = np.empty(self.layout.width * len(which))
         if initial is None:
-            initial = np.full((len(which), size(State)), np.nan)
+            initial = np.full((len(which), size(self.physics.State)), np.nan)
         arms, ends = (self._plants, self._plant_of), (tables.table, self.period, results)
-        begin(which, *arms, tables.starts, *places, self._ranges, initial, *arrays, *ends)
+        self.kernels.begin(which, *arms, tables.starts, *places, self._ranges, initial, *arrays, *ends)
         return results
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Hold torques for one control period and return the results (WIDTH count,), see `layout.split`.
+        """Hold torques for one control period and return the results (`Layout.width` count,), see `Layout.split`.
 
         Args:
-            action: (count, 2) [N m], an array that the caller does not reuse; clipped to the plants' limits.
+            action: (count, joints) [N m], an array that the caller does not reuse; clipped to the plants' limits.
 
         Raises:
             ValueError: a torque is not finite; no lane has moved then.
         """
-        if action.shape != (self.count, JOINTS):
-            raise ValueError(f"action has shape {action.shape}; needed: {(self.count, JOINTS)}")
-        results = np.empty(WIDTH * self.count)
-        arrays = self.arrays
+        if action.shape != self.action_shape:
+            raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
+        results, arrays, advance = np.empty(self.layout.width * self.count), self.arrays, self.kernels.advance
         if self.threads == 1:
             bad = advance(*arrays, action, 0, self.count, results)
         else:
             bad = max(self._workers.run(lambda start, stop: advance(*arrays, action, start, stop, results)))
         if bad >= 0:
-            limit = self.values[_TORQUE_LIMIT, bad].tolist()
-            raise ValueError(f"action {action[bad].tolist()} N m of lane {bad} is not finite; allowed: ±{limit} N m")
+            found, limit = action[bad].tolist(), self.torque_limit(bad)
+            raise ValueError(f"action {found} N m of lane {bad} is not finite; allowed: ±{limit} N m")
         return results
 
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> np.ndarray:
@@ -196,26 +198,28 @@ class Lanes:
         except ValueError:
             self.clock[CLOCK.row, over] = ends
             raise
+        split = self.layout.split
         observation, vectors, scalars = split(results)
         observation[over], vectors[:, over], scalars[:, over] = split(self.restart(over))
         return results
 
     def observation(self) -> np.ndarray:
-        """Return anew the observation (count, 10) that the last step or reset of each lane returned."""
-        results = np.empty(WIDTH * self.count)
-        observe_again(self.values, self.clock, self._tables.table, results)
-        return split(results)[0]
+        """Return anew the observation (count, 5 joints) that the last step or reset of each lane returned."""
+        results = np.empty(self.layout.width * self.count)
+        self.kernels.observe_again(self.values, self.clock, self._assigned.tables.table, results)
+        return self.layout.split(results)[0]
 
     def randomisation_info(self) -> dict[str, np.ndarray]:
-        """Return what the episodes drew, by quantity: (count, 2) for one value per joint, else (count,); read-only."""
+        """Return what the episodes drew, by quantity: (count, joints) for one per joint, else (count,); read-only."""
         return self._drawn_info
 
-    def schedule(self, lane: int) -> tuple[JointReference, Schedule]:
+    def schedule(self, lane: int) -> tuple[Reference, Schedule]:
         """Return the reference and the tables of the episode that a lane is in."""
-        place = int(self._start_of[lane])
-        if self._tables.starts[place, START.family] > 0.0:
+        tables, (starts, _) = self._assigned.tables, self._assigned.places(np.array([lane]))
+        place = int(starts[0])
+        if tables.starts[place, START.family] > 0.0:
             place += int(self.drawn[-1, lane])
-        return self._tables.references[place], self._tables.schedules[place]
+        return tables.references[place], tables.schedules[place]
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return copies of the complete simulation state as arrays by name, for `set_state`.
@@ -223,7 +227,7 @@ class Lanes:
         Raises:
             ValueError: a lane is in a scenario that was given to `reset`, which only that call knows.
         """
-        visiting = np.flatnonzero(self._start_of >= len(self._own.schedules))
+        visiting = self._assigned.visiting()
         if len(visiting):
             raise ValueError(
                 f"lane {visiting[0]} is in a scenario that reset options asked for, which is not part of the state; "
@@ -255,46 +259,41 @@ class Lanes:
                 "the state is of lanes with other plants, scenarios, randomisation, periods or another number"
             )
         arrays = checked_arrays(state, own)
-        check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]), over)
-        self._return_to_own()
+        check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]), size(self.physics.State), over)
+        self._assigned.all_return()
         self.values, self.clock, self.drawn = arrays["values"], arrays["clock"], arrays["drawn"]
         if self.randomisation.varies:
-            self._drawn_info = by_quantity(self.drawn)
+            self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
     def _begun_with(self, keys: np.ndarray) -> dict[str, np.ndarray]:
         """Return ``values``, ``clock`` and ``drawn`` where the lanes' own episodes with these keys (count,) begin."""
         begun = {"values": self.values.copy(), "clock": self.clock.copy(), "drawn": self.drawn.copy()}
         begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
-        self._begin_in(np.arange(self.count), self._own, (self._own_start_of, self._own_radius_of), begun.values())
+        own, start_of, place_of = self._assigned.own, *self._assigned.own_places
+        self._begin_in(np.arange(self.count), own, (start_of, place_of), begun.values())
         return begun
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
-        own = self._own.starts, self._own.table, self._own_start_of, self._own_radius_of
+        own = self._assigned.own.starts, self._assigned.own.table, *self._assigned.own_places
         period = np.array([self.period, self.substeps, self.count], dtype=np.float64)
-        return digest((self._plants, self._plant_of, self._ranges, *own, period))
+        equations = np.frombuffer(self.physics.digest.encode(), dtype=np.uint8)
+        return digest((equations, self._plants, self._plant_of, self._ranges, *own, period))
 
     def _tabulated(self, scenarios: Sequence[Scenario], lanes: np.ndarray) -> tuple[Tables, np.ndarray, np.ndarray]:
         return tabulated(scenarios, self.parameters, self._plant_of[lanes], self.randomisation.references, self.period)
-
-    def _leave(self, lanes: np.ndarray) -> None:
-        """Put these lanes into their own scenarios, and drop the tables that no lane is in any longer."""
-        if len(lanes) == self.count:
-            self._return_to_own()
-            return
-        self._start_of[lanes], self._radius_of[lanes] = self._own_start_of[lanes], self._own_radius_of[lanes]
-        visiting = np.flatnonzero(self._start_of >= len(self._own.schedules))
-        own, places = len(self._own.firsts), self._start_of[visiting]
-        self._tables, self._start_of[visiting], moved = self._tables.keeping(own, places)
-        self.clock[[[CLOCK.row], [CLOCK.first], [CLOCK.last]], visiting] += moved
-
-    def _return_to_own(self) -> None:
-        """Put every lane into its own scenario."""
-        self._tables = self._own
-        self._start_of, self._radius_of = self._own_start_of.copy(), self._own_radius_of.copy()
 
     def __setstate__(self, state: dict[str, object]) -> None:
         """Take the state of a copy, which may be the first in its process."""
         self.__dict__.update(state)
         with announced_compilation():
-            prepare(self.count)
+            self.kernels.prepare(self.count)
+
+
+def _common_equations(arms: Sequence[AnyArm]) -> Physics:
+    """Return the equations of all these arms; ValueError if they differ."""
+    first, *others = map(equations_of, arms)
+    if any(other is not first for other in others):
+        same = "joint axes, joint rotations, and which of their other numbers are zero"
+        raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each")
+    return first

@@ -1,46 +1,45 @@
 """The arrays that the kernels work on, as records: what a lane carries, what a block holds, what a step leaves behind.
 
-values (numbers of `Lane`, lanes)         a lane through its episode
+values (numbers of `Layout.Lane`, lanes)  a lane through its episode
 clock (numbers of `Clock`, lanes)         where it is in its schedule, and its random stream
-table (rows, numbers of `Row`)            the schedules of all episodes below each other, see `schedule`
+table (rows, numbers of a row)            the schedules of all episodes below each other, see `schedule`
 starts (schedules, numbers of `Start`)    where each schedule begins, and what its episode starts with
-work (numbers of `Work` times BLOCK)      the block of lanes that is being advanced
+work (numbers of `Layout.Work` x BLOCK)   the block of lanes that is being advanced
 out                                       `Results` of a step, in one piece of memory
+
+What depends on the equations, on how many joints and axes there are, is in the `Layout` of a `Physics`.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.observation import SIZE
-from fuzzyarm.envs.physics.dynamics import Arm, State
-from fuzzyarm.envs.physics.integrator import Hold
-from fuzzyarm.envs.physics.records import PerJoint, places
-from fuzzyarm.envs.task import Assessment, Limits, Target
+from fuzzyarm.envs.observation import PARTS
+from fuzzyarm.envs.physics.hold import hold_record
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import places, record_type
+from fuzzyarm.envs.task import assessment_record, target_record
 
 __all__ = [
     "CLOCK",
     "INFO",
-    "LANE",
-    "PLANAR",
     "SCALARS",
     "START",
     "VECTORS",
-    "WIDTH",
-    "WORK",
     "Clock",
-    "Lane",
+    "Layout",
     "Noise",
     "Results",
     "Scalars",
     "Start",
     "Vectors",
-    "Work",
-    "parts",
-    "split",
+    "layout_of",
 ]
 
 
@@ -49,16 +48,6 @@ class Noise(NamedTuple):
 
     angle: Any
     velocity: Any
-
-
-class Lane(NamedTuple):
-    """What a lane carries through its episode."""
-
-    state: State
-    arm: Arm
-    limits: Limits
-    force_factor: Any
-    noise: Noise
 
 
 class Clock(NamedTuple):
@@ -88,34 +77,8 @@ class Start(NamedTuple):
     family: Any
 
 
-class Work(NamedTuple):
-    """What a block holds of each lane while it is advanced by one control step.
-
-    Attributes:
-        hold: what the physics advances.
-        limits: of the plant.
-        target: at the end of the step.
-        command: the agent's torques [N m], then clipped.
-        bias: torque that acts beside them [N m].
-        before: the state at the start of the step, in case the one at its end is not finite.
-        assessment: of the state at the end of the step.
-        finite: 1.0 where that state was finite, else 0.0.
-        clipped: 1.0 where the torques were beyond the limits, else 0.0.
-    """
-
-    hold: Hold
-    limits: Limits
-    target: Target
-    command: PerJoint
-    bias: PerJoint
-    before: State
-    assessment: Assessment
-    finite: Any
-    clipped: Any
-
-
 class Vectors(NamedTuple):
-    """Two numbers each, named as in the environment's `info`."""
+    """A number for each joint, or for each axis of the tip's space; named as in the environment's `info`."""
 
     tip: Any
     tip_reference: Any
@@ -144,11 +107,11 @@ class Scalars(NamedTuple):
 
 
 class Results(NamedTuple):
-    """What a control step leaves behind in n lanes.
+    """What a control step leaves behind in n lanes of arms with so many `joints`.
 
     Attributes:
-        observation: (n, 10), the parts of `observation.Observation`.
-        vectors: (9, n, 2), the rows of `Vectors`.
+        observation: (n, 5 joints), the parts of `observation.Observation`.
+        vectors: (9, n, `Layout.longest`), the rows of `Vectors`.
         scalars: (10, n), the rows of `Scalars`.
     """
 
@@ -157,32 +120,127 @@ class Results(NamedTuple):
     scalars: np.ndarray
 
 
-# Where each number of a record lies in its array, and the names of the results.
-LANE, CLOCK, START, WORK = places(Lane), places(Clock), places(Start), places(Work)
-PLANAR = 2  # numbers in each of the vectors
+CLOCK, START = places(Clock), places(Start)
+"""Where each number of the records `Clock` and `Start` lies in its array."""
+
 VECTORS, SCALARS = Vectors._fields, Scalars._fields
+"""Names of the results."""
+
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
 
 _VECTOR_COUNT, _SCALAR_COUNT = len(VECTORS), len(SCALARS)
-_BEFORE_SCALARS = SIZE + PLANAR * _VECTOR_COUNT
-WIDTH = _BEFORE_SCALARS + _SCALAR_COUNT
-"""Numbers in the results of one lane."""
+_POINTS = ("tip", "tip_reference", "external_force")  # those of `Vectors` that have a number for each axis
 
 
-@register_jitable(forceinline=True)
-def parts(out: np.ndarray) -> Results:
-    """Return the parts of the results of n lanes, as flat views of one array (`WIDTH` n,)."""
-    n = len(out) // WIDTH
-    return Results(out[: SIZE * n], out[SIZE * n : _BEFORE_SCALARS * n], out[_BEFORE_SCALARS * n :])
+@dataclasses.dataclass(frozen=True, eq=False)
+class Layout:
+    """Records of an arm's equations, and where each number of them lies in its array.
 
-
-def split(out: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the `Results` of n lanes in their shapes, as views of one array (`WIDTH` n,).
-
-    A plain tuple: a small batch would notice the time that making a record takes.
+    Attributes:
+        physics: the equations.
+        Lane: what a lane carries through its episode: state, constants, limits, the factor of its tip force, `Noise`.
+        Work: what a block holds of each lane while it is advanced by one control step. `hold` is what the physics
+            advances; then the limits, and the target at the end of the step; `command` are the agent's torques [N m],
+            then clipped, `bias` those that act beside them; `before` is the state at the start of the step, in case
+            that at its end is not finite; then the assessment at the end, and two flags: 1.0 where the state there was
+            `finite`, and where torques were beyond the limits, `clipped`.
+        LANE: places in `Lane`.
+        WORK: places in `Work`.
     """
-    n = len(out) // WIDTH
-    first, second = SIZE * n, _BEFORE_SCALARS * n
-    vectors = out[first:second].reshape(_VECTOR_COUNT, n, PLANAR)
-    return out[:first].reshape(n, SIZE), vectors, out[second:].reshape(_SCALAR_COUNT, n)
+
+    physics: Physics
+    Lane: Any
+    Work: Any
+    LANE: Any
+    WORK: Any
+
+    def __reduce__(self) -> tuple[Any, tuple[Physics]]:
+        """Leave the records behind."""
+        return layout_of, (self.physics,)
+
+    @functools.cached_property
+    def observed(self) -> int:
+        """Numbers in an observation."""
+        return PARTS * self.physics.joints
+
+    @functools.cached_property
+    def longest(self) -> int:
+        """Numbers that each of the vectors has room for."""
+        return max(self.physics.joints, self.physics.axes)
+
+    @functools.cached_property
+    def width(self) -> int:
+        """Numbers in the results of one lane."""
+        return self.observed + self.longest * len(VECTORS) + len(SCALARS)
+
+    @functools.cached_property
+    def lengths(self) -> tuple[int, ...]:
+        """Numbers in each of the vectors."""
+        return tuple(self.physics.axes if name in _POINTS else self.physics.joints for name in VECTORS)
+
+    @functools.cached_property
+    def vector_places(self) -> tuple[Any, ...]:
+        """What picks each of the vectors from an array (9, `longest`); plain numbers where it can be, for speed."""
+        if self._full:
+            return tuple(range(len(VECTORS)))
+        return tuple((k, slice(length)) for k, length in enumerate(self.lengths))
+
+    @functools.cached_property
+    def parts(self) -> Any:
+        """The compiled ``parts(out)``: the `Results` of n lanes, as flat views of one array (`width` n,)."""
+        width, first = self.width, self.observed
+        second = first + self.longest * len(VECTORS)
+
+        @register_jitable(forceinline=True)
+        def parts(out: np.ndarray) -> Results:
+            n = len(out) // width
+            return Results(out[: first * n], out[first * n : second * n], out[second * n :])
+
+        return parts
+
+    def split(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the `Results` of n lanes in their shapes, as views of one array (`width` n,).
+
+        A plain tuple: a small batch would notice the time that making a record takes.
+        """
+        width, observed, before_scalars, longest = self._sizes
+        n = len(out) // width
+        first, second = observed * n, before_scalars * n
+        vectors = out[first:second].reshape(_VECTOR_COUNT, n, longest)
+        return out[:first].reshape(n, observed), vectors, out[second:].reshape(_SCALAR_COUNT, n)
+
+    def each(self, vectors: np.ndarray) -> Iterable[np.ndarray]:
+        """Return the vectors, in order, each with the numbers that it has: rows of an array (9, ..., `longest`)."""
+        if self._full:
+            return vectors
+        return [v[..., :n] for v, n in zip(vectors, self.lengths, strict=True)]
+
+    @functools.cached_property
+    def _full(self) -> bool:
+        return min(self.lengths) == self.longest
+
+    @functools.cached_property
+    def _sizes(self) -> tuple[int, int, int, int]:
+        """Numbers in the results of one lane: all, of the observation, from there to the scalars, of each vector."""
+        return self.width, self.observed, self.width - len(SCALARS), self.longest
+
+
+@functools.cache
+def layout_of(physics: Physics) -> Layout:
+    """Return the layout for arms with these equations."""
+    Hold, PerJoint, State = hold_record(physics), physics.PerJoint, physics.State
+    Lane = record_type("Lane", state=State, arm=physics.Arm, limits=physics.Limits, force_factor=Any, noise=Noise)
+    Work = record_type(
+        "Work",
+        hold=Hold,
+        limits=physics.Limits,
+        target=target_record(physics.axes),
+        command=PerJoint,
+        bias=PerJoint,
+        before=State,
+        assessment=assessment_record(physics.joints, physics.axes),
+        finite=Any,
+        clipped=Any,
+    )
+    return Layout(physics, Lane, Work, places(Lane), places(Work))

@@ -3,9 +3,9 @@
 SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is mix(s + k γ), mix a bijection of the
 64-bit words. A lane needs no generator object, number k is available at once, and Numba and NumPy give the same bits.
 
-An episode counts like this: number 0 is the key of the lane's next episode, 1 to 17 are the domain randomisation in
-the order of `Draw`, and from 32 on every control step takes four for the encoder noise, two of angles and two of
-velocities.
+An episode counts like this: number 0 is the key of the lane's next episode; from 1 on there is the domain
+randomisation in the order of `randomisation.draw_record`, 17 numbers for two joints; and from `noise_counter` on every
+control step takes two numbers a joint for the encoder noise, of all angles, then of all velocities.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.records import size
+from fuzzyarm.envs.scenario.randomisation import draw_record
 
 __all__ = [
     "NEXT_KEY",
-    "NOISE",
-    "NOISE_NUMBERS",
     "RANDOMISATION",
     "draw",
     "key_before",
     "key_of",
     "mix",
+    "noise_counter",
     "normal_pair",
     "uniform",
 ]
@@ -35,9 +36,14 @@ FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 FIRST_INVERSE, SECOND_INVERSE = (np.uint64(pow(int(factor), -1, 2**64)) for factor in (FIRST, SECOND))
 S27, S30, S31, S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
 RESOLUTION = 2.0**-53
-NEXT_KEY, RANDOMISATION, NOISE = np.uint64(0), np.uint64(1), np.uint64(32)  # counters, see above
-NOISE_NUMBERS = np.uint64(4)  # of a control step
+NEXT_KEY, RANDOMISATION = np.uint64(0), np.uint64(1)  # counters, see above
+FIRST_NOISE = 32  # counter, for as many joints as leave room for it
 TWO_PI = 2.0 * np.pi
+
+
+def noise_counter(joints: int) -> np.uint64:
+    """Return the counter from which the encoder noise of an episode is drawn."""
+    return np.uint64(max(FIRST_NOISE, int(RANDOMISATION) + size(draw_record(joints))))
 
 
 @register_jitable

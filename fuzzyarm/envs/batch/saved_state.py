@@ -9,15 +9,12 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.batch.layout import CLOCK, Lane
-from fuzzyarm.envs.physics.records import columns
+from fuzzyarm.envs.batch.layout import CLOCK
 
 __all__ = ["SavedArrays", "check_contents", "checked_arrays", "digest"]
 
 SavedArrays = dict[str, np.ndarray]
 """Arrays of a state by name: ``values``, ``clock`` and ``drawn`` of the lanes, and ``made_of``; see `Lanes`."""
-
-_OWN_STATE = columns(Lane).state  # rows of `values` that change within an episode
 
 
 def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
@@ -40,7 +37,7 @@ def checked_arrays(state: Any, like: SavedArrays) -> SavedArrays:
     return arrays
 
 
-def check_contents(arrays: SavedArrays, begun: SavedArrays, over: np.ndarray | None = None) -> None:
+def check_contents(arrays: SavedArrays, begun: SavedArrays, changing: int, over: np.ndarray | None = None) -> None:
     """Raise ValueError unless a state is one that the lanes can come to.
 
     All but the state of the arm and the present instant follows from the key of the episode.
@@ -48,6 +45,7 @@ def check_contents(arrays: SavedArrays, begun: SavedArrays, over: np.ndarray | N
     Args:
         arrays: of the state.
         begun: ``values``, ``clock`` and ``drawn`` at the beginning of the episodes with the keys of the state.
+        changing: how many rows of ``values``, the first ones, change within an episode.
         over: (n,) the numbers of the lanes whose episode has ended: only these may be at their last row.
     """
     clock, expected = arrays["clock"], begun["clock"]
@@ -65,7 +63,7 @@ def check_contents(arrays: SavedArrays, begun: SavedArrays, over: np.ndarray | N
         )
     if not np.array_equal(arrays["drawn"], begun["drawn"]):
         raise ValueError("state['drawn'] is not what the keys of its episodes draw")
-    if not np.array_equal(arrays["values"][_OWN_STATE.stop :], begun["values"][_OWN_STATE.stop :]):
+    if not np.array_equal(arrays["values"][changing:], begun["values"][changing:]):
         raise ValueError("state['values'] holds other arms than the keys of its episodes draw")
 
 

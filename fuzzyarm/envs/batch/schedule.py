@@ -6,51 +6,40 @@ A force is integrated over the control step, so that the table is as exact as th
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.periods import MOST_STEPS
-from fuzzyarm.envs.physics.integrator import ForceLine
-from fuzzyarm.envs.physics.records import PerJoint, columns, size
+from fuzzyarm.envs.physics.hold import force_line
+from fuzzyarm.envs.physics.records import columns, per_joint, record_type, size
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
-from fuzzyarm.envs.scenario.paths import Circle
-from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
-from fuzzyarm.envs.task import Target
+from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.envs.task import target_record
 
-__all__ = ["COLUMNS", "ReferenceRow", "Row", "Schedule"]
+__all__ = ["Schedule", "reference_record", "row_record"]
 
 FORCE_SAMPLES = 8  # inside a control step; a kink of the force within a step then costs less than 0.1 µm at the tip
 
 
-class ReferenceRow(NamedTuple):
-    """q_d, q̇_d and q̈_d [rad, rad/s, rad/s²], in the order in which the observation has them."""
-
-    q: PerJoint
-    dq: PerJoint
-    ddq: PerJoint
+@functools.cache
+def reference_record(joints: int) -> Any:
+    """Return the record of q_d, q̇_d and q̈_d [rad, rad/s, rad/s²], in the order in which the observation has them."""
+    return record_type("ReferenceRow", **dict.fromkeys(("q", "dq", "ddq"), per_joint(joints)))
 
 
-class Row(NamedTuple):
-    """One row of a schedule.
+@functools.cache
+def row_record(joints: int, axes: int) -> Any:
+    """Return the record of one row of a schedule.
 
-    Attributes:
-        reference: of the joints at t_k.
-        target: what the tip is compared with at t_k.
-        force: on the tip, from t_k to t_(k+1).
-        bias: torque from t_k to t_(k+1) [N m], beside what the motors apply.
+    `reference` of the joints at t_k; `target`, what the tip is compared with at t_k; `force` on the tip from t_k to
+    t_(k+1); `bias`, the torque from t_k to t_(k+1) [N m] beside what the motors apply.
     """
-
-    reference: ReferenceRow
-    target: Target
-    force: ForceLine
-    bias: PerJoint
-
-
-COLUMNS = columns(Row)
-"""The slice of columns that each field of `Row` takes in a schedule."""
+    reference, target = reference_record(joints), target_record(axes)
+    return record_type("Row", reference=reference, target=target, force=force_line(axes), bias=per_joint(joints))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,12 +48,21 @@ class Schedule:
 
     Attributes:
         disturbance: what acts in this episode.
-        table: (steps + 1, numbers of `Row`); the properties below are its `COLUMNS`. No force or bias acts in the
-            last row, where the episode is over.
+        table: (steps + 1, numbers of `row_record`); the properties below are its `columns`. No force or bias acts in
+            the last row, where the episode is over.
+        joints: of the arm.
+        axes: of the tip's space.
     """
 
     disturbance: Disturbance
     table: np.ndarray
+    joints: int
+    axes: int
+
+    @property
+    def columns(self) -> Any:
+        """The slice of columns that each field of a row takes."""
+        return columns(row_record(self.joints, self.axes))
 
     @property
     def steps(self) -> int:
@@ -73,30 +71,30 @@ class Schedule:
 
     @property
     def references(self) -> np.ndarray:
-        """(steps + 1, 6), q_d, q̇_d, q̈_d at t_k [rad, rad/s, rad/s²]."""
-        return self.table[:, COLUMNS.reference]
+        """(steps + 1, 3 n), q_d, q̇_d, q̈_d of n joints at t_k [rad, rad/s, rad/s²]."""
+        return self.table[:, self.columns.reference]
 
     @property
     def targets(self) -> np.ndarray:
-        """(steps + 1, 7), what `task.assess` compares the tip with at t_k, a `Target`."""
-        return self.table[:, COLUMNS.target]
+        """(steps + 1, 7 or 10), what the tip is compared with at t_k, a `task.target_record`."""
+        return self.table[:, self.columns.target]
 
     @property
     def forces(self) -> np.ndarray:
-        """(steps, 4), the mean tip force of step k and the change over the step of the line that fits it best [N].
+        """(steps, 4 or 6), the mean tip force of step k and the change over the step of the line that fits it best [N].
 
         Impulse and first moment are kept, and a force that sets in at t_k does not leak.
         """
-        return self.table[:-1, COLUMNS.force]
+        return self.table[:-1, self.columns.force]
 
     @property
     def biases(self) -> np.ndarray:
-        """(steps, 2), the torque bias held over step k, taken at its middle [N m]."""
-        return self.table[:-1, COLUMNS.bias]
+        """(steps, n), the torque bias held over step k, taken at its middle [N m]."""
+        return self.table[:-1, self.columns.bias]
 
     @classmethod
-    def build(cls, reference: JointReference, disturbance: Disturbance, control_period: float) -> Schedule:
-        """Sample a reference and a disturbance every `control_period` [s]."""
+    def build(cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int) -> Schedule:
+        """Sample a reference and a disturbance every `control_period` [s], in so many coordinates of the tip."""
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
         if steps > MOST_STEPS:
@@ -104,39 +102,49 @@ class Schedule:
                 f"a reference of {reference.duration:g} s has {steps} control periods of {control_period:g} s; "
                 f"allowed: {MOST_STEPS}. Shorten the reference or lengthen the period"
             )
-        times = control_period * np.arange(steps + 1)
-        sample = reference.sample(times)
-        table = np.zeros((steps + 1, size(Row)))
-        table[:, COLUMNS.reference] = np.concatenate([sample.q, sample.dq, sample.ddq], axis=-1)
-        table[:, COLUMNS.target] = _targets(reference, times)
+        times, joints = control_period * np.arange(steps + 1), reference.joints
+        sample, kind = reference.sample(times), row_record(joints, axes)
+        at, table = columns(kind), np.zeros((steps + 1, size(kind)))
+        table[:, at.reference] = np.concatenate([sample.q, sample.dq, sample.ddq], axis=-1)
+        table[:, at.target] = _targets(reference, times, axes)
         if disturbance.tip_force is not None:
-            table[:-1, COLUMNS.force] = _force_lines(disturbance.tip_force, reference, times[:-1], control_period)
+            table[:-1, at.force] = _force_lines(disturbance.tip_force, reference, times[:-1], control_period, axes)
         if disturbance.torque_bias is not None:
-            table[:-1, COLUMNS.bias] = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
-        return cls(disturbance, table)
+            bias = disturbance.torque_bias.at(times[:-1] + 0.5 * control_period)
+            if bias.shape[-1] != joints:
+                raise ValueError(
+                    f"TorqueBias.torque has {bias.shape[-1]} numbers; needed: {joints}, one for each joint"
+                )
+            table[:-1, at.bias] = bias
+        return cls(disturbance, table, joints, axes)
 
 
-def _force_lines(tip_force: TipForce, reference: JointReference, starts: np.ndarray, period: float) -> np.ndarray:
-    """Return (len(starts), 4): mean force over each step and change of its least-squares line, from samples inside."""
+def _force_lines(tip_force: TipForce, reference: Reference, starts: np.ndarray, period: float, axes: int) -> np.ndarray:
+    """Return (len(starts), 2 axes): mean force over each step and change of its least-squares line.
+
+    From samples inside the step.
+    """
     shares = (np.arange(FORCE_SAMPLES) + 0.5) / FORCE_SAMPLES
     times = (starts[:, np.newaxis] + shares * period).ravel()
-    force = tip_force.at(times, reference.tip(times).velocity)
-    if np.shape(force) != (len(times), 2):
+    force = checks.array_of("tip_force.at", tip_force.at(times, reference.tip(times).velocity[..., :axes]))
+    if force.shape != (len(times), axes):
         # Compiled code checks no bounds.
         raise ValueError(
-            f"tip_force.at gave shape {np.shape(force)} for {len(times)} times; it must be ({len(times)}, 2)"
+            f"tip_force.at gave shape {force.shape} for {len(times)} times; it must be ({len(times)}, {axes})"
         )
-    force = checks.finite_array("tip_force.at", force, (len(times), 2), "N")
-    samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, 2)), shares - 0.5
+    force = checks.finite_array("tip_force.at", force, (len(times), axes), "N")
+    samples, lever = np.reshape(force, (len(starts), FORCE_SAMPLES, axes)), shares - 0.5
     return np.concatenate([samples.mean(axis=1), np.einsum("j,kja->ka", lever, samples) / (lever @ lever)], axis=-1)
 
 
-def _targets(reference: JointReference, times: np.ndarray) -> np.ndarray:
-    """Return (len(times), 7): reference tip, left normal of the curve, circle center and radius (0: no circle)."""
-    position, derivative, _ = reference.path.points(quintic_time_law(times, reference.duration)[0])
-    length = np.hypot(derivative[:, 0], derivative[:, 1])[:, np.newaxis]
-    normal = np.stack([-derivative[:, 1], derivative[:, 0]], axis=-1) / length
-    circle = np.zeros(3)
-    if isinstance(reference.path, Circle):
-        circle[:] = *reference.path.center, reference.path.radius
-    return np.concatenate([position, normal, np.broadcast_to(circle, (len(times), 3))], axis=-1)
+def _targets(reference: Reference, times: np.ndarray, axes: int) -> np.ndarray:
+    """Return (len(times), numbers of a target): reference tip, normal of the curve, circle's center and radius.
+
+    Without a circle these are 0.
+    """
+    position, normal = reference.tip(times).position[..., :axes], reference.normals(times)[..., :axes]
+    circle = np.zeros(axes + 1)
+    if reference.circle is not None:
+        center, circle[-1] = reference.circle
+        circle[:-1] = center[:axes]
+    return np.concatenate([position, normal, np.broadcast_to(circle, (len(times), axes + 1))], axis=-1)

@@ -11,8 +11,10 @@ import numpy as np
 from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.layout import START, Noise, Start
 from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of, equations_of, robot_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = ["MAX_ACCELERATION", "Tables", "check_reference", "distinct", "tabulated"]
@@ -35,16 +37,18 @@ class Tables:
         firsts: (scenarios,) the first schedule of each scenario.
     """
 
-    references: tuple[JointReference, ...]
+    references: tuple[Reference, ...]
     schedules: tuple[Schedule, ...]
     starts: np.ndarray
     table: np.ndarray
     firsts: np.ndarray
 
     @classmethod
-    def build(cls, scenarios: Sequence[Scenario], family: tuple[JointReference, ...], control_period: float) -> Tables:
-        """Tabulate the scenarios' schedules every `control_period` [s]."""
-        references: list[JointReference] = []
+    def build(
+        cls, scenarios: Sequence[Scenario], family: tuple[Reference, ...], control_period: float, axes: int
+    ) -> Tables:
+        """Tabulate the scenarios' schedules every `control_period` [s], in so many coordinates of the tip."""
+        references: list[Reference] = []
         schedules: list[Schedule] = []
         starts, firsts, row = [], [], 0
         for disturbance, reference in scenarios:
@@ -53,7 +57,7 @@ class Tables:
             given = disturbance.encoder_noise
             noise = Noise(0.0, 0.0) if given is None else Noise(given.position, given.velocity)
             for member in family if reference is None else (reference,):
-                schedule = Schedule.build(member, disturbance, control_period)
+                schedule = Schedule.build(member, disturbance, control_period, axes)
                 last = row + schedule.steps
                 start = Start(row, last, mass, noise, float(reference is None))
                 starts.append(np.hstack(start))
@@ -109,12 +113,12 @@ class Tables:
 
 def tabulated(
     scenarios: Sequence[Scenario],
-    plants: Sequence[ArmParameters],
+    plants: Sequence[AnyArm],
     plant_of: np.ndarray,
-    family: tuple[JointReference, ...],
+    family: tuple[Reference, ...],
     control_period: float,
 ) -> tuple[Tables, np.ndarray, np.ndarray]:
-    """Return tables of scenarios, and by lane the schedule (n,) it begins with and its payload's radius (n,) [m].
+    """Return tables of scenarios, and by lane the schedule (n,) it begins with and its payload's place (n,).
 
     Args:
         scenarios: one for all n lanes, or one per lane.
@@ -124,21 +128,21 @@ def tabulated(
         control_period: [s].
 
     Raises:
-        ValueError: a reference does not fit the plant of its lane, or a payload has no distance from joint 2.
+        ValueError: a reference does not fit the plant of its lane, or a payload has no place on it.
     """
     kinds, scenario_of = distinct(scenarios, len(plant_of))
     for number, (_, reference) in enumerate(kinds):
         for plant in np.unique(plant_of[scenario_of == number]):
             for member in family if reference is None else (reference,):
                 check_reference(member, plants[plant])
-    tables = Tables.build(kinds, family, control_period)
+    tables = Tables.build(kinds, family, control_period, equations_of(plants[0]).axes)
     places = list(zip(scenario_of.tolist(), plant_of.tolist(), strict=True))
     known: dict[tuple[int, int], float] = {}
     for number, plant in places:
         if (number, plant) not in known:
             disturbance, _ = kinds[number]
-            distance = disturbance.payload.radius(plants[plant])
-            known[number, plant] = checks.real("payload radius", distance, "m", low=0.0, high=LARGEST)
+            arm = plants[plant]
+            known[number, plant] = equations_of(arm).payload_place(disturbance.payload, arm)
     return tables, tables.firsts[scenario_of], np.array([known[place] for place in places])
 
 
@@ -166,22 +170,42 @@ def distinct(items: Sequence[Item], count: int) -> tuple[list[Item], np.ndarray]
     return kinds, place_of
 
 
-def check_reference(reference: JointReference, parameters: ArmParameters) -> None:
-    """Raise ValueError unless the plant can follow the reference, which was validated for its own arm."""
-    if reference.parameters.length != parameters.length:
+def check_reference(reference: Reference, arm: AnyArm) -> None:
+    """Raise ValueError unless the arm can follow the reference, which was validated for its own arm."""
+    bounds = bounds_of(arm)
+    if reference.joints != len(bounds.low):
+        raise ValueError(f"reference moves {reference.joints} joints, the plant has {len(bounds.low)}: build it for it")
+    made_for = getattr(reference, "parameters", getattr(reference, "robot", arm))
+    if isinstance(made_for, ArmParameters) and isinstance(arm, ArmParameters):
+        if made_for.length != arm.length:
+            raise ValueError(
+                f"reference was made for links of {made_for.length} m, the plant has "
+                f"{arm.length} m: build it with parameters=..."
+            )
+    elif made_for != arm and not _same_frames(robot_of(made_for), robot_of(arm)):
         raise ValueError(
-            f"reference was made for links of {reference.parameters.length} m, the plant has "
-            f"{parameters.length} m: build it with parameters=..."
+            f"reference was made for {robot_of(made_for).name}, the plant is {robot_of(arm).name}, whose joints or tip "
+            "are elsewhere: build it with robot=..."
         )
     motion = reference.sample(np.linspace(0.0, reference.duration, CHECKED_INSTANTS))
-    for name, unit, values, limit in (
-        ("angle", "rad", motion.q, parameters.joint_limit),
-        ("velocity", "rad/s", motion.dq, parameters.velocity_limit),
-        ("acceleration", "rad/s²", motion.ddq, (MAX_ACCELERATION, MAX_ACCELERATION)),
+    fastest = np.full_like(bounds.low, MAX_ACCELERATION)
+    for name, unit, values, low, high in (
+        ("angle", "rad", motion.q, bounds.low, bounds.high),
+        ("velocity", "rad/s", motion.dq, -bounds.velocity, bounds.velocity),
+        ("acceleration", "rad/s²", motion.ddq, -fastest, fastest),
     ):
-        peak = np.abs(values).max(axis=0)
-        if np.any(peak > limit):
+        if np.any((values < low) | (values > high)):
+            symmetric = np.array_equal(low, -high)
+            peak, lowest = np.abs(values).max(axis=0).tolist(), values.min(axis=0).tolist()
+            found = peak if symmetric else f"{lowest} to {values.max(axis=0).tolist()}"
+            allowed = tuple(high.tolist()) if symmetric else f"{low.tolist()} to {high.tolist()}"
             raise ValueError(
-                f"reference {name} reaches {peak.tolist()} {unit}; this plant allows {limit} {unit}: "
+                f"reference {name} reaches {found} {unit}; this plant allows {allowed} {unit}: "
                 "raise its duration or move its path"
             )
+
+
+def _same_frames(one: Robot, other: Robot) -> bool:
+    """Return whether the joints and the tip of two robots with as many joints are at the same places."""
+    names = ("position", "rotation", "axis", "tip")
+    return all(np.array_equal(getattr(one.arrays, name), getattr(other.arrays, name)) for name in names)

@@ -12,24 +12,49 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba.core.caching import FunctionCache
 
-__all__ = ["announced_compilation", "kernel"]
+__all__ = ["announced_compilation", "kernel", "kernel_for"]
 
 _PACKAGE = Path(__file__).parents[2]
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile `function` with Numba and cache the machine code on disk.
+    """Compile `function` with Numba and cache the machine code on disk, see `kernel_for`."""
+    return kernel_for("")(function)
+
+
+def kernel_for(made_for: str) -> Callable[[Callable[..., Any]], Any]:
+    """Return the decorator that compiles a function with Numba and caches the machine code on disk.
 
     Numba's cache only watches the file that defines the function: an edit in `dynamics` or `friction`, called from
     it, would leave stale machine code in use. A digest of all sources that it may use, in the function's name from
     which the cache file is named, prevents that. Without a writable cache folder the function is compiled anew.
+
+    Args:
+        made_for: what tells the function from others that were made by the same lines: the digest of the equations
+            that are compiled into it.
     """
-    function.__qualname__ = f"{function.__qualname__}_{_digest(_rooms(function))}"
-    try:
-        return njit(cache=True, error_model="numpy", nogil=True)(function)
-    except RuntimeError:
-        return njit(error_model="numpy", nogil=True)(function)
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        function.__qualname__ = "_".join([function.__qualname__, made_for, _digest(_rooms(function))])
+        dispatcher = njit(error_model="numpy", nogil=True)(function)
+        with contextlib.suppress(RuntimeError):
+            dispatcher._cache = _CacheByName(function)
+        return dispatcher
+
+    return compiled
+
+
+class _CacheByName(FunctionCache):  # type: ignore[misc]
+    """Numba's cache, for functions whose name says all that they are made from.
+
+    Numba would tell functions made by the same lines from each other by what they refer to, pickled: that takes long,
+    and comes out differently in the next process.
+    """
+
+    def _index_key(self, signature: Any, codegen: Any) -> Any:
+        return signature, codegen.magic_tuple()
 
 
 @contextlib.contextmanager
@@ -39,7 +64,7 @@ def announced_compilation() -> Iterator[None]:
     if _compiled or not sys.stderr.isatty():
         yield
     else:
-        message = "FuzzyArm: compiling the simulation, once on this machine (about 20 s) ..."
+        message = "FuzzyArm: compiling the simulation, once on this machine (up to a minute) ..."
         timer = threading.Timer(1.0, lambda: print(message, file=sys.stderr, flush=True))
         timer.start()
         try:

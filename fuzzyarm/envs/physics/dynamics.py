@@ -14,13 +14,12 @@ from numba.extending import register_jitable
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, in_list, reader
+from fuzzyarm.envs.physics.records import PerJoint, State, in_list, reader
 
 __all__ = [
     "Arm",
     "Payload",
     "Plant",
-    "State",
     "arm_constants",
     "arm_in",
     "coriolis_torque",
@@ -126,19 +125,6 @@ class Plant(NamedTuple):
     velocity_limit: PerJoint
 
 
-class State(NamedTuple):
-    """Motor angles and link angles [rad], then their velocities [rad/s]; scalars or arrays of lanes."""
-
-    motor1: Any
-    motor2: Any
-    link1: Any
-    link2: Any
-    motor_velocity1: Any
-    motor_velocity2: Any
-    link_velocity1: Any
-    link_velocity2: Any
-
-
 @register_jitable
 def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, gravity: Any) -> tuple[Any, ...]:
     """Return c1..c5 of (3) from pairs of any number type, exact rationals included.
@@ -210,7 +196,8 @@ def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> 
 
 def plant_of(parameters: ArmParameters) -> Plant:
     """Return the parameters as a `Plant`, the form in which the equations take them."""
-    return Plant(*(getattr(parameters, field.name) for field in dataclasses.fields(parameters)))
+    values = (getattr(parameters, field.name) for field in dataclasses.fields(parameters))
+    return Plant(*(PerJoint(*value) if isinstance(value, tuple) else value for value in values))
 
 
 @register_jitable
@@ -253,9 +240,10 @@ def tip_force_torque(
 @register_jitable
 def joint_torque(state: State, arm: Arm) -> tuple[Any, Any]:
     """Return Γ_t = K_t (q_a - q_b) + B_t (q̇_a - q̇_b) [N m], equation (2)."""
+    motor, link, motor_velocity, link_velocity = state
     return (
-        arm.stiffness1 * (state.motor1 - state.link1) + arm.damping1 * (state.motor_velocity1 - state.link_velocity1),
-        arm.stiffness2 * (state.motor2 - state.link2) + arm.damping2 * (state.motor_velocity2 - state.link_velocity2),
+        arm.stiffness1 * (motor.joint1 - link.joint1) + arm.damping1 * (motor_velocity.joint1 - link_velocity.joint1),
+        arm.stiffness2 * (motor.joint2 - link.joint2) + arm.damping2 * (motor_velocity.joint2 - link_velocity.joint2),
     )
 
 

@@ -11,7 +11,7 @@ the equations are smooth, so DOP853 solves them to the tolerance asked for.
 
 This module shares only `ArmParameters` and `Payload` with `dynamics`, `friction` and `integrator`: its right-hand
 side is written independently, and its steps never cross a sign change of a velocity. It measures the errors of
-`integrator.hold`, including that of the force approximated over a control step, and is too slow for other uses.
+`hold.hold_of`, including that of the force approximated over a control step, and is too slow for other uses.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def integrate(
     """Return the state at `stop` under held motor torques and a tip force that follows time.
 
     Args:
-        state: shape (8,), the entries of `dynamics.State` [rad, rad/s]; a velocity of exactly 0 may be stick.
+        state: shape (8,), the entries of `records.State` [rad, rad/s]; a velocity of exactly 0 may be stick.
         torque: Γ [N m], shape (2,), held over the whole interval.
         force: F(t) [N] on the tip, continuous in time.
         parameters: the arm.

@@ -1,4 +1,4 @@
-"""Records in arrays: where the numbers of a record stand, and compiled functions that read and write them.
+"""Records: those with an entry for each joint, where numbers stand in arrays, and compiled functions of them.
 
 A record is a NamedTuple whose fields are numbers or further records. In an array its numbers stand one after the
 other in the order of the fields, so every offset follows from the declaration of the record, here and nowhere else:
@@ -12,12 +12,15 @@ other in the order of the fields, so every offset follows from the declaration o
     columns(Load).torque               # slice(0, 2)
     read = reader(Load, in_columns)    # read(table, k) returns Load(PerJoint(table[k, 0], table[k, 1]), table[k, 2])
 
-Readers and writers are generated as source, as `dataclasses` does it: written-out constant indices are what lets the
-compiler keep a record in registers and turn a loop over lanes into SIMD code.
+How many joints an arm has is said once, to `per_joint` and `point`: records and functions are made from what they
+return. Readers, writers and the functions of `joint_by_joint` and `over_joints` are generated as source, as
+`dataclasses` does it: written-out constant indices are what lets the compiler keep a record in registers and turn a
+loop over lanes into SIMD code.
 """
 
 from __future__ import annotations
 
+import functools
 import typing
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -29,15 +32,22 @@ __all__ = [
     "JOINTS",
     "PerJoint",
     "Point",
+    "State",
     "columns",
+    "flat",
     "in_block",
     "in_columns",
     "in_list",
     "in_rows",
+    "joint_by_joint",
+    "over_joints",
+    "per_joint",
     "places",
+    "point",
     "reader",
+    "record_type",
     "size",
-    "times",
+    "state_record",
     "writer",
 ]
 
@@ -46,32 +56,106 @@ BLOCK = 32
 
 
 class PerJoint(NamedTuple):
-    """One number for each joint."""
+    """One number for each joint of the arm with two; `per_joint` has the record of any number of them."""
 
     joint1: Any
     joint2: Any
 
 
+JOINTS = len(PerJoint._fields)
+"""How many joints the paper's arm has."""
+
+
 class Point(NamedTuple):
-    """A vector in the plane of the arm: x points down, y to the right."""
+    """A vector in the plane of the two-joint arm, x points down, y to the right; `point` has the one in space."""
 
     x: Any
     y: Any
 
 
-JOINTS = len(PerJoint._fields)
-"""How many joints the arm has."""
+class State(NamedTuple):
+    """Motor and link angles [rad], then their velocities [rad/s], of the arm with two joints; see `state_record`."""
+
+    motor: PerJoint
+    link: PerJoint
+    motor_velocity: PerJoint
+    link_velocity: PerJoint
 
 
-@register_jitable(forceinline=True)
-def times(numbers: Any, factors: Any) -> PerJoint:
-    """Return the products, joint by joint."""
-    return PerJoint(numbers[0] * factors[0], numbers[1] * factors[1])
+def record_type(name: str, **fields: Any) -> Any:
+    """Return a record with these fields, each a number (``Any``) or a record."""
+    return NamedTuple(name, list(fields.items()))
 
 
-def size(record: type) -> int:
+@functools.cache
+def per_joint(joints: int) -> Any:
+    """Return the record of one number for each joint, joint1, joint2, ...; always the same, `PerJoint` for two."""
+    if joints == len(PerJoint._fields):
+        return PerJoint
+    return record_type("PerJoint", **{f"joint{k + 1}": Any for k in range(joints)})
+
+
+@functools.cache
+def point(axes: int) -> Any:
+    """Return the record of a vector with 2 or 3 axes, x, y and z; always the same class, for two `Point`."""
+    return Point if axes == len(Point._fields) else record_type("Point", **dict.fromkeys("xyz"[:axes], Any))
+
+
+@functools.cache
+def state_record(joints: int) -> Any:
+    """Return `State` for a number of joints; always the same class."""
+    if joints == len(PerJoint._fields):
+        return State
+    return record_type("State", **dict.fromkeys(State._fields, per_joint(joints)))
+
+
+@functools.cache
+def joint_by_joint(function: Callable[..., Any], kind: Any, arguments: int, shared: int = 0) -> Any:
+    """Return the compiled function that gives the record of what `function` gives for each field of its arguments.
+
+    ``joint_by_joint(f, PerJoint, 2, 1)(a, b, s)`` is ``PerJoint(f(a.joint1, b.joint1, s), f(a.joint2, b.joint2, s))``;
+    so for points and their axes.
+
+    Args:
+        function: elementwise.
+        kind: the record of the arguments and of the result.
+        arguments: how many there are.
+        shared: how many numbers follow, the same for each field.
+    """
+    source = f"return {kind.__name__}({', '.join(_calls(kind, arguments, shared))})"
+    return _defined_for(source, arguments + shared, {"function": function, kind.__name__: kind})
+
+
+@functools.cache
+def over_joints(function: Callable[..., Any], kind: Any, arguments: int, between: str = "+") -> Any:
+    """Return the compiled function that adds up what `function` gives for each field of its arguments, in order.
+
+    ``over_joints(f, PerJoint, 2, "&")(a, b)`` is ``f(a.joint1, b.joint1) & f(a.joint2, b.joint2)``.
+    """
+    source = f"return {f' {between} '.join(_calls(kind, arguments, 0))}"
+    return _defined_for(source, arguments, {"function": function})
+
+
+def _calls(kind: Any, arguments: int, shared: int) -> Iterator[str]:
+    """Return the source of one call for each field."""
+    for field in kind._fields:
+        own = [f"a{k}.{field}" for k in range(arguments)]
+        yield f"function({', '.join(own + [f'a{arguments + k}' for k in range(shared)])})"
+
+
+def _defined_for(source: str, arguments: int, names: dict[str, Any]) -> Any:
+    """Return the function of so many arguments, a0, a1, ..., that does what one line says."""
+    return _defined(f"def apply({', '.join(f'a{k}' for k in range(arguments))}):\n    {source}\n", names)
+
+
+def size(kind: Any) -> int:
     """Return how many numbers a record has."""
-    return sum(size(kind) if _is_record(kind) else 1 for _, kind in _fields(record))
+    return sum(size(part) if _is_record(part) else 1 for _, part in _fields(kind))
+
+
+def flat(record: Any) -> list[Any]:
+    """Return the numbers of a record, in order."""
+    return [number for part in record for number in (flat(part) if isinstance(part, tuple) else [part])]
 
 
 def places(record: type, first: int = 0) -> Any:

@@ -1,14 +1,28 @@
-"""Named cases: the three of the paper (section 6.2), and any others that are added."""
+"""Named cases: the three of the paper (section 6.2), and any others that are added.
+
+The loads of the paper's cases are for its arm. `case_for` has those for a robot: the payload and the machining force
+that ask for the same largest share of a motor's torque limit along the robot's default reference as they do of the
+paper's arm along its circle, to two digits; the force takes as long as that reference.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+import re
 
-from fuzzyarm.common.checks import instance, shown
+import numpy as np
+
+from fuzzyarm.common.checks import instance, shown, truth
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.equations import AnyArm, robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.rigid_body import tip_jacobian
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce
 
-__all__ = ["CASES", "PAPER_CASES", "Case", "add_case", "find_case"]
+__all__ = ["CASES", "PAPER_CASES", "Case", "add_case", "case_for", "find_case"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,23 +33,28 @@ class Case:
         name: its key, as in ``gym.make(..., case=name)``.
         title: for tables and figures.
         disturbance: what acts on the arm.
+        scales: whether the loads are those of the paper's arm, to be scaled for a robot.
     """
 
     name: str
     title: str
     disturbance: Disturbance
+    scales: bool = False
 
     def __post_init__(self) -> None:
         """Check the type of each part; TypeError otherwise."""
         instance("name", self.name, str)
         instance("title", self.title, str)
         instance("disturbance", self.disturbance, Disturbance)
+        truth("scales", self.scales)
 
+
+INSTANTS = 501  # of a reference, at which the torques of a load are compared
 
 _PAPER = (
     Case("nominal", "Case 1: nominal", Disturbance()),
-    Case("machining", "Case 2: machining force", Disturbance(tip_force=MachiningForce())),
-    Case("payload", "Case 3: 5 kg payload", Disturbance(payload=Payload(5.0))),
+    Case("machining", "Case 2: machining force", Disturbance(tip_force=MachiningForce()), scales=True),
+    Case("payload", "Case 3: 5 kg payload", Disturbance(payload=Payload(5.0)), scales=True),
 )
 
 PAPER_CASES: tuple[str, ...] = tuple(case.name for case in _PAPER)
@@ -57,3 +76,50 @@ def find_case(name: str) -> Case:
     if not isinstance(name, str) or name not in CASES:
         raise ValueError(f"unknown case {shown(name)}; choose from: {', '.join(CASES)}")
     return CASES[name]
+
+
+def case_for(name: str, arm: AnyArm) -> Case:
+    """Return the case called `name` with the loads for an arm, see the module; ValueError names the choices."""
+    case = find_case(name)
+    return case if isinstance(arm, ArmParameters) or not case.scales else _scaled(case, arm)
+
+
+@functools.lru_cache(maxsize=64)
+def _scaled(case: Case, robot: Robot) -> Case:
+    """Return a case with its loads scaled to a robot."""
+    loads, paper = case.disturbance, robot_of(ArmParameters())
+    force, payload, title = loads.tip_force, loads.payload, case.title
+    if isinstance(force, MachiningForce):
+        factor = _leverage(paper, along=True) / _leverage(robot, along=True)
+        base, swing = (_two_digits(factor * part) for part in (force.base, force.swing))
+        force = MachiningForce(base, swing, default_reference(robot).duration, force.fade_speed)
+    if payload.mass > 0.0:
+        factor = _leverage(paper, along=False) / _leverage(robot, along=False)
+        payload = dataclasses.replace(payload, mass=_two_digits(factor * payload.mass))
+        title = re.sub("[0-9.]+ kg", f"{payload.mass:g} kg", title)
+    return dataclasses.replace(
+        case, title=title, disturbance=dataclasses.replace(loads, tip_force=force, payload=payload)
+    )
+
+
+def _leverage(robot: Robot, along: bool) -> float:
+    """Return the largest share of a torque limit that 1 N at the tip takes along the default reference [1/N].
+
+    The force points along the curve, or along gravity, downwards if there is none.
+    """
+    reference = default_reference(robot)
+    t = np.linspace(0.0, reference.duration, INSTANTS)
+    direction = reference.tip(t).velocity if along else np.broadcast_to(_downwards(robot), (len(t), 3))
+    length = np.linalg.norm(direction, axis=-1, keepdims=True)
+    unit = direction / np.where(length > 0.0, length, 1.0)
+    torque = np.einsum("tai,ta->ti", tip_jacobian(robot, reference.sample(t).q), unit)
+    return float(np.max(np.abs(torque) / robot.drive("torque_limit")))
+
+
+def _downwards(robot: Robot) -> np.ndarray:
+    gravity = robot.arrays.gravity
+    return gravity if gravity.any() else np.array([0.0, 0.0, -1.0])
+
+
+def _two_digits(number: float) -> float:
+    return float(f"{number:.2g}")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+from collections.abc import Collection
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,6 +14,7 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import LARGEST
 from fuzzyarm.envs.physics.records import JOINTS
+from fuzzyarm.envs.physics.robot import MOST_JOINTS
 
 __all__ = [
     "ConstantForce",
@@ -26,11 +29,13 @@ __all__ = [
 class TipForce(Protocol):
     """A force on the tip as a pure function of time and of the reference's tip velocity.
 
+    Vectors have two numbers in the plane of the two-joint arm and three for other robots.
+
     A new kind of force is a class with this method, in a file of its own: nothing else has to know of it.
     """
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
-        """Return the force (..., 2) [N] at times (...) [s] for reference tip velocities (..., 2) [m/s]."""
+        """Return the force (..., 2 or 3) [N] at times (...) [s] for tip velocities (..., 2 or 3) [m/s]."""
         ...
 
 
@@ -65,47 +70,53 @@ class MachiningForce:
             _keep(self, name, number)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
-        """Return the force (..., 2) [N] at times (...) [s] for reference tip velocities (..., 2) [m/s]."""
+        """Return the force (..., 2 or 3) [N] at times (...) [s] for tip velocities (..., 2 or 3) [m/s]."""
         time = np.asarray(time, dtype=np.float64)
         magnitude = self.base + self.swing * np.sin(np.pi * np.clip(time / self.duration, 0.0, 1.0))
-        speed = np.maximum(np.hypot(tip_velocity[..., 0], tip_velocity[..., 1]), self.fade_speed)
+        speed = np.maximum(functools.reduce(np.hypot, np.moveaxis(tip_velocity, -1, 0)), self.fade_speed)
         force: np.ndarray = -(magnitude / speed)[..., np.newaxis] * tip_velocity
         return force
 
 
 @dataclasses.dataclass(frozen=True)
 class ConstantForce:
-    """A force (x, y) [N] that acts on the tip from `start` to `stop` [s] (start <= t < stop); x points down."""
+    """A force on the tip from `start` to `stop` [s] (start <= t < stop).
 
-    force: tuple[float, float]
+    It has two numbers (x, y) [N], x downwards, for the two-joint arm, and three in the base frame of another robot.
+    """
+
+    force: tuple[float, ...]
     start: float = 0.0
     stop: float = math.inf
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _keep(self, "force", checks.reals("ConstantForce.force", self.force, 2, "N", low=-LARGEST, high=LARGEST))
+        _keep(self, "force", _numbers("ConstantForce.force", self.force, (2, 3), "N"))
         _keep_interval(self)
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
-        """Return the force (..., 2) [N] at times (...) [s]; it does not depend on the tip velocity."""
+        """Return the force (..., 2 or 3) [N] at times (...) [s]; it does not depend on the tip velocity."""
         return _while_active(self.force, time, self.start, self.stop)
 
 
 @dataclasses.dataclass(frozen=True)
 class TorqueBias:
-    """A torque [N m] added to what the motors apply from `start` to `stop` [s]; the controller does not see it."""
+    """A torque [N m] added to what the motors apply from `start` to `stop` [s], one number for each joint.
 
-    torque: tuple[float, float]
+    The controller does not see it.
+    """
+
+    torque: tuple[float, ...]
     start: float = 0.0
     stop: float = math.inf
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _keep(self, "torque", checks.reals("TorqueBias.torque", self.torque, JOINTS, "N m", low=-LARGEST, high=LARGEST))
+        _keep(self, "torque", _numbers("TorqueBias.torque", self.torque, range(1, MOST_JOINTS + 1), "N m"))
         _keep_interval(self)
 
     def at(self, time: np.ndarray) -> np.ndarray:
-        """Return the bias (..., 2) [N m] at times (...) [s]."""
+        """Return the bias (..., joints) [N m] at times (...) [s]."""
         return _while_active(self.torque, time, self.start, self.stop)
 
 
@@ -154,8 +165,14 @@ class Disturbance:
             )
 
 
-def _while_active(vector: tuple[float, float], time: np.ndarray, start: float, stop: float) -> np.ndarray:
-    """Return (..., 2): `vector` where start <= time < stop, zero elsewhere."""
+def _numbers(name: str, values: Any, sizes: Collection[int], unit: str) -> tuple[float, ...]:
+    """Return real numbers, as many as one of `sizes`; if it fits none, two are asked for."""
+    count = next((size for size in sizes if checks.is_sequence(values, size)), JOINTS)
+    return checks.reals(name, values, count, unit, low=-LARGEST, high=LARGEST)
+
+
+def _while_active(vector: tuple[float, ...], time: np.ndarray, start: float, stop: float) -> np.ndarray:
+    """Return (..., numbers): `vector` where start <= time < stop, zero elsewhere."""
     time = np.asarray(time, dtype=np.float64)
     active = (time >= start) & (time < stop)
     return active[..., np.newaxis] * np.array(vector, dtype=np.float64)

@@ -1,7 +1,8 @@
 """Geometric paths of the tip; the time law along a path is in `reference`.
 
-Every curve p(s), s in [0, 1], lies in the plane of the arm and is twice differentiable. The frame is that of (26):
-the base at the origin, x down along gravity, y to the side.
+Every curve p(s), s in [0, 1], is twice differentiable. Points of two numbers lie in the plane of the two-joint arm, in
+the frame of (26): the base at the origin, x down along gravity, y to the side. Points of three numbers are in the base
+frame of a robot in space; lines and splines take either, and `placed.Placed` brings any plane curve into space.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -18,13 +18,25 @@ from numpy.typing import ArrayLike
 
 from fuzzyarm.common import checks
 
-__all__ = ["Circle", "Lemniscate", "Line", "Point", "Spline", "TipPath"]
+__all__ = [
+    "AnyPoint",
+    "Circle",
+    "Lemniscate",
+    "Line",
+    "Point",
+    "Points",
+    "Spline",
+    "TipPath",
+    "any_point",
+    "chord_spline",
+]
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-# A point (x, y) [m], and p, dp/ds and d²p/ds² of a curve.
+# A point (x, y) [m], one of (x, y) or (x, y, z) [m], and p, dp/ds and d²p/ds² of a curve.
 Point = tuple[float, float]
+AnyPoint = Point | tuple[float, float, float]
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 # Neighbouring points of a line or spline closer than this [m] give a curve without a direction.
@@ -44,7 +56,7 @@ class TipPath(Protocol):
     """
 
     def points(self, s: ArrayLike) -> Points:
-        """Return p [m], dp/ds [m] and d²p/ds² [m], each of shape (..., 2), for s of shape (...,) in [0, 1]."""
+        """Return p [m], dp/ds [m] and d²p/ds² [m], each of shape (..., 2) or (..., 3), for s (...,) in [0, 1]."""
         ...
 
 
@@ -98,20 +110,20 @@ class Line:
     """p(s) = start + s (end - start).
 
     Attributes:
-        start: (x, y) [m] at s = 0.
-        end: (x, y) [m] at s = 1, at least `MINIMUM_SPACING` from start.
+        start: (x, y) or (x, y, z) [m] at s = 0.
+        end: likewise [m] at s = 1, at least `MINIMUM_SPACING` from start.
 
     Raises:
         ValueError: a value is not finite, or start and end coincide.
     """
 
-    start: Point
-    end: Point
+    start: AnyPoint
+    end: AnyPoint
 
     def __post_init__(self) -> None:
         """Check the values."""
-        _set(self, "start", _point("start", self.start))
-        _set(self, "end", _point("end", self.end))
+        _set(self, "start", any_point("start", self.start))
+        _set(self, "end", any_point("end", self.end, len(self.start)))
         _require_apart("start", self.start, "end", self.end)
 
     def points(self, s: ArrayLike) -> Points:
@@ -167,15 +179,15 @@ class Spline:
     with the same first and second derivative.
 
     Attributes:
-        waypoints: two or more points (x, y) [m] (any sequence or array of pairs), neighbours at least
-            `MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
+        waypoints: two or more points (x, y) or (x, y, z) [m] (any sequence or array of pairs or triples), neighbours
+            at least `MINIMUM_SPACING` apart. A closed spline adds the way back itself: do not repeat the first point.
         closed: whether the curve returns to its start.
 
     Raises:
         ValueError: too few points, a value that is not finite, or neighbours that coincide.
     """
 
-    waypoints: tuple[Point, ...]
+    waypoints: tuple[AnyPoint, ...]
     closed: bool = False
 
     def __post_init__(self) -> None:
@@ -186,10 +198,12 @@ class Spline:
             raise ValueError(
                 f"waypoints = {checks.shown(self.waypoints)} must be a sequence of points (x, y) [m]"
             ) from None
-        points = tuple(_point(f"waypoints[{k}]", point) for k, point in enumerate(given))
+        points = tuple(any_point(f"waypoints[{k}]", point) for k, point in enumerate(given))
         if not 2 <= len(points) <= MOST_WAYPOINTS:
             found = f"{len(points)} point(s)" if len(points) < 2 else f"more than {MOST_WAYPOINTS} points"
             raise ValueError(f"waypoints holds {found}; allowed: 2 or more distinct points, at most {MOST_WAYPOINTS}")
+        for k, point in enumerate(points):
+            any_point(f"waypoints[{k}]", point, len(points[0]))
         _set(self, "waypoints", points)
         checks.truth("closed", self.closed)
         last = len(points) if self.closed else len(points) - 1
@@ -199,13 +213,9 @@ class Spline:
 
     @functools.cached_property
     def _interpolant(self) -> CubicSpline:
-        """Return the spline over s; SciPy is only needed here."""
-        from scipy.interpolate import CubicSpline
-
+        """Return the spline over s."""
         points = np.array(self.waypoints + self.waypoints[:1] if self.closed else self.waypoints)
-        chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        knots = np.append(0.0, np.cumsum(chords))
-        return CubicSpline(knots / knots[-1], points, bc_type="periodic" if self.closed else "not-a-knot")
+        return chord_spline(points, closed=self.closed)
 
     @property
     def corners(self) -> np.ndarray:
@@ -214,13 +224,25 @@ class Spline:
 
     @property
     def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the knots (k + 1,) over s and the coefficients (4, k, 2) [m] of p in s - knot, highest power first."""
+        """Return the knots (k + 1,) over s and the coefficients (4, k, 2 or 3) [m] of p in s - knot, highest first."""
         return self._interpolant.x, self._interpolant.c
 
     def points(self, s: ArrayLike) -> Points:
         """Return p, dp/ds, d²p/ds² as in `TipPath`."""
         s, spline = np.asarray(s, dtype=float), self._interpolant
         return spline(s), spline(s, 1), spline(s, 2)
+
+
+def chord_spline(points: np.ndarray, *, closed: bool = False) -> CubicSpline:
+    """Return the cubic spline over [0, 1] through points (k, d), whose parameter goes with the summed chords.
+
+    Its ends are "not-a-knot", or periodic if it is closed; the first point then stands at the end, too.
+    """
+    from scipy.interpolate import CubicSpline  # SciPy is only needed here
+
+    chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    knots = np.append(0.0, np.cumsum(chords))
+    return CubicSpline(knots / knots[-1], points, bc_type="periodic" if closed else "not-a-knot")
 
 
 def _set(path: object, name: str, value: Any) -> None:
@@ -247,13 +269,23 @@ def _positive(name: str, value: Any) -> float:
 
 
 def _point(name: str, value: Any) -> Point:
-    if not (isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and len(value) == 2):
+    if not checks.is_sequence(value, 2):
         raise ValueError(f"{name} = {checks.shown(value)} must be a pair (x, y) of finite numbers [m]")
     x, y = value
     return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m")
 
 
-def _require_apart(first_name: str, first: Point, second_name: str, second: Point) -> None:
+def any_point(name: str, value: Any, size: int | None = None) -> AnyPoint:
+    """Return a point of two or three finite numbers [m]; of `size` numbers, if that is given."""
+    if size in (None, 3) and checks.is_sequence(value, 3):
+        x, y, z = value
+        return _finite(f"{name} x", x, "m"), _finite(f"{name} y", y, "m"), _finite(f"{name} z", z, "m")
+    if size == 3:
+        raise ValueError(f"{name} = {checks.shown(value)} must be a triple (x, y, z) of finite numbers [m]")
+    return _point(name, value)
+
+
+def _require_apart(first_name: str, first: AnyPoint, second_name: str, second: AnyPoint) -> None:
     spacing = math.dist(first, second)
     if spacing < MINIMUM_SPACING:
         raise ValueError(

@@ -7,80 +7,48 @@ leaves the nominal value, so the default randomisation varies nothing.
 from __future__ import annotations
 
 import dataclasses
-import math
+import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.physics.dynamics import Plant
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import JOINTS, PerJoint, columns, size, times
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, TipPath
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.physics.records import columns, per_joint, places, record_type, size
+from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.envs.scenario.reference_family import reference_family
 
 __all__ = [
     "ALLOWED",
     "RANDOMISATIONS",
     "DomainRandomisation",
-    "Draw",
     "Range",
     "by_quantity",
+    "draw_record",
     "find_randomisation",
-    "reference_family",
-    "varied",
 ]
 
 Range = tuple[float, float]
 """Low and high end of what is drawn."""
 
-FAMILY = 32  # references in the family of "robust"
-FAMILY_SEED = 2022
+HEAVIEST = 5.0 / 24.0  # of "robust": payload over the mass of the links; 5 kg for the paper's arm
 
 
-class Draw(NamedTuple):
-    """What one episode draws; scalars, or arrays with one value per lane.
+@functools.cache
+def draw_record(joints: int) -> Any:
+    """Return the record of what one episode draws; scalars, or arrays with one value per lane.
 
     Factors, one per joint: of the link's mass and inertia, of the motor's inertia, of joint stiffness and damping, of
     dry friction (static and Coulomb alike) and of viscous friction. Then the payload added to the case's [kg], the
     factor of the case's tip force, the angles [rad] by which the start differs from the reference, and the index of
     the reference in the family (0 where there is none).
     """
-
-    mass: PerJoint
-    motor_inertia: PerJoint
-    stiffness: PerJoint
-    damping: PerJoint
-    dry_friction: PerJoint
-    viscous_friction: PerJoint
-    payload: Any
-    force: Any
-    angle: PerJoint
-    reference: Any
-
-
-@register_jitable
-def varied(plant: Plant, draw: Draw) -> Plant:
-    """Return the plant with the factors of a draw."""
-    return Plant(
-        plant.length,
-        times(plant.mass, draw.mass),
-        times(plant.inertia, draw.mass),
-        plant.mass_center,
-        times(plant.viscous_friction, draw.viscous_friction),
-        plant.gravity,
-        times(plant.motor_inertia, draw.motor_inertia),
-        times(plant.stiffness, draw.stiffness),
-        times(plant.damping, draw.damping),
-        times(plant.static_friction, draw.dry_friction),
-        times(plant.coulomb_friction, draw.dry_friction),
-        plant.stribeck_velocity,
-        plant.torque_limit,
-        plant.joint_limit,
-        plant.velocity_limit,
+    factors = dict.fromkeys(
+        ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction"), per_joint(joints)
     )
+    return record_type("Draw", **factors, payload=Any, force=Any, angle=per_joint(joints), reference=Any)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +69,7 @@ class DomainRandomisation:
             arm's link lengths. Empty: no draw.
 
     Raises:
-        TypeError: a range holds no real numbers, or the references are no `JointReference` objects.
+        TypeError: a range holds no real numbers, or the references are no `Reference` objects.
         ValueError: a range is no pair low <= high, or leaves what is allowed for it.
 
     Examples:
@@ -118,7 +86,7 @@ class DomainRandomisation:
     payload: Range = (0.0, 0.0)
     force: Range = (1.0, 1.0)
     angle: Range = (0.0, 0.0)
-    references: tuple[JointReference, ...] = ()
+    references: tuple[Reference, ...] = ()
 
     def __post_init__(self) -> None:
         """Check every range."""
@@ -129,18 +97,21 @@ class DomainRandomisation:
             raise TypeError(f"DomainRandomisation.references = {checks.shown(self.references)} must be a tuple")
         object.__setattr__(self, "references", tuple(self.references))
         for reference in self.references:
-            checks.instance("DomainRandomisation.references: entry", reference, JointReference)
+            checks.instance("DomainRandomisation.references: entry", reference, Reference)  # type: ignore[type-abstract]
 
     @property
     def varies(self) -> bool:
         """Whether anything is drawn at all."""
         return bool(self.references) or any(low < high for low, high in map(self.__getattribute__, ALLOWED))
 
-    @property
-    def ranges(self) -> np.ndarray:
-        """Low and high of every number of `Draw`, one row each; the reference's are [0, number of references)."""
-        table = np.empty((size(Draw), 2))
-        for name, where in columns(Draw)._asdict().items():
+    def ranges(self, joints: int) -> np.ndarray:
+        """Return low and high of every number of `draw_record`, one row each.
+
+        The reference's are [0, number of references).
+        """
+        kind = draw_record(joints)
+        table = np.empty((size(kind), 2))
+        for name, where in columns(kind)._asdict().items():
             table[where] = (0.0, len(self.references)) if name == "reference" else getattr(self, name)
         return table
 
@@ -159,59 +130,19 @@ ALLOWED = {
 }
 
 
-def by_quantity(drawn: np.ndarray) -> dict[str, np.ndarray]:
-    """Return views of draws (numbers of `Draw`, lanes) by quantity, read-only.
+def by_quantity(drawn: np.ndarray, joints: int) -> dict[str, np.ndarray]:
+    """Return views of draws (numbers of `draw_record`, lanes) by quantity, read-only.
 
     (lanes, joints) where there is one number per joint, else (lanes,).
     """
     quantities = {}
-    for name, where in columns(Draw)._asdict().items():
-        rows = drawn[where]
-        quantities[name] = rows.T if len(rows) == JOINTS else rows[0]
+    for name, place in places(draw_record(joints))._asdict().items():
+        quantities[name] = drawn[slice(place[0], place[-1] + 1)].T if isinstance(place, tuple) else drawn[place]
         quantities[name].flags.writeable = False  # every step's info shows the same arrays
     return quantities
 
 
-def reference_family(parameters: ArmParameters, count: int = FAMILY) -> tuple[JointReference, ...]:
-    """Return `count` references that always come out the same for an arm.
-
-    Circles mostly, every eighth a lemniscate and every eighth a line: size 5-20 % of the reach, center anywhere that
-    keeps the curve within 30-92 % of it, any start angle, either direction, peak tip speed 0.4-2.2 reaches a second
-    (a lemniscate passes its crossing up to 1.46 times faster), by rejection.
-    """
-    generator = np.random.default_rng(FAMILY_SEED)
-    reach = sum(parameters.length)
-    family: list[JointReference] = []
-    path: TipPath
-    while len(family) < count:
-        size, angle = reach * generator.uniform(0.05, 0.2), generator.uniform(-math.pi, math.pi)
-        distance, bearing = reach * generator.uniform(0.4, 0.8), generator.uniform(-0.3, 1.9)
-        center = (distance * math.cos(bearing), distance * math.sin(bearing))
-        speed, turns = reach * generator.uniform(0.4, 2.2), generator.choice([-1.0, 1.0])
-        step = (size * math.cos(angle), size * math.sin(angle))
-        if len(family) % 8 == 7:
-            path, length = _line(center, step), 2.0 * size
-        elif len(family) % 4 == 3:
-            path, length = Lemniscate(center=center, half_width=size, angle=angle), 6.1 * size
-        else:
-            path = Circle(center=center, radius=size, start_angle=angle, turns=turns)
-            length = 2.0 * math.pi * size
-        far = np.hypot(*path.points(np.linspace(0.0, 1.0, 200))[0].T)
-        if far.min() < 0.3 * reach or far.max() > 0.92 * reach:
-            continue
-        try:
-            # The quintic time law's peak speed is 1.875 times the mean.
-            family.append(JointReference(path, duration=max(1.875 * length / speed, 0.4), parameters=parameters))
-        except ValueError:
-            continue  # too fast for the joints there: draw again
-    return tuple(family)
-
-
-def _line(center: tuple[float, float], step: tuple[float, float]) -> Line:
-    return Line((center[0] - step[0], center[1] - step[1]), (center[0] + step[0], center[1] + step[1]))
-
-
-def _plants(parameters: ArmParameters) -> DomainRandomisation:
+def _plants(arm: AnyArm) -> DomainRandomisation:
     return DomainRandomisation(
         mass=(0.9, 1.1),
         motor_inertia=(0.9, 1.1),
@@ -222,25 +153,30 @@ def _plants(parameters: ArmParameters) -> DomainRandomisation:
     )
 
 
-def _robust(parameters: ArmParameters) -> DomainRandomisation:
+def _robust(arm: AnyArm) -> DomainRandomisation:
     return dataclasses.replace(
-        _plants(parameters),
-        payload=(0.0, 5.0),
+        _plants(arm),
+        payload=(0.0, HEAVIEST * _mass(arm)),
         force=(0.0, 1.0),
         angle=(-0.01, 0.01),
-        references=reference_family(parameters),
+        references=reference_family(arm),
     )
 
 
+def _mass(arm: AnyArm) -> float:
+    """Return the mass of all links [kg]."""
+    return sum(arm.mass) if isinstance(arm, ArmParameters) else float(np.sum(arm.arrays.mass))
+
+
 # What is drawn, by name.
-RANDOMISATIONS: dict[str, Callable[[ArmParameters], DomainRandomisation]] = {
-    "nominal": lambda parameters: DomainRandomisation(),
+RANDOMISATIONS: dict[str, Callable[[AnyArm], DomainRandomisation]] = {
+    "nominal": lambda arm: DomainRandomisation(),
     "plants": _plants,
     "robust": _robust,
 }
 
 
-def find_randomisation(randomisation: str | DomainRandomisation, parameters: ArmParameters) -> DomainRandomisation:
+def find_randomisation(randomisation: str | DomainRandomisation, arm: AnyArm) -> DomainRandomisation:
     """Return the randomisation itself, or the named one for this arm; ValueError names the choices."""
     if isinstance(randomisation, DomainRandomisation):
         return randomisation
@@ -249,4 +185,4 @@ def find_randomisation(randomisation: str | DomainRandomisation, parameters: Arm
             f"unknown randomisation {checks.shown(randomisation)}; choose from: {', '.join(RANDOMISATIONS)}, "
             "or give a DomainRandomisation"
         )
-    return RANDOMISATIONS[randomisation](parameters)
+    return RANDOMISATIONS[randomisation](arm)

@@ -1,13 +1,14 @@
-"""The reference motion: a path of the tip, a quintic time law, and the inverse of the forward kinematics (26).
+"""What every reference offers, and that of the two-joint arm: a path of the tip, followed by inverse kinematics (26).
 
-    s(t) = 10 x³ - 15 x⁴ + 6 x⁵,  x = t/T;      p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇)
+    p(q) = p(s(t)),  q̇ = J⁻¹ ṗ,  q̈ = J⁻¹ (p̈ - J̇ q̇),  s(t) of `time_law`
 
-Section 6.1.3 of the paper; the values it does not print (start angle, direction, elbow) were found from its peak
-torques, see `paths.Circle`.
+References of other robots are in `tip_reference` and `spline_reference`. Section 6.1.3 of the paper; the values it does
+not print (start angle, direction, elbow) were found from its peak torques, see `paths.Circle`.
 """
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import math
 from typing import NamedTuple
@@ -19,13 +20,16 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle, TipPath
+from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law
 
 __all__ = [
     "CHECKED_INSTANTS",
     "SINGULARITY_MARGIN",
     "JointReference",
+    "Reference",
     "ReferenceSample",
     "TipSample",
+    "check_points",
     "joint_angles",
     "quintic_time_law",
 ]
@@ -33,14 +37,12 @@ __all__ = [
 # The whole path must keep |q2| in [margin, π - margin] rad: det J = L1 L2 sin q2 vanishes at 0 and π.
 SINGULARITY_MARGIN = 0.05
 
-SHORTEST, LONGEST = 1e-6, 1e6  # s, allowed durations
-
 # Instants, evenly spaced over the duration, at which a new reference is checked.
 CHECKED_INSTANTS = 2001
 
 
 class ReferenceSample(NamedTuple):
-    """Joint angles [rad], velocities [rad/s] and accelerations [rad/s²], each of shape (..., 2)."""
+    """Joint angles [rad], velocities [rad/s] and accelerations [rad/s²], each of shape (..., n) for n joints."""
 
     q: np.ndarray
     dq: np.ndarray
@@ -48,14 +50,52 @@ class ReferenceSample(NamedTuple):
 
 
 class TipSample(NamedTuple):
-    """Tip position [m] and velocity [m/s], each of shape (..., 2)."""
+    """Tip position [m] and velocity [m/s], each of shape (..., 2) in the plane of the two-joint arm, else (..., 3)."""
 
     position: np.ndarray
     velocity: np.ndarray
 
 
+class Reference(abc.ABC):
+    """A motion of the joints from rest to rest, twice differentiable, and where it brings the tip.
+
+    Every value depends on its own t alone. Before t = 0 and after t = T the arm rests at the ends.
+
+    Attributes:
+        duration: T [s].
+    """
+
+    duration: float
+
+    @property
+    @abc.abstractmethod
+    def joints(self) -> int:
+        """How many joints move: n."""
+
+    @property
+    def circle(self) -> tuple[np.ndarray, float] | None:
+        """Center (2,) or (3,) [m] and radius [m] of the curve of the tip; None where it is no circle."""
+        return None
+
+    @abc.abstractmethod
+    def sample(self, t: ArrayLike) -> ReferenceSample:
+        """Return q, q̇ and q̈, shapes (..., n), at times t [s] of shape (...,)."""
+
+    @abc.abstractmethod
+    def tip(self, t: ArrayLike) -> TipSample:
+        """Return position [m] and velocity [m/s] of the tip, shapes (..., 2) or (..., 3), at times t [s] (...)."""
+
+    @abc.abstractmethod
+    def normals(self, t: ArrayLike) -> np.ndarray:
+        """Return the unit normals (..., 2) or (..., 3) of the tip's curve, along which a deviation has its sign."""
+
+    @abc.abstractmethod
+    def corners(self) -> np.ndarray:
+        """Return the times [s] at which q̈ has a corner, ascending, the ends included."""
+
+
 @dataclasses.dataclass(frozen=True)
-class JointReference:
+class JointReference(Reference):
     """Joint motion q(t), q̇(t), q̈(t) that moves the tip along a path, from rest to rest; default: the paper's motion.
 
     All derivatives are analytic, and every value depends on its own t alone. Before t = 0 and after t = T the arm
@@ -98,7 +138,7 @@ class JointReference:
                 f"elbow_sign = {checks.shown(self.elbow_sign)} is out of range; allowed: 1 (q2 > 0) or -1 (q2 < 0)"
             )
         t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
-        _check_points(self.path, quintic_time_law(t, self.duration)[0])
+        check_points(self.path, quintic_time_law(t, self.duration)[0], 2)
         _check_reach(t, self.tip(t).position, self.parameters.length)
         motion = self.sample(t)
         _check_joint_limits(t, motion.q, self.parameters.joint_limit)
@@ -106,7 +146,7 @@ class JointReference:
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return q, q̇ = J⁻¹ ṗ and q̈ = J⁻¹ (p̈ - J̇ q̇), shapes (..., 2), at times t [s] of shape (...,)."""
-        position, velocity, acceleration = self._tip_motion(t)
+        position, velocity, acceleration = along(self.path, t, self.duration)
         length = self.parameters.length
         q = joint_angles(position, length, self.elbow_sign)
         jacobian = tip_jacobian(q, length)
@@ -117,37 +157,30 @@ class JointReference:
         centripetal = -np.stack([np.sum(pull * np.cos(phi), axis=-1), np.sum(pull * np.sin(phi), axis=-1)], axis=-1)
         return ReferenceSample(q, dq, _solve(jacobian, acceleration - centripetal))
 
+    @property
+    def joints(self) -> int:
+        """Two."""
+        return len(self.parameters.length)
+
+    @property
+    def circle(self) -> tuple[np.ndarray, float] | None:
+        """Center (2,) [m] and radius [m] of a `Circle`."""
+        return (np.array(self.path.center), self.path.radius) if isinstance(self.path, Circle) else None
+
     def tip(self, t: ArrayLike) -> TipSample:
         """Return position p(s(t)) [m] and velocity ṗ = p' ṡ [m/s], shapes (..., 2), at times t [s] of shape (...,)."""
-        position, velocity, _ = self._tip_motion(t)
+        position, velocity, _ = along(self.path, t, self.duration)
         return TipSample(position, velocity)
+
+    def normals(self, t: ArrayLike) -> np.ndarray:
+        """Return the left unit normals of the path, (..., 2)."""
+        _, derivative, _ = self.path.points(quintic_time_law(t, self.duration)[0])
+        length = np.hypot(derivative[..., 0], derivative[..., 1])[..., np.newaxis]
+        return np.stack([-derivative[..., 1], derivative[..., 0]], axis=-1) / length
 
     def corners(self) -> np.ndarray:
         """Return the times [s] at which q̈ has a corner, ascending: the ends, and where the path has one (`TipPath`)."""
-        from scipy.special import betaincinv
-
-        # s(x) of the time law is the regularised incomplete beta function I_x(3, 3).
-        inner = self.duration * betaincinv(3.0, 3.0, np.asarray(getattr(self.path, "corners", ()), dtype=float))
-        return np.unique([0.0, *inner, self.duration])
-
-    def _tip_motion(self, t: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return p, ṗ = p' ṡ and p̈ = p'' ṡ² + p' s̈."""
-        s, ds, dds = quintic_time_law(t, self.duration)
-        p, dp, ddp = self.path.points(s)
-        ds, dds = ds[..., np.newaxis], dds[..., np.newaxis]
-        return p, dp * ds, ddp * ds**2 + dp * dds
-
-
-def quintic_time_law(t: ArrayLike, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return s = 10 x³ - 15 x⁴ + 6 x⁵, ṡ [1/s] and s̈ [1/s²], x = t/duration clamped to [0, 1]; shapes as t [s].
-
-    ṡ and s̈ vanish at both ends and beyond; the largest ṡ is 1.875 / duration, half-way.
-    """
-    x = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0)
-    s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-    ds = 30.0 * (x * (1.0 - x)) ** 2 / duration
-    dds = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / duration**2
-    return s, ds, dds
+        return corner_times(getattr(self.path, "corners", ()), self.duration)
 
 
 def joint_angles(position: np.ndarray, length: tuple[float, float], elbow_sign: int) -> np.ndarray:
@@ -174,18 +207,16 @@ def _solve(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.solve(jacobian, right[..., np.newaxis])[..., 0]
 
 
-def _check_points(path: TipPath, s: np.ndarray) -> None:
-    """Raise unless a path gives three arrays of points, as `TipPath` says."""
+def check_points(path: TipPath, s: np.ndarray, size: int) -> None:
+    """Raise unless a path gives three arrays of points of `size` numbers, as `TipPath` says."""
     parts = path.points(s)
-    if not isinstance(parts, tuple | list) or len(parts) != 3:
-        raise TypeError(f"path.points(s) gave {checks.shown(parts)}; needed: p, dp/ds and d²p/ds²")
+    if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(isinstance(one, np.ndarray) for one in parts):
+        raise TypeError(f"path.points(s) gave {checks.shown(parts)}; needed: arrays of p, dp/ds and d²p/ds²")
     for name, part in zip(("p", "dp/ds", "d²p/ds²"), parts, strict=True):
-        if np.shape(part) != (*s.shape, 2):
-            raise ValueError(
-                f"path.points(s) gave shape {np.shape(part)} for {name} and s of shape {s.shape}; allowed: "
-                f"{(*s.shape, 2)}"
-            )
-        if np.asarray(part).dtype.kind not in "fiu":
+        if part.shape != (*s.shape, size):
+            found = f"shape {part.shape} for {name} and s of shape {s.shape}"
+            raise ValueError(f"path.points(s) gave {found}; allowed: {(*s.shape, size)}")
+        if part.dtype.kind not in "fiu":
             raise TypeError(f"path.points(s) gave {name} = {checks.shown(part)}; needed: real numbers [m]")
     if not all(np.isfinite(part).all() for part in parts[1:]):  # p is checked with the reach
         raise ValueError("path.points(s) gave derivatives that are not finite")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from fuzzyarm.envs.scenario.disturbances import Disturbance
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["Scenario"]
 
@@ -19,4 +19,4 @@ class Scenario(NamedTuple):
     """
 
     disturbance: Disturbance
-    reference: JointReference | None
+    reference: Reference | None

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.episodes.rollout import Rollout
 
 __all__ = ["METRICS", "Metric", "add_metric", "metrics_of"]
@@ -27,6 +28,7 @@ class Metric:
         description: what is computed, in one or more sentences.
         compute: the metric of a rollout [unit].
         reproducible: whether it is the same in every run; a wall time is not.
+        joint: number of the joint that it is about, counted from 1; 0 if of none.
     """
 
     name: str
@@ -34,14 +36,32 @@ class Metric:
     description: str
     compute: Callable[[Rollout], float]
     reproducible: bool = True
+    joint: int = 0
 
 
 _MOTOR_CIRCULARITY = (
     "The same with the motor angles, that is, as if the joints were rigid. It does not measure accuracy at the tip: a "
     "policy that brings the tip to the reference leads the motors millimetres beside it."
 )
-_TORQUE_PEAK, _TORQUE_RMS = "Largest motor torque of joint {}.", "Root mean square motor torque of joint {}."
 
+
+def _of_joint(joint: int) -> tuple[Metric, Metric]:
+    """Return the metrics of one joint, counted from 1."""
+
+    def peak(rollout: Rollout) -> float:
+        return float(np.abs(rollout.torque).max(axis=0)[joint - 1])
+
+    def rms(rollout: Rollout) -> float:
+        return float(np.sqrt(np.mean(rollout.torque**2, axis=0))[joint - 1])
+
+    described = f"Largest motor torque of joint {joint}.", f"Root mean square motor torque of joint {joint}."
+    return (
+        Metric(f"torque_peak_{joint}", "N m", described[0], peak, joint=joint),
+        Metric(f"torque_rms_{joint}", "N m", described[1], rms, joint=joint),
+    )
+
+
+(_PEAK_1, _RMS_1), (_PEAK_2, _RMS_2) = map(_of_joint, (1, 2))
 _ALL = (
     Metric(
         "tip_error_max_mm",
@@ -80,30 +100,31 @@ _ALL = (
     Metric(
         "joint_error_rms_mrad",
         "mrad",
-        "Root mean square of q_a - q_d over both joints: the error of a policy that leads the motors along the "
+        "Root mean square of q_a - q_d over all joints: the error of a policy that leads the motors along the "
         "reference, and no error of one that leads the tip.",
         lambda r: 1e3 * _rms(r.q_motor - r.q_reference),
     ),
-    Metric("torque_peak_1", "N m", _TORQUE_PEAK.format(1), lambda r: _peaks(r)[0]),
-    Metric("torque_peak_2", "N m", _TORQUE_PEAK.format(2), lambda r: _peaks(r)[1]),
-    Metric("torque_rms_1", "N m", _TORQUE_RMS.format(1), lambda r: _torque_rms(r)[0]),
-    Metric("torque_rms_2", "N m", _TORQUE_RMS.format(2), lambda r: _torque_rms(r)[1]),
+    _PEAK_1,
+    _PEAK_2,
+    _RMS_1,
+    _RMS_2,
     Metric(
         "torque_rate_rms",
         "N m/s",
-        "Root mean square of the change of torque from step to step over the control period, both joints.",
+        "Root mean square of the change of torque from step to step over the control period, all joints.",
         lambda r: _rms(np.diff(r.torque, axis=0) / r.control_period) if len(r.torque) > 1 else 0.0,
     ),
     Metric(
         "energy",
         "J",
-        "Absolute mechanical work of the motors, ∫ |Γ_1 q̇_a1| + |Γ_2 q̇_a2| dt.",
+        "Absolute mechanical work of the motors, ∫ |Γ_1 q̇_a1| + |Γ_2 q̇_a2| + ... dt.",
         lambda r: np.abs(r.torque * r.dq_motor).sum() * r.control_period,
     ),
     Metric(
         "domain_margin",
         "",
-        "Share of the joint box (25) left unused at the worst instant: 1 - max(|q|/limit, |q̇|/limit), both sides.",
+        "Share of the joint box (25) left unused at the worst instant: 1 - max(|q|/limit, |q̇|/limit), both sides; "
+        "angles are taken from the middle of their range.",
         lambda r: 1.0 - r.domain_use.max(),
     ),
     Metric("return", "", "Sum of rewards.", lambda r: r.reward.sum()),
@@ -128,8 +149,11 @@ def add_metric(metric: Metric) -> None:
 
 
 def metrics_of(rollout: Rollout) -> dict[str, float]:
-    """Return all `METRICS` of an episode by name."""
-    return {name: float(metric.compute(rollout)) for name, metric in METRICS.items()}
+    """Return all `METRICS` of an episode by name, and those of the joints that the paper's arm does not have."""
+    joints = rollout.torque.shape[-1]
+    metrics = [metric for metric in METRICS.values() if metric.joint <= joints]
+    metrics += [metric for joint in range(JOINTS + 1, joints + 1) for metric in _of_joint(joint)]
+    return {metric.name: float(metric.compute(rollout)) for metric in metrics}
 
 
 def _middle(rollout: Rollout) -> np.ndarray:
@@ -137,16 +161,6 @@ def _middle(rollout: Rollout) -> np.ndarray:
     time = rollout.time
     inside = (time > _FRINGE) & (time <= time[-1] - _FRINGE)
     return rollout.tip_error[inside] if inside.any() else rollout.tip_error
-
-
-def _peaks(rollout: Rollout) -> np.ndarray:
-    """Return the largest torque of each joint."""
-    return np.asarray(np.abs(rollout.torque).max(axis=0))
-
-
-def _torque_rms(rollout: Rollout) -> np.ndarray:
-    """Return the root mean square torque of each joint."""
-    return np.asarray(np.sqrt(np.mean(rollout.torque**2, axis=0)))
 
 
 def _rms(values: np.ndarray) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.eval.episodes.loop import Step, Timed, episodes
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
@@ -32,13 +32,13 @@ class Rollout:
         reason: why the episode terminated early, empty if it did not.
         step_time: median wall time of one `predict` call [s].
         time: (n,) [s].
-        tip, tip_reference: (n, 2) [m].
+        tip, tip_reference: (n, 2) [m]; of a robot other than the two-joint arm (n, 3).
         tip_error: (n,) distance of the two [m].
         circularity_error, circularity_error_motor: (n,), link side and motor side [m].
-        q_motor, dq_motor, q_link, dq_link: (n, 2) [rad, rad/s].
-        q_reference, dq_reference: (n, 2) [rad, rad/s].
-        torque, friction_torque: (n, 2) [N m].
-        external_force: (n, 2) [N].
+        q_motor, dq_motor, q_link, dq_link: (n, joints) [rad, rad/s].
+        q_reference, dq_reference: (n, joints) [rad, rad/s].
+        torque, friction_torque: (n, joints) [N m].
+        external_force: (n, 2) or (n, 3) [N].
         reward: (n,).
         domain_use: (n,), largest share of the joint box (25) in use, 1 at its border.
     """
@@ -93,7 +93,7 @@ class Signals:
         case: str,
         seed: int,
         control_period: float,
-        parameters: ArmParameters,
+        parameters: AnyArm,
         step_time: float = math.nan,
     ) -> Rollout:
         """Return the episode; arguments as the fields of `Rollout`, times [s]; `parameters` for the joints' limits."""
@@ -132,11 +132,13 @@ def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, cas
     )
 
 
-def _domain_use(signals: Mapping[str, np.ndarray], parameters: ArmParameters) -> np.ndarray:
+def _domain_use(signals: Mapping[str, np.ndarray], arm: AnyArm) -> np.ndarray:
     """Return the largest share of the joint box (25) in use, (n,)."""
+    low, high, velocity, _ = bounds_of(arm)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
     shares = [
-        np.abs(signals[f"{quantity}_{side}"]) / limit
+        np.abs(signals[f"{quantity}_{side}"] - center) / limit
         for side in ("motor", "link")
-        for quantity, limit in (("q", parameters.joint_limit), ("dq", parameters.velocity_limit))
+        for quantity, center, limit in (("q", middle, half), ("dq", 0.0, velocity))
     ]
     return np.asarray(np.concatenate(shares, axis=1).max(axis=1))

@@ -29,6 +29,8 @@ _SINGLE = {
     "reason": "U",
     "step_time": "f",
 }
+_POINTS = ("tip", "tip_reference", "external_force")
+_LARGEST = 1e60  # whose powers are numbers
 _ONE_NUMBER = ("time", "tip_error", "circularity_error", "circularity_error_motor", "reward", "domain_use")
 
 
@@ -74,13 +76,15 @@ def read_rollouts(path: Path) -> list[Rollout]:
 
 def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
     """Return a rollout whose fields are of the types and shapes that `Rollout` says; ValueError otherwise."""
-    steps = len(np.atleast_1d(arrays["time"]))
+    steps, joints = len(np.atleast_1d(arrays["time"])), arrays["torque"].shape[-1] if arrays["torque"].ndim else 0
+    axes = arrays["tip"].shape[-1] if arrays["tip"].shape[-1:] in ((2,), (3,)) else 2
     values: dict[str, Any] = {}
     for name, array in arrays.items():
-        kind, shape = _SINGLE.get(name, "f"), () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, 2)
+        kind, row = _SINGLE.get(name, "f"), axes if name in _POINTS else joints
+        shape = () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, row)
         if array.dtype.kind != kind or array.shape != shape or steps == 0:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
-        if kind == "f" and name != "step_time" and not np.isfinite(array).all():
-            raise ValueError(f"{name} is not finite")
+        if kind == "f" and name != "step_time" and not (np.abs(array) <= _LARGEST).all():
+            raise ValueError(f"{name} is not finite, or beyond {_LARGEST:g}")
         values[name] = array.item() if name in _SINGLE else array
     return Rollout(**values)

@@ -22,7 +22,8 @@ from matplotlib.lines import Line2D
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.evaluation.panels import OVERVIEW, TIME_FIGURES, Panel
+from fuzzyarm.eval.evaluation.panels import OVERVIEW, Panel, time_figures
+from fuzzyarm.eval.evaluation.views import view_of
 
 __all__ = [
     "BAND",
@@ -61,18 +62,26 @@ REFERENCE: Mapping[str, Any] = {"label": "reference", "color": "black", "linewid
 # Over time the reference is a wide band below the curves: a line would hide the curves or be hidden by them.
 BAND: Mapping[str, Any] = {"label": "reference", "color": "#CCCCCC", "linewidth": 4.0, "zorder": 1.9}
 
+_IN_PLANE = ("x, down", "y, to the side")
+
 Styles = Mapping[str, Mapping[str, Any]]
 Columns = Mapping[str, Sequence[Rollout]]
 Limits = tuple[float, float]
 
 
-def write_figures(rollouts: Sequence[Rollout], folder: Path, progress: Callable[[], None] | None = None) -> list[Path]:
+def write_figures(
+    rollouts: Sequence[Rollout],
+    folder: Path,
+    progress: Callable[[], None] | None = None,
+    titles: Mapping[str, str] | None = None,
+) -> list[Path]:
     """Write every figure of `draw_figures` as ``<name>.png`` and ``<name>.svg``.
 
     Args:
         rollouts: episodes of any cases and policies.
         folder: where to, an existing folder; files of the same names are replaced.
         progress: called after each figure.
+        titles: by name of the case; None: those of the two-joint arm.
 
     Returns:
         the paths, in the order of writing.
@@ -83,7 +92,7 @@ def write_figures(rollouts: Sequence[Rollout], folder: Path, progress: Callable[
     """
     paths = []
     with _style():
-        for name, figure in draw_figures(rollouts).items():
+        for name, figure in draw_figures(rollouts, titles).items():
             figure.draw_without_rendering()
             figure.set_layout_engine("none")  # laid out once, for both formats
             for path, metadata in ((folder / f"{name}.png", {}), (folder / f"{name}.svg", {"Date": None})):
@@ -96,14 +105,18 @@ def write_figures(rollouts: Sequence[Rollout], folder: Path, progress: Callable[
     return paths
 
 
-def draw_figures(rollouts: Sequence[Rollout]) -> dict[str, Figure]:
-    """Return every figure by its name, ``<case>-<figure>`` or ``overview``; with several seeds the first is drawn."""
+def draw_figures(rollouts: Sequence[Rollout], titles: Mapping[str, str] | None = None) -> dict[str, Figure]:
+    """Return every figure by its name, ``<case>-<figure>`` or ``overview``; with several seeds the first is drawn.
+
+    `titles` as for `write_figures`.
+    """
     if not rollouts:
         raise ValueError("no rollouts to draw: run at least one episode first")
     first: dict[str, dict[str, Rollout]] = {}
     for rollout in rollouts:
         first.setdefault(rollout.case, {}).setdefault(rollout.policy, rollout)
-    titles = {case: CASES[case].title if case in CASES else case for case in first}
+    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
+    titles = {case: known.get(case, case) for case in first}
     columns = {titles[case]: list(by_policy.values()) for case, by_policy in first.items()}
     figures = {}
     with _style():
@@ -113,7 +126,7 @@ def draw_figures(rollouts: Sequence[Rollout]) -> dict[str, Figure]:
             figures[f"{case}-path"] = _path_figure(title, episodes, styles)
             if any(episode.external_force.any() for episode in episodes):
                 figures[f"{case}-force"] = _force_figure(title, _longest(episodes))
-            for name, panels in TIME_FIGURES.items():
+            for name, panels in time_figures(episodes[0].torque.shape[-1]).items():
                 figures[f"{case}-{name}"] = _time_figure({title: episodes}, panels, styles)
         figures["overview"] = _time_figure(columns, OVERVIEW, styles)
     return figures
@@ -197,14 +210,15 @@ def _draw_panel(axes: Axes, panel: Panel, episodes: Sequence[Rollout], styles: S
 
 
 def _path_figure(title: str, episodes: Sequence[Rollout], styles: Styles) -> Figure:
-    """Return the plane of the arm, y to the right and x down: r and, for each policy, r + factor (p - r)."""
+    """Return the path of the tip, see `views`: r and, for each policy, r + factor (p - r)."""
     figure = Figure(figsize=(6.0, 6.0))
     axes = figure.subplots()
-    reference = _longest(episodes).tip_reference
+    view = view_of(_longest(episodes).tip_reference)
+    reference = view.of(_longest(episodes).tip_reference)
     room = ROOM * float(np.ptp(reference, axis=0).max()) or 1.0
     best = min(float(episode.tip_error.max()) for episode in _finished(episodes))
     factor = next((factor for factor in MAGNIFICATIONS if factor * best <= room), 1)
-    drawn = [e.tip_reference + factor * (e.tip - e.tip_reference) for e in episodes]
+    drawn = [view.of(e.tip_reference + factor * (e.tip - e.tip_reference)) for e in episodes]
     points = np.concatenate([reference, *drawn])
     low = np.maximum(points.min(axis=0), reference.min(axis=0) - room) - 0.1 * room
     high = np.minimum(points.max(axis=0), reference.max(axis=0) + room) + 0.1 * room
@@ -221,7 +235,10 @@ def _path_figure(title: str, episodes: Sequence[Rollout], styles: Styles) -> Fig
     arrow = {"arrowstyle": "-|>", "color": "black", "mutation_scale": 15, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (y_ahead, x_ahead), (y, x), arrowprops=arrow)  # the direction of motion
     axes.set(xlim=(low[1], high[1]), ylim=(high[0], low[0]), aspect="equal")
-    axes.set(xlabel="y, to the side [m]", ylabel="x, down [m]", title=f"{title}, tip deviation × {factor}")
+    if view.upwards:
+        axes.yaxis.set_major_formatter(lambda value, _: f"{-value:.4g}")
+    vertical, side = view.labels
+    axes.set(xlabel=side, ylabel=vertical, title=f"{title}, tip deviation × {factor}")
     _legend(figure, episodes, styles, [Line2D([], [], **REFERENCE)])
     return figure
 
@@ -230,10 +247,12 @@ def _force_figure(title: str, episode: Rollout) -> Figure:
     """Return the components of the external force; it is the case's, the same for every policy."""
     figure = Figure(figsize=(6.6, 2.9))
     axes = figure.subplots()
-    axes.plot(episode.time, episode.external_force[:, 0], color="black", linestyle="-", label="x, down")
-    axes.plot(episode.time, episode.external_force[:, 1], color="#666666", linestyle=DASHES[1], label="y, to the side")
+    force, colors = episode.external_force.T, ("black", "#666666", "#AAAAAA")
+    names = _IN_PLANE if len(force) == len(_IN_PLANE) else ("x", "y", "z")
+    for component, name, color, dashes in zip(force, names, colors, DASHES, strict=False):
+        axes.plot(episode.time, component, color=color, linestyle=dashes, label=name)
     axes.set(xlabel="time [s]", ylabel="external force [N]", title=title)
-    figure.legend(loc="outside lower center", ncols=2)
+    figure.legend(loc="outside lower center", ncols=len(names))
     return figure
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import numpy as np
 
 from fuzzyarm.eval.episodes.rollout import Rollout
 
-__all__ = ["OVERVIEW", "TIME_FIGURES", "Panel"]
+__all__ = ["OVERVIEW", "Panel", "time_figures"]
 
 Signal = Callable[[Rollout], np.ndarray]
 
@@ -39,28 +40,28 @@ class Panel:
 
 
 _CIRCULARITY = Panel("circularity error", "mm", lambda r: 1e3 * r.circularity_error, is_error=True)
-TIME_FIGURES: dict[str, tuple[Panel, ...]] = {
-    "circularity": (
-        _CIRCULARITY,
-        # Not an error panel: a policy that brings the tip to the circle leads the motors beside it.
-        Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor),
-    ),
-    "torque": (
-        Panel("motor torque,\njoint 1", "N m", lambda r: r.torque[:, 0], scale="joint 1"),
-        Panel("motor torque,\njoint 2", "N m", lambda r: r.torque[:, 1], scale="joint 2"),
-    ),
-    "velocity": (
-        Panel("motor velocity,\njoint 1", "rad/s", lambda r: r.dq_motor[:, 0], target=lambda r: r.dq_reference[:, 0]),
-        Panel("motor velocity,\njoint 2", "rad/s", lambda r: r.dq_motor[:, 1], target=lambda r: r.dq_reference[:, 1]),
-    ),
-    "motor-position": (
-        Panel("motor angle less\nq_d, joint 1", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 0]),
-        Panel("motor angle less\nq_d, joint 2", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, 1]),
-    ),
-    "friction": (
-        Panel("friction torque,\njoint 1", "N m", lambda r: r.friction_torque[:, 0], scale="joint 1"),
-        Panel("friction torque,\njoint 2", "N m", lambda r: r.friction_torque[:, 1], scale="joint 2"),
-    ),
-}
+_MOTOR_CIRCULARITY = Panel("motors' circularity,\nas if rigid", "mm", lambda r: 1e3 * r.circularity_error_motor)
+# Not an error panel: a policy that brings the tip to the circle leads the motors beside it.
+
+
+@functools.cache
+def time_figures(joints: int) -> dict[str, tuple[Panel, ...]]:
+    """Return the panels of each figure over time, by its name, for an arm of so many joints."""
+    each = [_of_joint(joint) for joint in range(joints)]
+    names = ("torque", "velocity", "motor-position", "friction")
+    return {"circularity": (_CIRCULARITY, _MOTOR_CIRCULARITY)} | dict(zip(names, zip(*each, strict=True), strict=True))
+
+
+def _of_joint(k: int) -> tuple[Panel, Panel, Panel, Panel]:
+    """Return the panels of one joint: torque, velocity, motor angle and friction."""
+    name = f"joint {k + 1}"
+    return (
+        Panel(f"motor torque,\n{name}", "N m", lambda r: r.torque[:, k], scale=name),
+        Panel(f"motor velocity,\n{name}", "rad/s", lambda r: r.dq_motor[:, k], target=lambda r: r.dq_reference[:, k]),
+        Panel(f"motor angle less\nq_d, {name}", "mrad", lambda r: 1e3 * (r.q_motor - r.q_reference)[:, k]),
+        Panel(f"friction torque,\n{name}", "N m", lambda r: r.friction_torque[:, k], scale=name),
+    )
+
+
 # The panels of the overview, one column for each case.
 OVERVIEW = (Panel("tip error", "mm", lambda r: 1e3 * r.tip_error, scale="tip", log=True), _CIRCULARITY)

@@ -115,6 +115,7 @@ def _conditions(results: Results) -> dict[str, Any]:
         "number of seeds": config.seeds,
         "encoder noise": config.encoder_noise,
         "control period": config.control_period,
+        "robot": "the two-joint arm" if config.robot is None else f"{config.robot.name} {config.robot.digest[:12]}",
         **{f"{field} of the arm": value for field, value in config.parameters.to_dict().items()},
     }
 

@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from fuzzyarm.common.checks import listed
 from fuzzyarm.common.console import print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.eval.episodes.metrics import METRICS
@@ -125,10 +126,10 @@ def _check_files(results: Results, names: Sequence[str]) -> None:
         return
     for label, spec in resolve_all(names, run_code=True).items():
         then, now = results.policy_files[label], spec.files()
-        changed = sorted(file for file in then.keys() | now.keys() if then.get(file) != now.get(file))
+        changed = {file for file in then.keys() | now.keys() if then.get(file) != now.get(file)}
         if changed and now:  # an unknown policy has no files; the error of `evaluate` says more
             raise ValueError(
-                f"policy {spec.name} is not the one that was measured: {', '.join(changed)} has another content "
+                f"policy {spec.name} is not the one that was measured: {listed(changed)} has another content "
                 f"(SHA-256) than {results.path} records; put the old file back, name it with --policy PATH, "
                 "or evaluate anew"
             )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
 
@@ -17,12 +17,14 @@ __all__ = ["COLUMNS", "markdown_table", "print_results", "table_rows"]
 
 _DISPENSABLE = (7, 6, 5, 4, 2)
 """Columns of the table, with the policy as number 0, that a narrow terminal does without, in this order."""
+_PEAKS = ("torque_peak_1", "torque_peak_2")
+"""Stands for those of all joints."""
 COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("tip error max [mm]", ("tip_error_max_mm",), "{:#.3g}"),
     ("max but for 0.1 s at the ends [mm]", ("tip_error_max_mid_mm",), "{:#.3g}"),
     ("rms [mm]", ("tip_error_rms_mm",), "{:#.3g}"),
     ("tip circularity [mm]", ("circularity_link_min_mm", "circularity_link_max_mm"), "{:+#.3g}"),
-    ("peak torque [N m]", ("torque_peak_1", "torque_peak_2"), "{:.0f}"),
+    ("peak torque [N m]", _PEAKS, "{:.0f}"),
     ("work [J]", ("energy",), "{:.0f}"),
     ("predict [µs]", ("predict_us",), "{:.1f}"),
 )
@@ -30,8 +32,14 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
 where the tip is."""
 
 
-def table_rows(rows: Sequence[dict[str, Any]]) -> list[tuple[str, str, list[str]]]:
-    """Return (case title, policy, cells) for each policy in each case; over several seeds medians with ranges."""
+def table_rows(
+    rows: Sequence[dict[str, Any]], titles: Mapping[str, str] | None = None
+) -> list[tuple[str, str, list[str]]]:
+    """Return (case title, policy, cells) for each policy in each case; over several seeds medians with ranges.
+
+    `titles` by name of the case; None: those of the two-joint arm.
+    """
+    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["case"], row["policy"]), []).append(row)
@@ -39,12 +47,14 @@ def table_rows(rows: Sequence[dict[str, Any]]) -> list[tuple[str, str, list[str]
     for (case, policy), runs in groups.items():
         ended = sum(not run["completed"] for run in runs)
         note = f" (ended early in {ended} of {len(runs)})" if ended else ""
-        result.append((CASES[case].title, policy + note, [_cell(runs, keys, form) for _, keys, form in COLUMNS]))
+        result.append((known[case], policy + note, [_cell(runs, keys, form) for _, keys, form in COLUMNS]))
     return result
 
 
 def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> str:
     parts = []
+    if keys == _PEAKS:
+        keys = tuple(key for key in runs[0] if key.startswith("torque_peak_"))
     for key in keys:
         values = [run[key] for run in runs]
         text = form.format(median(values))
@@ -54,11 +64,11 @@ def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> s
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
 
 
-def print_results(rows: Sequence[dict[str, Any]], console: Console) -> None:
+def print_results(rows: Sequence[dict[str, Any]], console: Console, titles: Mapping[str, str] | None = None) -> None:
     """Print the table, the policies of each case below its title, and what a narrow terminal leaves out of it."""
     table = new_table(["policy", *(heading for heading, _, _ in COLUMNS)], console=console)
     last = None
-    for case, policy, cells in table_rows(rows):
+    for case, policy, cells in table_rows(rows, titles):
         if case != last:
             table.add_section()
             table.add_row(Text(case, style="bold"))

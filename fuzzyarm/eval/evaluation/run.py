@@ -14,19 +14,24 @@ from fuzzyarm.common.checks import distinct, instance, reals, whole
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import checked_period
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
+from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, case_for, find_case
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
-from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.policies import COMPARED, recorded, resolve_all
+from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 
-__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
+__all__ = ["ANY_ROBOT", "SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
+
+ANY_ROBOT = ("computed-torque", "computed-torque-tip", "elastic-observer")
+"""Policies that are compared on a robot other than the two-joint arm, if none are named."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +44,8 @@ class EvaluationConfig:
         seeds: number of episodes of each policy in each case, seeded 0, 1, ...
         encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
         control_period: time between two actions [s].
-        parameters: the arm, for the plant and for the policies' models.
+        parameters: the two-joint arm, for the plant and for the policies' models.
+        robot: another robot in its place.
     """
 
     policies: tuple[str, ...] = COMPARED
@@ -48,6 +54,7 @@ class EvaluationConfig:
     encoder_noise: tuple[float, float] = (0.0, 0.0)
     control_period: float = 1e-3
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
+    robot: Robot | None = None
 
     def __post_init__(self) -> None:
         """Check names and numbers before anything runs."""
@@ -59,10 +66,22 @@ class EvaluationConfig:
         EncoderNoise(*reals("encoder_noise", self.encoder_noise, 2))
         checked_period("control_period", self.control_period)
         instance("parameters", self.parameters, ArmParameters)
+        if self.robot is not None:
+            instance("robot", self.robot, Robot)
         if self.seeds > 1 and not any(self.encoder_noise):
             raise ValueError(
                 f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"
             )
+
+    @property
+    def arm(self) -> AnyArm:
+        """The robot, or the two-joint arm."""
+        return self.parameters if self.robot is None else self.robot
+
+    @property
+    def titles(self) -> dict[str, str]:
+        """The titles of the cases by name, with the loads for this arm."""
+        return {case: case_for(case, self.arm).title for case in self.cases}
 
     def command(self) -> str | None:
         """Return the command line of this configuration; None for an arm or control period that no option names.
@@ -73,6 +92,10 @@ class EvaluationConfig:
         if (self.parameters, self.control_period) != (default.parameters, default.control_period):
             return None
         words = ["fuzzyarm", "evaluate"]
+        if self.robot is not None:
+            if self.robot.name not in shipped_robots() or self.robot != robot_named(self.robot.name):
+                return None
+            words += ["--robot", self.robot.name]
         if self.policies != default.policies:
             words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
         if self.cases != default.cases:
@@ -109,6 +132,8 @@ class Evaluation:
             "policies": tuple(map(recorded, self.config.policies)),
             "parameters": self.config.parameters.to_dict(),
         }
+        if self.config.robot is None:
+            del config["robot"]
         return {
             "schema": SCHEMA,
             "config": config,
@@ -128,15 +153,17 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         OSError: a controller file cannot be read.
     """
     specs = resolve_all(config.policies, run_code=True)
-    policies = {label: spec.load(config.control_period, config.parameters) for label, spec in specs.items()}
-    reference = JointReference(parameters=config.parameters)
+    arm: Any = config.arm
+    policies = {label: _loaded(spec, config, label) for label, spec in specs.items()}
+    reference: Any = default_reference(arm)
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts = []
     for case in config.cases:
         env = FuzzyArmEnv(
-            disturbance=dataclasses.replace(find_case(case).disturbance, encoder_noise=noise),
+            disturbance=dataclasses.replace(case_for(case, config.arm).disturbance, encoder_noise=noise),
             reference=reference,
-            parameters=config.parameters,
+            parameters=config.parameters if config.robot is None else None,
+            robot=config.robot,
             control_period=config.control_period,
         )
         for name, policy in policies.items():
@@ -162,6 +189,20 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with)
+
+
+def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
+    """Return a policy for the arm of a configuration; ValueError if it knows no robot but the two-joint arm."""
+    arm: Any = config.arm
+    try:
+        return spec.load(config.control_period, arm)
+    except TypeError as error:
+        if config.robot is None:
+            raise
+        raise ValueError(
+            f"policy {label} knows the two-joint arm alone, not {config.robot.name}: leave it out, or evaluate without "
+            "a robot"
+        ) from error
 
 
 def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:

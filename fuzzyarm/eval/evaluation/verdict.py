@@ -17,7 +17,11 @@ _FEW = 3  # policies that a line names; of more it says how many
 
 
 def verdict(
-    rows: Sequence[Mapping[str, Any]], certificates: Mapping[str, str | None], folder: Path, files: int
+    rows: Sequence[Mapping[str, Any]],
+    certificates: Mapping[str, str | None],
+    folder: Path,
+    files: int,
+    titles: Mapping[str, str] | None = None,
 ) -> list[str]:
     """Return a line for each case, one about certificates and one about the next command.
 
@@ -29,17 +33,17 @@ def verdict(
         certificates: by policy, in words; None without one.
         folder: that the evaluation was written to.
         files: how many files.
+        titles: by name of the case; None: those of the two-joint arm.
     """
+    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     cases = dict.fromkeys(row["case"] for row in rows)
-    lines = [_won([row for row in rows if row["case"] == case]) for case in cases]
+    lines = [_won([row for row in rows if row["case"] == case], known.get(case, case)) for case in cases]
     there = shlex.quote(str(folder))
     return [*lines, _proven(certificates), f"{files} files in {there}; next: fuzzyarm report {there}"]
 
 
-def _won(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return who won a case, given its rows."""
-    case = rows[0]["case"]
-    title = CASES[case].title if case in CASES else case
+def _won(rows: Sequence[Mapping[str, Any]], title: str) -> str:
+    """Return who won a case, given its rows and title."""
     lost = {row["policy"] for row in rows if not row["completed"] or row["tip_error_max_mm"] > LOST}
     errors = {
         policy: median(row["tip_error_rms_mm"] for row in rows if row["policy"] == policy)

@@ -22,9 +22,11 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS, SIZE, START
 from fuzzyarm.envs.periods import default_substeps
-from fuzzyarm.envs.physics.dynamics import Payload, State, arm_constants
-from fuzzyarm.envs.physics.integrator import hold
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
+from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import State, size
+from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability.local_loop import GainLimits, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.policy import Predictor
@@ -48,7 +50,7 @@ _NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-9  # the tolerance: change of a state 
 _NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is that of another posture
 
 # A point is the plant's state, ordered as `State`, and the policy's memory; the law maps it to torque and next memory.
-_STATES = len(State._fields)
+_STATES = size(State)
 _PLANT, _MEMORY = slice(_STATES), slice(_STATES, None)
 _Q_MOTOR, _DQ_MOTOR = slice(JOINTS), slice(_STATES // 2, _STATES // 2 + JOINTS)
 _TORQUE, _NEXT_MEMORY = slice(JOINTS), slice(JOINTS, None)
@@ -228,9 +230,9 @@ class _FrozenArm:
     def _move(self, duration: float, plant_and_torque: np.ndarray) -> np.ndarray:
         """Return the plant states `duration` [s] later, (lanes, states)."""
         state, torque = np.split(plant_and_torque.T.copy(), [_STATES])
-        arm, no_force = np.tile(self.arm, state.shape[1]), np.zeros((4, state.shape[1]))  # see `hold`
+        arm, no_force = np.tile(self.arm, state.shape[1]), np.zeros((4, state.shape[1]))  # see `hold_of`
         substeps = default_substeps(duration)
-        hold(state, torque, no_force, arm, duration / substeps, substeps)
+        hold_of(two_joints())(state, torque, no_force, arm, duration / substeps, substeps)
         return np.transpose(state)
 
 

@@ -120,8 +120,11 @@ class SweepConfig:
         choice("distribution", self.distribution, DISTRIBUTIONS)
         object.__setattr__(self, "ranges", _tuples("ranges", self.ranges, QuantityRange))
         object.__setattr__(self, "grid", _tuples("grid", self.grid, Axis))
-        for name in (*(axis.quantity for axis in self.grid), *(changed.quantity for changed in self.ranges)):
-            choice("quantity", name, QUANTITIES)
+        for field in ("ranges", "grid"):
+            for row in getattr(self, field):
+                choice(f"{field}: quantity", row.quantity, QUANTITIES)
+                real(f"{field}: low of {row.quantity}", row.low)
+                real(f"{field}: high of {row.quantity}", row.high)
         self._check_grid()
         self._check_map()
         self._check_variety()

@@ -25,7 +25,7 @@ class Quantity(NamedTuple):
         label: what it is called on an axis.
         unit: of its values.
         nominal: the value that changes nothing.
-        arm_fields: fields of `ArmParameters` that it is a factor of, as in `randomisation.varied`; empty for a
+        arm_fields: fields of `ArmParameters` that it is a factor of, as in `Physics.varied`; empty for a
             quantity that is no property of the arm.
         highest: largest value allowed, where `DomainRandomisation` does not say it.
     """

@@ -27,10 +27,11 @@ from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.dynamics import Arm, State, arm_constants, arm_in, gravity_torque
+from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, arm_in, gravity_torque
 from fuzzyarm.envs.physics.elementwise import sine_cosine
-from fuzzyarm.envs.physics.integrator import kick_twice
+from fuzzyarm.envs.physics.integrator import drifted, kick_twice
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint, State, in_columns, reader, writer
 from fuzzyarm.fuzzy_policy.laws import elastic_target
 from fuzzyarm.fuzzy_policy.laws.elastic_target import TARGET, TARGET_SIZE, ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
@@ -48,6 +49,8 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 __all__ = ["ElasticObserverPolicy"]
 
 _TARGET_PART, _STARTED, _PREDICTED = consecutive(elastic_target.MEMORY_SIZE, 1, ESTIMATES)  # of a lane's memory
+
+_read_state, _write_state = reader(State, in_columns), writer(State, in_columns)
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
@@ -158,13 +161,10 @@ def _observe_and_act(
                 torque[lane, i] -= gain * error[k]
         applied1 = min(max(torque[lane, 0], -torque_limit[0]), torque_limit[0])
         applied2 = min(max(torque[lane, 1], -torque_limit[1]), torque_limit[1])
-        q, link, dq, dlink = estimate.q_motor, estimate.q_link, estimate.dq_motor, estimate.dq_link
-        positions = (q[lane, 0], q[lane, 1], link[lane, 0], link[lane, 1])
-        state = State(*positions, dq[lane, 0], dq[lane, 1], dlink[lane, 0], dlink[lane, 1])
+        state, load = _read_state(predicted, lane), PerJoint(estimate.load[lane, 0], estimate.load[lane, 1])
         for _ in range(substeps):
-            state = _loaded_step(state, applied1, applied2, estimate.load[lane, 0], estimate.load[lane, 1], arm, h)
-        for i in range(STATES):
-            predicted[lane, i] = state[i]
+            state = _loaded_step(state, PerJoint(applied1, applied2), load, arm, h)
+        _write_state(predicted, lane, state)
 
 
 @register_jitable
@@ -201,16 +201,14 @@ def _begin(lane: int, q: np.ndarray, dq: np.ndarray, predicted: np.ndarray, arm:
 
 
 @register_jitable
-def _loaded_step(state: State, torque1: float, torque2: float, load1: float, load2: float, arm: Arm, h: float) -> State:
+def _loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: float) -> State:
     """Do what `integrator.step` does, with torques [N m] on the links in place of a tip force."""
     half = 0.5 * h
-    motor1, motor2 = state.motor1 + half * state.motor_velocity1, state.motor2 + half * state.motor_velocity2
-    link1, link2 = state.link1 + half * state.link_velocity1, state.link2 + half * state.link_velocity2
-    sin1, cos1 = sine_cosine(link1)
-    sin2, cos2 = sine_cosine(link2)
+    motor, link = drifted(state.motor, state.motor_velocity, half), drifted(state.link, state.link_velocity, half)
+    sin1, cos1 = sine_cosine(link.joint1)
+    sin2, cos2 = sine_cosine(link.joint2)
     gravity1, gravity2 = gravity_torque(sin1, sin1 * cos2 + cos1 * sin2, arm)
-    outer1, outer2 = load1 - gravity1, load2 - gravity2
-    velocities = (state.motor_velocity1, state.motor_velocity2, state.link_velocity1, state.link_velocity2)
-    middle = State(motor1, motor2, link1, link2, *velocities)
-    after: State = kick_twice(state, middle, torque1, torque2, outer1, outer2, sin2, cos2, arm, h)
+    outer = PerJoint(load.joint1 - gravity1, load.joint2 - gravity2)
+    middle = State(motor, link, state.motor_velocity, state.link_velocity)
+    after: State = kick_twice(state, middle, torque, outer, sin2, cos2, arm, h)
     return after

@@ -224,7 +224,8 @@ def _arguments(config: PPOConfig) -> dict[str, Any]:
     same = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef", "vf_coef", "seed")
     return {
         **{name: getattr(config, name) for name in (*same, "max_grad_norm")},
-        "learning_rate": lambda remaining: last + (first - last) * remaining,  # of the training, from 1 to 0
+        # `remaining` of the training falls from 1 to 0, and below in the last update, which may go past the end.
+        "learning_rate": lambda remaining: max(last + (first - last) * remaining, 0.0),
         "target_kl": config.target_kl or None,
         "policy_kwargs": {
             "net_arch": {"pi": widths, "vf": widths},

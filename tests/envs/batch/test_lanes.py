@@ -9,11 +9,10 @@ import sys
 
 import numpy as np
 import pytest
+from support.two_joints import KERNELS, split
 
-from fuzzyarm.envs.batch import kernels
-from fuzzyarm.envs.batch.beginning import begin
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, split
+from fuzzyarm.envs.batch.layout import SCALARS, VECTORS
 from fuzzyarm.envs.batch.tables import distinct
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -293,14 +292,14 @@ def test_lanes_with_the_same_scenario_share_its_table():
             substeps=SUBSTEPS,
             randomisation=DomainRandomisation(mass=(0.9, 1.1)),
         )
-        assert lanes._tables.table.shape == (rows, 19)
+        assert lanes._assigned.tables.table.shape == (rows, 19)
         assert [lanes.schedule(k)[0] for k in range(9)] == [own[k % len(own)][1] for k in range(9)]
 
 
 def test_a_family_is_tabulated_once_per_disturbance():
     own = [(DISTURBANCES[k % 2], None) for k in range(20)]
     lanes = Lanes([TABLE_1], own, 20, control_period=PERIOD, substeps=SUBSTEPS, randomisation=ALL_VARY)
-    assert lanes._tables.table.shape == (2 * 4 * 101, 19)
+    assert lanes._assigned.tables.table.shape == (2 * 4 * 101, 19)
     lanes.reset(range(20))
     for lane in range(20):
         reference, episode = lanes.schedule(lane)
@@ -365,11 +364,10 @@ def test_a_copy_in_the_middle_of_an_episode_goes_on_bit_for_bit(duplicate, rando
 ELSEWHERE = """
 import pickle, sys
 import numpy as np
-from fuzzyarm.envs.batch import kernels
 env = pickle.loads(sys.stdin.buffer.read())
 for action in (np.array([80, 20]), np.array([80.5, 20.0], np.float32), np.array([-1.25, 0.5])):
     print(env.step(action)[0].tolist(), file=sys.stderr)
-print(hasattr(kernels.advance_one, "signatures"))
+print(hasattr(env._kernels.advance_one, "signatures"))
 """
 
 
@@ -406,8 +404,8 @@ def test_copies_of_a_batch_with_threads_go_on_bit_for_bit():
 
 def assert_compiled_once():
     """No kernel has been compiled for a second kind of arguments; that of the single arm is machine code by now."""
-    assert len(begin.signatures) == 1 and len(kernels.advance.signatures) <= 1
-    assert not hasattr(kernels.advance_one, "signatures")
+    assert len(KERNELS.begin.signatures) == 1 and len(KERNELS.advance.signatures) <= 1
+    assert not hasattr(KERNELS.advance_one, "signatures")
 
 
 def read_only(torque):

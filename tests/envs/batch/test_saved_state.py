@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from support.two_joints import LAYOUT
 
-from fuzzyarm.envs.batch.layout import CLOCK, Lane
+from fuzzyarm.envs.batch.layout import CLOCK
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, draw, key_before
 from fuzzyarm.envs.physics.records import columns
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
@@ -83,7 +84,7 @@ def test_a_state_is_a_dictionary(envs, state):
 def test_a_thousand_random_changes_are_refused_or_harmless(envs):
     generator = np.random.default_rng(0)
     good = envs.get_state()
-    own_state = columns(Lane).state
+    own_state = columns(LAYOUT.Lane).state
     refused = 0
     for _ in range(1000):
         state = {name: array.copy() for name, array in good.items()}

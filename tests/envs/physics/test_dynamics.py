@@ -3,11 +3,11 @@
 import mujoco
 import numpy as np
 import pytest
+from support.two_joints import state_of
 
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
     Payload,
-    State,
     arm_constants,
     coriolis_torque,
     gravity_torque,
@@ -226,7 +226,7 @@ def test_carried_point_mass_weighs_m_g_along_x_at_the_tip():
 
 def test_joint_torque_is_a_spring_and_a_damper():
     arm = ArmParameters()
-    state = State(0.3, -0.2, 0.1, 0.5, 1.0, 2.0, -3.0, 4.0)
+    state = state_of([0.3, -0.2, 0.1, 0.5, 1.0, 2.0, -3.0, 4.0])
     expected = (6.4e4 * (0.3 - 0.1) + 20.4 * (1.0 + 3.0), 1.2e4 * (-0.2 - 0.5) + 3.8 * (2.0 - 4.0))
     np.testing.assert_allclose(joint_torque(state, arm_constants(arm)), expected, rtol=1e-15)
 

@@ -5,11 +5,11 @@ import itertools
 
 import numpy as np
 import pytest
+from support.two_joints import hold
 
 from fuzzyarm.envs.physics import event_integrator
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix, tip_position
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
 TABLE_1 = ArmParameters()

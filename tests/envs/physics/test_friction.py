@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.two_joints import hold
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.friction import friction_torque, stick_slip, stribeck_magnitude
-from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
 COULOMB, STATIC, STRIBECK = 4.0, 6.0, 0.1

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.two_joints import PHYSICS, hold, state_of
 
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
     Payload,
-    State,
     arm_constants,
     coriolis_torque,
     gravity_torque,
@@ -17,8 +17,9 @@ from fuzzyarm.envs.physics.dynamics import (
     tip_position,
 )
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.integrator import held, hold, hold_numpy
+from fuzzyarm.envs.physics.hold import held, hold_numpy
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 
 TABLE_1 = ArmParameters()
 FRICTIONLESS = dataclasses.replace(
@@ -155,7 +156,7 @@ def random_lanes(lanes, seed=0):
 @pytest.mark.parametrize("lanes", [1, 31, 32, 33, 200])
 def test_numba_is_numpy_bit_for_bit(lanes):
     state, torque, force, arms = random_lanes(lanes)
-    expected = hold_numpy(state, torque, force, arms, 1e-4, 10)
+    expected = hold_numpy(PHYSICS, state, torque, force, arms, 1e-4, 10)
     hold(state, torque, force, arms, 1e-4, 10)
     assert np.array_equal(state, expected) and np.array_equal(np.signbit(state), np.signbit(expected))
 
@@ -164,16 +165,16 @@ def test_torch_is_numpy_to_the_last_digits():
     """Tensors run through the same lines, with torch's own sine, cosine and exponential."""
     torch = pytest.importorskip("torch")
     state, torque, force, arms = random_lanes(50)
-    lanes, constants = State(*torch.tensor(state)), Arm(*torch.tensor(arms))
-    lanes = held(lanes, torch.tensor(torque), torch.tensor(force), constants, 1e-4, 10)
+    lanes, constants = state_of(torch.tensor(state)), Arm(*torch.tensor(arms))
+    lanes = held(PHYSICS, lanes, torch.tensor(torque), torch.tensor(force), constants, 1e-4, 10)
     hold(state, torque, force, arms, 1e-4, 10)
-    np.testing.assert_allclose(torch.stack(lanes).numpy(), state, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(torch.stack(flat(lanes)).numpy(), state, rtol=0.0, atol=1e-12)
 
 
 def test_numpy_back_end_leaves_its_arguments_alone():
     state, torque, force, arms = random_lanes(5)
     before = state.copy()
-    hold_numpy(state, torque, force, arms, 1e-4, 10)
+    hold_numpy(PHYSICS, state, torque, force, arms, 1e-4, 10)
     assert np.array_equal(state, before)
 
 
@@ -188,7 +189,7 @@ def test_each_lane_is_the_lane_alone_bit_for_bit():
 
 def test_a_force_of_the_wrong_shape_is_refused():
     state, torque, force, arms = random_lanes(5)
-    with pytest.raises(ValueError, match="four rows"):
+    with pytest.raises(ValueError, match="4 rows"):
         hold(state, torque, force[:2], arms, 1e-4, 10)
 
 

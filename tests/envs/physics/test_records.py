@@ -5,25 +5,31 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numba import njit
+from numba.extending import register_jitable
+from support.two_joints import LAYOUT, Draw, Row
 
-from fuzzyarm.envs.batch.layout import Lane, Start, Work
-from fuzzyarm.envs.batch.schedule import COLUMNS, Row
+from fuzzyarm.envs.batch.layout import Start
 from fuzzyarm.envs.physics.dynamics import Plant
 from fuzzyarm.envs.physics.records import (
     BLOCK,
     PerJoint,
+    Point,
     columns,
+    flat,
     in_block,
     in_columns,
     in_list,
     in_rows,
+    joint_by_joint,
+    over_joints,
+    per_joint,
     places,
+    point,
     reader,
     size,
-    times,
+    state_record,
     writer,
 )
-from fuzzyarm.envs.scenario.randomisation import Draw
 
 
 class Load(NamedTuple):
@@ -36,12 +42,7 @@ class Pair(NamedTuple):
     load: Load
 
 
-RECORDS = (Load, Pair, Plant, Draw, Row, Start, Lane, Work)
-
-
-def flat(record):
-    """The numbers of a record, in order."""
-    return [number for part in record for number in (flat(part) if isinstance(part, tuple) else [part])]
+RECORDS = (Load, Pair, Plant, Draw, Row, Start, LAYOUT.Lane, LAYOUT.Work)
 
 
 def test_places_and_columns_of_a_nested_record():
@@ -79,8 +80,46 @@ def test_a_part_of_a_record_is_read_compiled_as_in_python():
 
 
 def test_the_schedule_has_its_columns_side_by_side():
-    assert COLUMNS.reference.stop == COLUMNS.target.start and COLUMNS.bias.stop == size(Row)
+    at = columns(Row)
+    assert at.reference.stop == at.target.start and at.bias.stop == size(Row)
 
 
-def test_times_is_joint_by_joint():
-    assert times((2.0, 3.0), PerJoint(5.0, 7.0)) == PerJoint(10.0, 21.0)
+@pytest.mark.parametrize("joints", [1, 2, 3, 7])
+def test_the_records_of_so_many_joints_are_always_the_same_classes(joints):
+    assert per_joint(joints) is per_joint(joints) and size(per_joint(joints)) == joints
+    state = state_record(joints)
+    assert state is state_record(joints) and size(state) == 4 * joints
+    assert flat(places(state)) == list(range(4 * joints)) and places(state).link == tuple(range(joints, 2 * joints))
+    assert point(2) is Point and per_joint(2) is PerJoint and point(3)._fields == ("x", "y", "z")
+
+
+@pytest.mark.parametrize("joints", [2, 5])
+def test_what_is_done_joint_by_joint_is_done_compiled_as_in_python(joints):
+    kind, a, b = per_joint(joints), np.arange(1.0, joints + 1.0), np.arange(joints) - 0.5
+    first, second = kind(*a), kind(*b)
+    scaled, added = joint_by_joint(difference, kind, 2, shared=1), over_joints(product, kind, 2)
+    both = over_joints(less, kind, 2, "&")
+
+    @njit
+    def compiled(first, second):
+        return scaled(first, second, 2.0), added(first, second), both(second, first)
+
+    expected = (tuple(a - 2.0 * b), a @ b, True)
+    assert compiled(first, second) == expected
+    assert (scaled(first, second, 2.0), added(first, second), both(second, first)) == expected
+    assert not both(first, second) and not over_joints(less, kind, 2, "|")(first, second)
+
+
+@register_jitable
+def difference(a, b, factor):
+    return a - factor * b
+
+
+@register_jitable
+def product(a, b):
+    return a * b
+
+
+@register_jitable
+def less(a, b):
+    return a < b

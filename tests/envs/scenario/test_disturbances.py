@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from support.two_joints import hold
 
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, solve_mass_matrix, tip_jacobian
-from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
@@ -132,9 +132,21 @@ class OneColumn:
         return np.ones((len(time), 1))
 
 
+class Uneven:
+    def at(self, time, tip_velocity):
+        return [1.0, [2.0]]
+
+
 def test_a_force_of_the_wrong_shape_never_reaches_the_kernel():
+    with pytest.raises(ValueError, match=r"tip_force\.at = \[1\.0, \[2\.0\]\] is no array"):
+        sampled(Disturbance(tip_force=Uneven()))
     with pytest.raises(ValueError, match=r"tip_force\.at gave shape \(12000, 1\).*\(12000, 2\)"):
         sampled(Disturbance(tip_force=OneColumn()))
+
+
+def test_a_bias_of_another_robot_never_reaches_the_kernel():
+    with pytest.raises(ValueError, match=r"TorqueBias\.torque has 3 numbers; needed: 2, one for each joint"):
+        sampled(Disturbance(torque_bias=TorqueBias((1.0, 2.0, 3.0))))
 
 
 # --- machining ---------------------------------------------------------------------------------------------------
@@ -380,7 +392,8 @@ WRONG = [
     (ConstantForce, {"force": FORCE, "start": -1.0}, r"ConstantForce\.start = -1\.0 .*\[0, inf\)"),
     (ConstantForce, {"force": FORCE, "start": 1.0, "stop": 1.0}, r"ConstantForce: .*stop = 1\.0.*0 <= start < stop"),
     (TorqueBias, {"torque": (math.inf, 0.0)}, r"TorqueBias\.torque\[0\] = inf .*\[-1e\+12, 1e\+12\] N m"),
-    (TorqueBias, {"torque": (1.0, 2.0, 3.0)}, r"TorqueBias\.torque = .* must be 2 real numbers"),
+    (TorqueBias, {"torque": (1.0,) * 13}, r"TorqueBias\.torque = .* must be 2 real numbers"),
+    (ConstantForce, {"force": (1.0,) * 4}, r"ConstantForce\.force = .* must be 2 real numbers"),
     (TorqueBias, {"torque": BIAS, "start": math.nan}, r"TorqueBias\.start = nan .*\[0, inf\)"),
     (TorqueBias, {"torque": BIAS, "stop": math.nan}, r"TorqueBias: .*stop = nan.*0 <= start < stop"),
     (EncoderNoise, {"position": -1e-4}, r"EncoderNoise\.position = -0\.0001 .*\[0, inf\)"),

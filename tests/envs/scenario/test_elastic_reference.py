@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
+from support.two_joints import state_of
 
-from fuzzyarm.envs.physics.dynamics import State as ArmState
 from fuzzyarm.envs.physics.dynamics import (
     arm_constants,
     coriolis_torque,
@@ -72,7 +72,7 @@ def test_the_link_equation_holds(elastic):
         axis=1,
     )
     given = np.stack(
-        joint_torque(ArmState(*motor.q.T, *q.T, *motor.dq.T, *dq.T), arm),
+        joint_torque(state_of([*motor.q.T, *q.T, *motor.dq.T, *dq.T]), arm),
         axis=1,
     )
     np.testing.assert_allclose(given, needed, rtol=0.0, atol=1e-9)
@@ -136,7 +136,7 @@ def test_the_elastic_arm_without_friction_follows_open_loop():
 
     def rates(t, x):
         torque = feedforward(t)
-        state = ArmState(*x)
+        state = state_of(x)
         joint = np.array(joint_torque(state, arm))
         coriolis = np.array(coriolis_torque(np.sin(x[3]), x[6], x[7], arm))
         gravity = np.array(gravity_torque(np.sin(x[2]), np.sin(x[2] + x[3]), arm))

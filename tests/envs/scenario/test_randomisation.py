@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import stats
+from support.two_joints import PHYSICS, Draw, split
 
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import VECTORS, split
+from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, plant_of, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -19,12 +20,10 @@ from fuzzyarm.envs.scenario.randomisation import (
     ALLOWED,
     RANDOMISATIONS,
     DomainRandomisation,
-    Draw,
     find_randomisation,
-    reference_family,
-    varied,
 )
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference_family import reference_family
 
 TABLE_1 = ArmParameters()
 LONG = dataclasses.replace(TABLE_1, length=(0.6, 0.5))
@@ -197,7 +196,7 @@ def test_the_named_variations():
 
 
 def test_ranges_are_the_fields_in_the_order_of_a_draw():
-    ranges = reader(Draw, in_list)(EVERYTHING.ranges.tolist(), 0)
+    ranges = reader(Draw, in_list)(EVERYTHING.ranges(2).tolist(), 0)
     for name in ALLOWED:
         for entry in getattr(ranges, name) if name in PER_JOINT else (getattr(ranges, name),):
             assert entry == list(getattr(EVERYTHING, name)), name
@@ -331,12 +330,12 @@ def test_draws_do_not_shift_the_noise_of_the_same_seed():
 def test_each_factor_scales_its_fields_of_its_joint_and_no_other(quantity):
     given = a_draw(**{quantity: PerJoint(1.25, 0.75)})
     expected = scaled(TABLE_1, **dict.fromkeys(SCALES[quantity], (1.25, 0.75)))
-    assert varied(plant_of(TABLE_1), given) == plant_of(expected) != plant_of(TABLE_1)
+    assert PHYSICS.varied(plant_of(TABLE_1), given) == plant_of(expected) != plant_of(TABLE_1)
 
 
 def test_loads_angles_and_references_leave_the_plant_alone():
     given = a_draw(payload=3.0, force=0.5, angle=PerJoint(0.1, 0.2), reference=4.0)
-    assert varied(plant_of(TABLE_1), given) == plant_of(TABLE_1)
+    assert PHYSICS.varied(plant_of(TABLE_1), given) == plant_of(TABLE_1)
 
 
 @pytest.mark.parametrize("own", [Payload(), Payload(2.0), Payload(2.0, at="link")], ids=["none", "tip", "link"])

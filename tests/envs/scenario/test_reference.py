@@ -218,6 +218,13 @@ def test_a_path_of_ones_own_needs_points_of_the_right_shape():
     with pytest.raises(ValueError, match=r"gave shape"):
         JointReference(Flat())
 
+    class Lists:
+        def points(self, s):
+            return Circle().points(s)[0].tolist(), [1.0, [2.0]], [[]]
+
+    with pytest.raises(TypeError, match=r"needed: arrays of p, dp/ds and d²p/ds²"):
+        JointReference(Lists())
+
 
 def test_a_reference_is_a_value():
     reference = JointReference()

@@ -14,9 +14,9 @@ from PIL import Image
 
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, write_figures
-from fuzzyarm.eval.evaluation.panels import TIME_FIGURES
+from fuzzyarm.eval.evaluation.panels import time_figures
 
-WITHOUT_FORCE = ("path", *TIME_FIGURES)
+WITHOUT_FORCE = ("path", *time_figures(2))
 WITH_FORCE = (*WITHOUT_FORCE, "force")
 
 

@@ -45,6 +45,16 @@ def test_nothing_is_unpickled(tmp_path, capsys):
     assert "executed" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("number", [1e300, -1e61, np.nan, np.inf])
+def test_a_number_whose_square_is_none_is_told(evaluation, tmp_path, number):
+    run = evaluation.rollouts[0]
+    position = run.q_motor.copy()
+    position[3, 1] = number
+    path = write_rollouts([dataclasses.replace(run, q_motor=position)], tmp_path)
+    with pytest.raises(ValueError, match=r"rollouts\.npz is damaged \(q_motor is not finite, or beyond 1e\+60\)"):
+        read_rollouts(path)
+
+
 @pytest.mark.parametrize("damage", [b"", b"no zip", None])
 def test_a_damaged_file_is_told(evaluation, tmp_path, damage):
     path = write_rollouts(evaluation.rollouts[:1], tmp_path)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.two_joints import hold
 
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants, gravity_torque
-from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.stability import linearisation as margins
 from fuzzyarm.eval.stability.linearisation import gain_margin, linearise, linearise_path, spectral_radius

@@ -5,9 +5,9 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.two_joints import hold
 
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian
-from fuzzyarm.envs.physics.integrator import hold
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise

@@ -50,6 +50,26 @@ def test_a_matrix_that_is_singular_by_one_part_in_1e30_is_told_apart():
         assert is_positive_definite(matrix) <= definite
 
 
+def test_what_passes_for_definite_in_floats_alone_is_not_proven():
+    """VᵀV - 1e-25 I with V of three rows and four columns: indefinite, yet Cholesky's method takes some of them."""
+    rng, taken = np.random.default_rng(0), 0
+    for _ in range(40):
+        V = rng.integers(-9, 10, (3, 4))
+        floats = np.array(V.T @ V, dtype=float)
+        taken += smallest_eigenvalue(floats) > -1e-14 and _has_factor(floats)
+        assert not is_positive_definite(exact(V.T @ V) - exact(np.eye(4)) * fmpq(1, 10**25))
+    assert taken >= 10
+
+
+def _has_factor(matrix):
+    root = np.sqrt(np.diag(matrix))
+    try:
+        np.linalg.cholesky(matrix / np.outer(root, root))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
 @pytest.mark.parametrize(
     "matrix", [[[0.0]], [[-1.0]], [[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.25, 1.0]], [[1e300, 0.0], [0.0, 0.0]]]
 )

@@ -1,0 +1,222 @@
+"""The parts of a serial robot, as data: links, drives, and the joints that join them; see `robot`."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common import checks
+from fuzzyarm.envs.physics.parameters import LARGEST
+
+__all__ = ["DIMENSIONS", "DRIVE_UNITS", "Drive", "Joint", "Link", "Matrix", "Vector", "as_rows", "as_vector"]
+
+Vector = tuple[float, float, float]
+"""Three coordinates."""
+
+Matrix = tuple[Vector, Vector, Vector]
+"""Three rows of three numbers."""
+
+DIMENSIONS = 3
+"""Of space."""
+
+LARGEST_ANGLE = 100.0  # rad, of a joint's range
+ROUNDING = 1e-9  # of a unit vector or a rotation in a file with ten digits
+TRIANGLE_ROUNDING = 1e-6  # share of the largest principal moment; published moments are rounded
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """The inertia of one link, in the frame of the joint that turns it.
+
+    Attributes:
+        mass: m [kg], above 0.
+        center: mass center c [m], shape (3,).
+        inertia: about the mass center, in axes parallel to the joint frame [kg m²], shape (3, 3): symmetric, positive
+            definite, and no principal moment above the sum of the other two.
+
+    Raises:
+        ValueError: a value is out of range.
+    """
+
+    mass: float
+    center: Vector
+    inertia: Matrix
+
+    def __post_init__(self) -> None:
+        """Check mass, center and inertia."""
+        _put(self, "mass", _real("mass", self.mass, "kg", above=0.0))
+        _put(self, "center", as_vector("center", self.center, "m"))
+        inertia = _matrix("inertia", self.inertia, "kg m^2")
+        _put(self, "inertia", inertia)
+        tensor = np.array(inertia)
+        _require(
+            bool(np.abs(tensor - tensor.T).max() <= ROUNDING * np.abs(tensor).max()),
+            f"inertia = {checks.shown(inertia)} kg m^2 is not symmetric; it must be [[xx, xy, xz], [xy, yy, yz], ...]",
+        )
+        low, middle, high = np.linalg.eigvalsh(tensor).tolist()
+        _require(
+            low > 0.0,
+            f"inertia has the principal moment {low:.6g} kg m^2; allowed: above 0 (for a thin or point-like link, "
+            "give the small moment that it has)",
+        )
+        _require(
+            low + middle >= (1.0 - TRIANGLE_ROUNDING) * high,
+            f"inertia has the principal moments {low:.6g}, {middle:.6g} and {high:.6g} kg m^2, the last above the sum "
+            "of the others, which no body has; it must be taken about the mass center, in axes of the joint frame",
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive:
+    """Motor, gear and elastic joint; all quantities as seen from the joint's side of the gear.
+
+    Attributes:
+        motor_inertia: I_a [kg m²], inertia of the rotor times the gear ratio squared, above 0.
+        stiffness: k_t [N m/rad], above 0.
+        damping: b_t of the spring [N m s/rad].
+        viscous_friction: f_v of the motor [N m s/rad].
+        static_friction: Γ_fs of the motor [N m], at least the Coulomb friction.
+        coulomb_friction: Γ_fc of the motor [N m].
+        stribeck_velocity: v_s [rad/s], above 0.
+        torque_limit: largest torque of the motor [N m], above 0.
+
+    Raises:
+        ValueError: a value is out of range.
+    """
+
+    motor_inertia: float
+    stiffness: float
+    damping: float
+    viscous_friction: float
+    static_friction: float
+    coulomb_friction: float
+    stribeck_velocity: float
+    torque_limit: float
+
+    def __post_init__(self) -> None:
+        """Check the range of every value."""
+        if checks.is_real(self.motor_inertia) and self.motor_inertia == 0.0:
+            raise ValueError(
+                "motor_inertia = 0.0 kg m^2: without a rotor's inertia the motor has no motion of its own; give the "
+                "rotor's inertia times the gear ratio squared; allowed: (0, 1e+12] kg m^2"
+            )
+        for name, unit, positive in DRIVE_UNITS:
+            bounds = {"above": 0.0} if positive else {"low": 0.0}
+            _put(self, name, _real(name, getattr(self, name), unit, **bounds))
+        _require(
+            self.static_friction >= self.coulomb_friction,
+            f"static_friction = {self.static_friction} N m is below coulomb_friction = {self.coulomb_friction} N m: "
+            "Stribeck friction needs static >= Coulomb",
+        )
+
+
+DRIVE_UNITS = (
+    ("motor_inertia", "kg m^2", True),
+    ("stiffness", "N m/rad", True),
+    ("damping", "N m s/rad", False),
+    ("viscous_friction", "N m s/rad", False),
+    ("static_friction", "N m", False),
+    ("coulomb_friction", "N m", False),
+    ("stribeck_velocity", "rad/s", True),
+    ("torque_limit", "N m", True),
+)
+"""Name, unit, and whether 0 is excluded, of each field of `Drive`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Joint:
+    """One revolute joint, the link that it turns, and its drive.
+
+    Attributes:
+        name: of the joint.
+        position: d [m], shape (3,), origin of the joint frame in the frame of the link before it.
+        rotation: A, shape (3, 3), the joint frame's axes as columns in the frame of the link before, at angle 0.
+        axis: u, shape (3,), unit vector in the joint frame.
+        link: what the joint turns; its frame is the joint frame, turned by the angle.
+        drive: motor, gear and spring.
+        angle_range: (lowest, highest) link angle [rad].
+        velocity_limit: largest speed [rad/s], above 0.
+
+    Raises:
+        ValueError: a value is out of range; the message names the joint.
+    """
+
+    name: str
+    position: Vector
+    rotation: Matrix
+    axis: Vector
+    link: Link
+    drive: Drive
+    angle_range: tuple[float, float]
+    velocity_limit: float
+
+    def __post_init__(self) -> None:
+        """Check name, frame, axis and limits."""
+        _require(
+            isinstance(self.name, str) and self.name != "" and self.name.isprintable(),
+            f"name = {checks.shown(self.name)} must be a text of one line",
+        )
+        try:
+            self._check()
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"joint {checks.shown(self.name)}: {error}") from None
+
+    def _check(self) -> None:
+        checks.instance("link", self.link, Link)
+        checks.instance("drive", self.drive, Drive)
+        _put(self, "position", as_vector("position", self.position, "m"))
+        axis = np.array(as_vector("axis", self.axis))
+        _require(
+            bool(abs(np.linalg.norm(axis) - 1.0) <= ROUNDING),
+            f"axis = {checks.shown(self.axis)} has length {np.linalg.norm(axis):.10g}; it must be a unit vector",
+        )
+        _put(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
+        rotation = np.array(_matrix("rotation", self.rotation))
+        _require(
+            bool(np.abs(rotation.T @ rotation - np.eye(DIMENSIONS)).max() <= ROUNDING and np.linalg.det(rotation) > 0),
+            f"rotation = {checks.shown(self.rotation)} is no rotation: its columns must be orthogonal unit vectors, "
+            "right-handed",
+        )
+        _put(self, "rotation", as_rows(rotation))
+        low, high = checks.interval("angle_range", self.angle_range, "rad", low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+        _require(low < high, f"angle_range = {checks.shown(self.angle_range)} rad is empty; low < high is needed")
+        _put(self, "angle_range", (low, high))
+        _put(self, "velocity_limit", _real("velocity_limit", self.velocity_limit, "rad/s", above=0.0))
+
+
+def _real(name: str, value: Any, unit: str, **bounds: float) -> float:
+    """Return a finite number up to `LARGEST`; a wrong type is a wrong value, as a robot may come from a file."""
+    try:
+        return checks.real(name, value, unit, high=LARGEST, **bounds)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+
+
+def as_vector(name: str, values: Any, unit: str = "") -> Vector:
+    """Return three finite numbers up to `LARGEST`; errors as those of `checks.reals`."""
+    x, y, z = checks.reals(name, values, DIMENSIONS, unit, low=-LARGEST, high=LARGEST)
+    return x, y, z
+
+
+def _matrix(name: str, values: Any, unit: str = "") -> Matrix:
+    try:
+        return as_rows(checks.finite_array(name, values, (DIMENSIONS, DIMENSIONS), unit, largest=LARGEST))
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+
+
+def as_rows(matrix: np.ndarray) -> Matrix:
+    """Return an array (3, 3) as rows of numbers."""
+    x, y, z = (tuple(row) for row in matrix.tolist())
+    return x, y, z
+
+
+def _put(instance: Any, name: str, value: Any) -> None:
+    object.__setattr__(instance, name, value)
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ValueError(message)

@@ -1,0 +1,287 @@
+"""The recursive algorithms of rigid-body dynamics in the frames of the links, on numbers of any kind.
+
+`generated` runs them on symbols. Link j turns about the z axis of its frame: a vector x of frame j is A_j Z(q_j) x in
+frame j - 1, with A_j constant and Z the turn about z.
+
+The mass of a link, the part of its first moment along z, and an inertia diag(I_yy, I_yy, 0) make a body that is
+symmetric about the joint's axis: turning it about that axis changes nothing but for I_zz, which this part lacks. It
+can as well be fixed to the link before. `regrouped` moves it there, from the tip to the base (Gautier and Khalil,
+1990), and what is left are the base parameters: no masses, two first moments and five inertias a link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+__all__ = [
+    "Body",
+    "Chain",
+    "Inertia",
+    "composite_bodies",
+    "factors",
+    "joined",
+    "moved",
+    "newton_euler",
+    "point_of_tip",
+    "regrouped",
+    "rotated",
+    "rotated_inertia",
+    "solution",
+]
+
+Vector = tuple[Any, Any, Any]
+Turn = tuple[Any, Any]
+"""Sine and cosine of a joint's angle."""
+
+NOTHING = (0.0, 0.0, 0.0)
+
+
+class Inertia(NamedTuple):
+    """The six numbers of a symmetric matrix (3, 3) [kg m²], about the origin of the link's frame."""
+
+    xx: Any
+    xy: Any
+    xz: Any
+    yy: Any
+    yz: Any
+    zz: Any
+
+
+class Body(NamedTuple):
+    """Mass m [kg], first moment h = m c [kg m] and inertia L [kg m²], in a frame and about its origin."""
+
+    mass: Any
+    moment: Vector
+    inertia: Inertia
+
+
+class Chain(NamedTuple):
+    """The frames of a robot whose joints turn about z, and the point of the last frame that is the tip."""
+
+    rotations: Sequence[Sequence[Sequence[float]]]  # A_j
+    positions: Sequence[Vector]  # d_j [m]
+    tip: Vector  # [m]
+
+
+def regrouped(chain: Chain, bodies: Sequence[Body]) -> list[Body]:
+    """Return bodies with the same equations of motion, without masses; see the module."""
+    rest, left = list(bodies), list[Body]()
+    for j in reversed(range(len(rest))):
+        mass, (hx, hy, hz), inertia = rest[j]
+        own = Inertia(inertia.xx - inertia.yy, inertia.xy, inertia.xz, 0.0, inertia.yz, inertia.zz)
+        left.insert(0, Body(0.0, (hx, hy, 0.0), own))
+        if j > 0:
+            symmetric = Body(mass, (0.0, 0.0, hz), Inertia(inertia.yy, 0.0, 0.0, inertia.yy, 0.0, 0.0))
+            rest[j - 1] = joined(rest[j - 1], moved(symmetric, chain.rotations[j], chain.positions[j]))
+    return left
+
+
+def composite_bodies(chain: Chain, bodies: Sequence[Body], turns: Sequence[Turn]) -> list[list[Any]]:
+    """Return the lower triangle of M(q) [kg m²] by composite rigid bodies: row i has columns 0 to i.
+
+    The links from j on, rigid, accelerated about axis j, need the force f = z × h at the origin of frame j and the
+    moment n = L z; each axis i <= j of the chain below feels the z component of the moment about its own origin.
+    """
+    rows: list[list[Any]] = []
+    whole = bodies[-1]
+    for j in reversed(range(len(bodies))):
+        hx, hy, _ = whole.moment
+        force, moment = (-hy, hx, 0.0), (whole.inertia.xz, whole.inertia.yz, whole.inertia.zz)
+        row = [moment[2]]
+        for i in reversed(range(j)):
+            force, moment = _passed_on(chain, i + 1, turns, force, moment)
+            row.insert(0, moment[2])
+        rows.insert(0, row)
+        if j > 0:
+            turned = Body(0.0, _turned(turns[j], whole.moment), _turned_inertia(turns[j], whole.inertia))
+            whole = joined(bodies[j - 1], moved(turned, chain.rotations[j], chain.positions[j]))
+    return rows
+
+
+def newton_euler(
+    chain: Chain,
+    bodies: Sequence[Body],
+    turns: Sequence[Turn],
+    rates: Sequence[Any],
+    accelerations: Sequence[Any],
+    gravity: Vector,
+    force: Vector = NOTHING,
+) -> list[Any]:
+    """Return M(q) q̈ + C(q, q̇) q̇ + g(q) - J(q)ᵀ F [N m] by recursive Newton-Euler; the bodies have no masses.
+
+    Outwards, with U = [α]× + [ω]×², which takes a point of the link to its acceleration against the origin:
+
+        ω_j = Rᵀ ω + q̇_j z,    α_j = Rᵀ α + (Rᵀ ω) × q̇_j z + q̈_j z,    a_j = Rᵀ (a + U d_j),    R = A_j Z(q_j).
+
+    Inwards: f_j = U h and n_j = L α + ω × L ω + h × a at the origin of frame j, and those of the links beyond.
+
+    Args:
+        chain: the frames.
+        bodies: of the links, see `regrouped`.
+        turns: sine and cosine of q.
+        rates: q̇ [rad/s].
+        accelerations: q̈ [rad/s²].
+        gravity: g [m/s²] in the base frame.
+        force: F [N] on the tip, in the base frame.
+    """
+    turning, rising = NOTHING, NOTHING
+    origin, outer = tuple(-g for g in gravity), force
+    motion: Matrix = (NOTHING, NOTHING, NOTHING)
+    forces, moments = [], []
+    for j, body in enumerate(bodies):
+        origin = _back(chain, j, turns, _sum(origin, _product(motion, chain.positions[j])))
+        turning, rising, outer = (_back(chain, j, turns, vector) for vector in (turning, rising, outer))
+        rising = (
+            rising[0] + turning[1] * rates[j],
+            rising[1] - turning[0] * rates[j],
+            rising[2] + accelerations[j],
+        )
+        turning = (turning[0], turning[1], turning[2] + rates[j])
+        motion = _motion(turning, rising)
+        forces.append(_product(motion, body.moment))
+        moments.append(_sum(_euler(body.inertia, turning, rising), _cross(body.moment, origin)))
+    total = _difference(forces[-1], outer)
+    moment = _difference(moments[-1], _cross(chain.tip, outer))
+    torques = [moment[2]]
+    for j in reversed(range(1, len(bodies))):
+        total, moment = _passed_on(chain, j, turns, total, moment)
+        total, moment = _sum(forces[j - 1], total), _sum(moments[j - 1], moment)
+        torques.insert(0, moment[2])
+    return torques
+
+
+def point_of_tip(chain: Chain, turns: Sequence[Turn]) -> Vector:
+    """Return the tip [m] in the base frame: x = d_j + A_j Z(q_j) x from the last joint to the first."""
+    point = chain.tip
+    for j in reversed(range(len(turns))):
+        point = _sum(chain.positions[j], rotated(chain.rotations[j], _turned(turns[j], point)))
+    return point
+
+
+def factors(matrix: Sequence[Sequence[Any]]) -> tuple[list[list[Any]], list[Any]]:
+    """Return unit lower triangular L (rows below the diagonal) and the inverse of diagonal D with M = Lᵀ D L.
+
+    From the last joint to the first: M_nn does not depend on the angles, so its inverse is one of the constants.
+    """
+    rest = [list(row) for row in matrix]
+    inverse: list[Any] = [0.0] * len(rest)
+    below: list[list[Any]] = [[] for _ in rest]
+    for k in reversed(range(len(rest))):
+        inverse[k] = 1.0 / rest[k][k]
+        below[k] = [entry * inverse[k] for entry in rest[k][:k]]
+        for i in range(k):
+            for j in range(i + 1):
+                rest[i][j] = rest[i][j] - below[k][i] * rest[k][j]
+    return below, inverse
+
+
+def solution(below: Sequence[Sequence[Any]], inverse: Sequence[Any], right: Sequence[Any]) -> list[Any]:
+    """Return x with Lᵀ D L x = b, from `factors`."""
+    x = list(right)
+    for k in reversed(range(len(x))):
+        for i in range(k):
+            x[i] = x[i] - below[k][i] * x[k]
+    x = [value * factor for value, factor in zip(x, inverse, strict=True)]
+    for k in range(len(x)):
+        for i in range(k):
+            x[k] = x[k] - below[k][i] * x[i]
+    return x
+
+
+Matrix = tuple[Vector, Vector, Vector]
+
+
+def _motion(turning: Vector, rising: Vector) -> Matrix:
+    """Return U = [α]× + [ω]×²."""
+    (x, y, z), (ax, ay, az) = turning, rising
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    return (-(yy + zz), xy - az, xz + ay), (xy + az, -(xx + zz), yz - ax), (xz - ay, yz + ax, -(xx + yy))
+
+
+def _euler(inertia: Inertia, turning: Vector, rising: Vector) -> Vector:
+    """Return L α + ω × L ω [N m], written out so that products of ω are formed once."""
+    (x, y, z), (ax, ay, az), L = turning, rising, inertia
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    return (
+        L.xx * ax + L.xy * (ay - xz) + L.xz * (az + xy) + L.yz * (yy - zz) + (L.zz - L.yy) * yz,
+        L.yy * ay + L.xy * (ax + yz) + L.yz * (az - xy) + L.xz * (zz - xx) + (L.xx - L.zz) * xz,
+        L.zz * az + L.xz * (ax - yz) + L.yz * (ay + xz) + L.xy * (xx - yy) + (L.yy - L.xx) * xy,
+    )
+
+
+def _passed_on(chain: Chain, j: int, turns: Sequence[Turn], force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+    """Return a force and its moment about the origin of frame j as force and moment about that of frame j - 1."""
+    force = rotated(chain.rotations[j], _turned(turns[j], force))
+    moment = rotated(chain.rotations[j], _turned(turns[j], moment))
+    return force, _sum(moment, _cross(chain.positions[j], force))
+
+
+def joined(first: Body, second: Body) -> Body:
+    """Return two bodies of the same frame as one."""
+    inertia = Inertia(*(a + b for a, b in zip(first.inertia, second.inertia, strict=True)))
+    return Body(first.mass + second.mass, _sum(first.moment, second.moment), inertia)
+
+
+def moved(body: Body, rotation: Sequence[Sequence[float]], position: Vector) -> Body:
+    """Return a body of frame j in frame j - 1: L' = A L Aᵀ + m (d·d 1 - d dᵀ) + 2 d·k 1 - d kᵀ - k dᵀ, k = A h."""
+    d, k, m = position, rotated(rotation, body.moment), body.mass
+    e = rotated_inertia(rotation, body.inertia)
+    moment = (k[0] + m * d[0], k[1] + m * d[1], k[2] + m * d[2])
+    x, y, z = (d[i] * (m * d[i]) + 2.0 * (d[i] * k[i]) for i in range(len(d)))
+    xy, xz, yz = (d[i] * (m * d[j]) + d[i] * k[j] + k[i] * d[j] for i, j in ((0, 1), (0, 2), (1, 2)))
+    return Body(m, moment, Inertia(e.xx + (y + z), e.xy - xy, e.xz - xz, e.yy + (x + z), e.yz - yz, e.zz + (x + y)))
+
+
+def rotated_inertia(rotation: Sequence[Sequence[float]], inertia: Inertia) -> Inertia:
+    """Return A L Aᵀ."""
+    columns = [(inertia.xx, inertia.xy, inertia.xz), (inertia.xy, inertia.yy, inertia.yz)]
+    columns.append((inertia.xz, inertia.yz, inertia.zz))
+    half = [rotated(rotation, column) for column in columns]  # columns of A L
+    rows = [rotated(rotation, tuple(column[i] for column in half)) for i in range(len(half))]  # rows of A L Aᵀ
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = rows
+    return Inertia(xx, xy, xz, yy, yz, zz)
+
+
+def _turned_inertia(turn: Turn, inertia: Inertia) -> Inertia:
+    """Return Z L Zᵀ with eight products for the part in the plane: its trace stays."""
+    (sine, cosine), L = turn, inertia
+    first, second = cosine * L.xx - sine * L.xy, cosine * L.xy - sine * L.yy
+    xx, xy = cosine * first - sine * second, sine * first + cosine * second
+    xz, yz = cosine * L.xz - sine * L.yz, sine * L.xz + cosine * L.yz
+    return Inertia(xx, xy, xz, (L.xx + L.yy) - xx, yz, L.zz)
+
+
+def _turned(turn: Turn, vector: Vector) -> Vector:
+    """Return Z x."""
+    (sine, cosine), (x, y, z) = turn, vector
+    return cosine * x - sine * y, sine * x + cosine * y, z
+
+
+def _back(chain: Chain, j: int, turns: Sequence[Turn], vector: Vector) -> Vector:
+    """Return a vector of frame j - 1 in frame j: Zᵀ Aᵀ x."""
+    sine, cosine = turns[j]
+    x, y, z = rotated(tuple(zip(*chain.rotations[j], strict=True)), vector)
+    return cosine * x + sine * y, cosine * y - sine * x, z
+
+
+def rotated(rotation: Sequence[Sequence[float]], vector: Vector) -> Vector:
+    """Return A x."""
+    x, y, z = ((row[0] * vector[0] + row[1] * vector[1]) + row[2] * vector[2] for row in rotation)
+    return x, y, z
+
+
+def _product(matrix: Matrix, vector: Vector) -> Vector:
+    return rotated(matrix, vector)
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _difference(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]

@@ -1,0 +1,216 @@
+"""Kinematics and dynamics of the links of a `Robot`, in NumPy: M(q) q̈ + C(q, q̇) q̇ + g(q) = τ + J(q)ᵀ F.
+
+The recursive algorithms of Featherstone (Rigid Body Dynamics Algorithms, 2008) in coordinates of the base, where a
+sum along the chain needs no change of frame. A velocity or acceleration is the pair (ω, v): rotation, and velocity of
+the point of the body that is at the base's origin. A force is the pair (n, f): moment about that origin, and force.
+
+    s_i = (z_i, p_i × z_i)                                   axis of joint i, z_i its direction, p_i its origin
+    v_i = Σ_{j<=i} s_j q̇_j
+    a_i = Σ_{j<=i} (s_j q̈_j + v_j × s_j q̇_j) - (0, g)         the base accelerates upwards instead of gravity
+    f_i = I_i a_i + v_i ×* I_i v_i                           Newton and Euler; I_i about the base's origin
+    τ_i = s_iᵀ Σ_{k>=i} f_k                                  recursive Newton-Euler
+    M_ij = s_iᵀ (Σ_{k>=max(i,j)} I_k) s_j                    composite rigid bodies
+
+All functions take angles q [rad] of shape (..., n) and return arrays with the same leading axes. They are written to
+be read; `generated` has the same equations as machine code.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.common import checks
+from fuzzyarm.envs.physics.joint import DIMENSIONS
+from fuzzyarm.envs.physics.robot import Robot
+
+__all__ = [
+    "Frames",
+    "bias",
+    "directions",
+    "frames",
+    "gravity",
+    "inverse_dynamics",
+    "kinetic_energy",
+    "mass_matrix",
+    "potential_energy",
+    "tip_jacobian",
+    "tip_position",
+]
+
+_ANGULAR, _LINEAR = slice(0, DIMENSIONS), slice(DIMENSIONS, 2 * DIMENSIONS)
+
+
+class Frames(NamedTuple):
+    """Rotation R_i and origin p_i of each link's frame in the base."""
+
+    rotation: np.ndarray  # (..., n, 3, 3)
+    origin: np.ndarray  # (..., n, 3) [m]
+
+
+def frames(robot: Robot, q: Any) -> Frames:
+    """Return R_i = R_{i-1} A_i exp([u_i]× q_i) and p_i = p_{i-1} + R_{i-1} d_i of all links."""
+    angles, now = _motion(robot, q), robot.arrays
+    rotation, origin = np.eye(DIMENSIONS), np.zeros(DIMENSIONS)
+    rotations, origins = [], []
+    for i in range(len(robot)):
+        origin = origin + rotation @ now.position[i]
+        rotation = rotation @ now.rotation[i] @ _turn(now.axis[i], angles[..., i])
+        rotations.append(rotation)
+        origins.append(np.broadcast_to(origin, (*angles.shape[:-1], DIMENSIONS)))
+    return Frames(np.stack(rotations, axis=-3), np.stack(origins, axis=-2))
+
+
+def directions(robot: Robot, links: Frames) -> np.ndarray:
+    """Return the direction z_i = R_i u_i of each axis in the base, shape (..., n, 3)."""
+    found: np.ndarray = np.einsum("...kij,kj->...ki", links.rotation, robot.arrays.axis)
+    return found
+
+
+def mass_matrix(robot: Robot, q: Any) -> np.ndarray:
+    """Return M(q) [kg m²], shape (..., n, n); the rotors are not part of it."""
+    links = frames(robot, q)
+    axes, inertia = _axes(robot, links), _inertias(robot, links)
+    composite = np.flip(np.cumsum(np.flip(inertia, axis=-3), axis=-3), axis=-3)
+    upper = np.triu(axes @ np.swapaxes(_times(composite, axes), -1, -2))
+    whole: np.ndarray = upper + np.swapaxes(np.triu(upper, 1), -1, -2)
+    return whole
+
+
+def inverse_dynamics(robot: Robot, q: Any, dq: Any, ddq: Any) -> np.ndarray:
+    """Return the link torques M(q) q̈ + C(q, q̇) q̇ + g(q) [N m], shape (..., n).
+
+    Args:
+        robot: the robot.
+        q: angles [rad], shape (..., n).
+        dq: q̇ [rad/s], shape (..., n).
+        ddq: q̈ [rad/s²], shape (..., n).
+    """
+    links, rate, change = frames(robot, q), _motion(robot, dq), _motion(robot, ddq)
+    axes, inertia = _axes(robot, links), _inertias(robot, links)
+    turning = axes * rate[..., np.newaxis]
+    velocity = np.cumsum(turning, axis=-2)
+    acceleration = np.cumsum(axes * change[..., np.newaxis] + _cross_motion(velocity, turning), axis=-2)
+    acceleration[..., _LINEAR] -= robot.arrays.gravity
+    force = _times(inertia, acceleration) + _cross_force(velocity, _times(inertia, velocity))
+    outer = np.flip(np.cumsum(np.flip(force, axis=-2), axis=-2), axis=-2)
+    torque: np.ndarray = np.sum(axes * outer, axis=-1)
+    return torque
+
+
+def bias(robot: Robot, q: Any, dq: Any) -> np.ndarray:
+    """Return C(q, q̇) q̇ + g(q) [N m], shape (..., n), at angles [rad] and velocities [rad/s] of that shape."""
+    return inverse_dynamics(robot, q, dq, np.zeros(len(robot)))
+
+
+def gravity(robot: Robot, q: Any) -> np.ndarray:
+    """Return g(q) [N m], shape (..., n)."""
+    still = np.zeros(len(robot))
+    return inverse_dynamics(robot, q, still, still)
+
+
+def tip_position(robot: Robot, q: Any) -> np.ndarray:
+    """Return the tip p_n + R_n tip [m] in the base frame, shape (..., 3)."""
+    return _tip(robot, frames(robot, q))
+
+
+def tip_jacobian(robot: Robot, q: Any) -> np.ndarray:
+    """Return J = ∂tip/∂q [m], shape (..., 3, n): column i is z_i × (tip - p_i)."""
+    links = frames(robot, q)
+    columns = _cross(directions(robot, links), _tip(robot, links)[..., np.newaxis, :] - links.origin)
+    return np.swapaxes(columns, -1, -2)
+
+
+def kinetic_energy(robot: Robot, q: Any, dq: Any) -> np.ndarray:
+    """Return q̇ᵀ M(q) q̇ / 2 [J], shape (...), at velocities [rad/s] of shape (..., n)."""
+    rate = _motion(robot, dq)
+    energy: np.ndarray = 0.5 * np.einsum("...i,...ij,...j->...", rate, mass_matrix(robot, q), rate)
+    return energy
+
+
+def potential_energy(robot: Robot, q: Any) -> np.ndarray:
+    """Return -Σ m_i gᵀ (p_i + R_i c_i) [J], shape (...), whose gradient is g(q)."""
+    links, now = frames(robot, q), robot.arrays
+    centers = links.origin + np.einsum("...kij,kj->...ki", links.rotation, now.center)
+    energy: np.ndarray = -np.einsum("k,...kj,j->...", now.mass, centers, now.gravity)
+    return energy
+
+
+def _motion(robot: Robot, values: Any) -> np.ndarray:
+    """Return angles, velocities or accelerations as an array whose last axis has the joints."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != len(robot):
+        raise ValueError(
+            f"angles, velocities and accelerations of {checks.shown(robot.name)} need shape (..., {len(robot)}); "
+            f"this one has {array.shape}"
+        )
+    return array
+
+
+def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Return exp([u]× q) = 1 + sin q [u]× + (1 - cos q) [u]×² (Rodrigues), shape (..., 3, 3)."""
+    across = _skew(axis)
+    sine, cosine = np.sin(angle)[..., np.newaxis, np.newaxis], np.cos(angle)[..., np.newaxis, np.newaxis]
+    turn: np.ndarray = np.eye(DIMENSIONS) + sine * across + (1.0 - cosine) * (across @ across)
+    return turn
+
+
+def _skew(vectors: np.ndarray) -> np.ndarray:
+    """Return [a]×, shape (..., 3, 3), with [a]× b = a × b."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, DIMENSIONS, DIMENSIONS)
+
+
+def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return _times(_skew(first), second)
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    product: np.ndarray = (matrices @ vectors[..., np.newaxis])[..., 0]
+    return product
+
+
+def _tip(robot: Robot, links: Frames) -> np.ndarray:
+    """Return p_n + R_n tip [m], shape (..., 3)."""
+    tip: np.ndarray = links.origin[..., -1, :] + links.rotation[..., -1, :, :] @ robot.arrays.tip
+    return tip
+
+
+def _axes(robot: Robot, links: Frames) -> np.ndarray:
+    """Return s_i = (z_i, p_i × z_i), shape (..., n, 6)."""
+    along = directions(robot, links)
+    return np.concatenate([along, _cross(links.origin, along)], axis=-1)
+
+
+def _inertias(robot: Robot, links: Frames) -> np.ndarray:
+    """Return the inertia [[R I Rᵀ + m [c]×ᵀ [c]×, m [c]×], [m [c]×ᵀ, m 1]] of each link, shape (..., n, 6, 6).
+
+    c is the mass center in the base.
+    """
+    now, turn = robot.arrays, links.rotation
+    mass = now.mass[:, np.newaxis, np.newaxis]
+    across = _skew(links.origin + np.einsum("...kij,kj->...ki", turn, now.center))
+    transposed = np.swapaxes(across, -1, -2)
+    whole = np.zeros((*across.shape[:-2], 2 * DIMENSIONS, 2 * DIMENSIONS))
+    whole[..., _ANGULAR, _ANGULAR] = turn @ now.inertia @ np.swapaxes(turn, -1, -2) + mass * (transposed @ across)
+    whole[..., _ANGULAR, _LINEAR] = mass * across
+    whole[..., _LINEAR, _ANGULAR] = mass * transposed
+    whole[..., _LINEAR, _LINEAR] = mass * np.eye(DIMENSIONS)
+    return whole
+
+
+def _cross_motion(velocity: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Return v × s: (ω × s_ω, ω × s_v + v × s_ω)."""
+    turn = velocity[..., _ANGULAR]
+    angular = _cross(turn, motion[..., _ANGULAR])
+    linear = _cross(turn, motion[..., _LINEAR]) + _cross(velocity[..., _LINEAR], motion[..., _ANGULAR])
+    return np.concatenate([angular, linear], axis=-1)
+
+
+def _cross_force(velocity: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Return v ×* (n, f): (ω × n + v × f, ω × f)."""
+    turn = velocity[..., _ANGULAR]
+    moment = _cross(turn, force[..., _ANGULAR]) + _cross(velocity[..., _LINEAR], force[..., _LINEAR])
+    return np.concatenate([moment, _cross(turn, force[..., _LINEAR])], axis=-1)

@@ -1,0 +1,209 @@
+"""A serial robot with elastic joints as data: joint frames, inertias of the links, drives and limits.
+
+A robot is a chain of links. Joint i turns link i about a fixed axis of link i - 1 (link 0 is the base):
+
+    R_i(q) = R_{i-1}(q) A_i exp([u_i]× q_i),    p_i(q) = p_{i-1}(q) + R_{i-1}(q) d_i,
+
+with A_i the joint frame's rotation and d_i its position at angle 0, u_i the axis, R_i and p_i rotation and origin of
+link i in the base. Each joint is driven through a spring: motor angle q_a, link angle q_b, torque
+Γ_t = k_t (q_a - q_b) + b_t (q̇_a - q̇_b). `rigid_body` has the equations of motion of the links.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.common import checks
+from fuzzyarm.common.documents import read_toml, record
+from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, Drive, Joint, Link, Vector, as_rows, as_vector
+from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+
+__all__ = ["MOST_JOINTS", "Arrays", "Robot", "robot_named", "shipped_robots"]
+
+MOST_JOINTS = 12
+"""Most joints of a robot: generated code grows with the square of their number."""
+
+POINT_LIKE = 1e-12  # kg m², stands for the inertia 0 that `ArmParameters` allows
+
+_SHIPPED = Path(__file__).parent / "robots"
+
+
+class Arrays(NamedTuple):
+    """The numbers of a robot of n joints as arrays, read-only; quantities and units as in `Joint` and `Link`."""
+
+    position: np.ndarray  # (n, 3)
+    rotation: np.ndarray  # (n, 3, 3)
+    axis: np.ndarray  # (n, 3)
+    mass: np.ndarray  # (n,)
+    center: np.ndarray  # (n, 3)
+    inertia: np.ndarray  # (n, 3, 3)
+    tip: np.ndarray  # (3,)
+    gravity: np.ndarray  # (3,)
+
+
+@dataclasses.dataclass(frozen=True)
+class Robot:
+    """A serial robot with revolute elastic joints.
+
+    Attributes:
+        name: of the robot.
+        joints: from the base to the tip, 1 to `MOST_JOINTS`.
+        tip: position of the tip [m], shape (3,), in the frame of the last link.
+        gravity: acceleration of free fall [m/s²], shape (3,), in the base frame.
+        sources: where the numbers come from.
+        assumptions: which numbers are assumed, and why so.
+
+    Raises:
+        TypeError: a part is of the wrong type.
+        ValueError: a value is out of range.
+
+    Examples:
+        >>> len(robot_named("ur5").joints)
+        6
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    tip: Vector
+    gravity: Vector = (0.0, 0.0, -9.81)
+    sources: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the texts, the number and names of the joints, tip and gravity."""
+        checks.instance("name", self.name, str)
+        joints = tuple(checks.instance("joints", joint, Joint) for joint in self.joints)
+        object.__setattr__(self, "joints", joints)
+        checks.whole("the number of joints", len(joints), low=1, high=MOST_JOINTS)
+        checks.distinct("joints", [joint.name for joint in joints])
+        object.__setattr__(self, "tip", as_vector("tip", self.tip, "m"))
+        object.__setattr__(self, "gravity", as_vector("gravity", self.gravity, "m/s^2"))
+        for name in ("sources", "assumptions"):
+            object.__setattr__(self, name, tuple(checks.texts(name, getattr(self, name))))
+
+    def __len__(self) -> int:
+        """Return the number of joints."""
+        return len(self.joints)
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """A digest of all numbers: robots that differ in names and texts only have the same."""
+        numbers = dataclasses.asdict(self)
+        for name in ("name", "sources", "assumptions"):
+            del numbers[name]
+        for joint in numbers["joints"]:
+            del joint["name"]
+        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
+
+    @functools.cached_property
+    def arrays(self) -> Arrays:
+        """The numbers of frames and links as read-only arrays."""
+        joints, links = self.joints, [joint.link for joint in self.joints]
+        values = Arrays(
+            position=np.array([joint.position for joint in joints]),
+            rotation=np.array([joint.rotation for joint in joints]),
+            axis=np.array([joint.axis for joint in joints]),
+            mass=np.array([link.mass for link in links]),
+            center=np.array([link.center for link in links]),
+            inertia=np.array([link.inertia for link in links]),
+            tip=np.array(self.tip),
+            gravity=np.array(self.gravity),
+        )
+        for array in values:
+            array.flags.writeable = False
+        return values
+
+    def drive(self, name: str) -> np.ndarray:
+        """Return one quantity of all drives, shape (n,), by its name in `Drive`."""
+        return np.array([getattr(joint.drive, name) for joint in self.joints])
+
+    def with_payload(self, mass: float, at: str = "tip") -> Robot:
+        """Return the robot with a point mass [kg] at its tip, or at the mass center of its last link (``at="link"``).
+
+        Raises:
+            TypeError: the mass is no real number.
+            ValueError: the mass is negative, or the place is unknown.
+        """
+        carried, last = checks.real("payload mass", mass, "kg", low=0.0, high=LARGEST), self.joints[-1]
+        link, places = last.link, {"tip": self.tip, "link": last.link.center}
+        place = np.array(places[checks.choice("payload at", at, tuple(places))])
+        total, center = link.mass + carried, np.array(link.center)
+        arm = place - center
+        inertia = np.array(link.inertia) + link.mass * carried / total * (
+            arm @ arm * np.eye(DIMENSIONS) - np.outer(arm, arm)
+        )
+        both = Link(total, tuple(center + carried / total * arm), as_rows(inertia))
+        return dataclasses.replace(self, joints=(*self.joints[:-1], dataclasses.replace(last, link=both)))
+
+    @classmethod
+    def of(cls, parameters: ArmParameters) -> Robot:
+        """Return the two-joint arm: x down, y to the right, both axes along z, gravity along +x.
+
+        Only the moments about z move the arm; the other two are made equal to them.
+        """
+        p, frame = parameters, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        joints = []
+        for j in range(len(p.length)):
+            drive = {name: getattr(p, name)[j] for name, _, _ in DRIVE_UNITS if name != "stribeck_velocity"}
+            joints.append(
+                Joint(
+                    name=f"joint{j + 1}",
+                    position=(p.length[0] * j, 0.0, 0.0),
+                    rotation=frame,
+                    axis=frame[-1],
+                    link=Link(
+                        p.mass[j],
+                        (p.mass_center[j], 0.0, 0.0),
+                        as_rows(max(p.inertia[j], POINT_LIKE) * np.eye(DIMENSIONS)),
+                    ),
+                    drive=Drive(**drive, stribeck_velocity=p.stribeck_velocity),
+                    angle_range=(-p.joint_limit[j], p.joint_limit[j]),
+                    velocity_limit=p.velocity_limit[j],
+                )
+            )
+        return cls("two-joint arm", tuple(joints), tip=(p.length[-1], 0.0, 0.0), gravity=(p.gravity, 0.0, 0.0))
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Robot:
+        """Read a robot from a TOML file: the fields of this class, with a table `[[joints]]` for each joint.
+
+        Raises:
+            ValueError: the file is not TOML, a field is missing or unknown, or a value is out of range; the message
+                names the file, the joint and the field.
+            OSError: the file cannot be read.
+        """
+        content = read_toml(Path(path))
+        try:
+            return record(content, cls)
+        except ValueError as error:
+            raise ValueError(f"{path}: {_with_joint_name(str(error), content)}") from None
+
+
+def shipped_robots() -> tuple[str, ...]:
+    """Return the names of the robots that come with the package."""
+    return tuple(sorted(path.stem for path in _SHIPPED.glob("*.toml")))
+
+
+@functools.cache
+def robot_named(name: str) -> Robot:
+    """Return a robot that comes with the package, by its name; ValueError with all names if there is none such."""
+    return Robot.from_toml(_SHIPPED / f"{checks.choice('robot', name, shipped_robots())}.toml")
+
+
+def _with_joint_name(message: str, content: dict[str, Any]) -> str:
+    """Return a message with the name of the joint beside its place, ``joints[2]``, in the file."""
+    found = re.search(r"joints\[(\d+)\]", message)
+    joints = content.get("joints")
+    if not (found and isinstance(joints, list) and int(found[1]) < len(joints)):
+        return message
+    joint = joints[int(found[1])]
+    name = joint.get("name") if isinstance(joint, dict) else None
+    return message if name is None or repr(name) in message else f"joint {checks.shown(name)}: {message}"

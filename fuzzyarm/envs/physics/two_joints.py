@@ -1,0 +1,115 @@
+"""The paper's arm as `Physics`: its equations are in `dynamics`, `friction`, `integrator` and `readings`."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+from numba.extending import register_jitable
+
+from fuzzyarm.common import checks
+from fuzzyarm.envs.physics.dynamics import Arm, Payload, Plant, loaded, lump, plant_of
+from fuzzyarm.envs.physics.integrator import step
+from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.readings import (
+    gravity_at,
+    inverse_dynamics_at,
+    mass_matrix_at,
+    motor_friction,
+    tip_point,
+)
+from fuzzyarm.envs.physics.records import PerJoint
+
+__all__ = ["Limits", "two_joints"]
+
+
+class Limits(NamedTuple):
+    """Limits of the joint angles [rad], of their velocities [rad/s] and of the motor torques [N m], to either side."""
+
+    angle: PerJoint
+    velocity: PerJoint
+    torque: PerJoint
+
+
+@functools.cache
+def two_joints() -> Physics:
+    """Return the equations of the arm with two joints in a plane."""
+    return Physics(
+        joints=2,
+        axes=2,
+        digest="",
+        made_by=(two_joints, ()),
+        Plant=Plant,
+        Arm=Arm,
+        Limits=Limits,
+        plant_of=plant_of,
+        step=step,
+        tip=tip_point,
+        gravity=gravity_at,
+        motor_friction=motor_friction,
+        inverse_dynamics=inverse_dynamics_at,
+        mass_matrix=mass_matrix_at,
+        payload_place=_payload_radius,
+        constants=_constants,
+        stiffness=_stiffness,
+        limits=_limits,
+        angle_range=_angle_range,
+        varied=_varied,
+    )
+
+
+def _payload_radius(payload: Payload, parameters: ArmParameters) -> float:
+    """Return the distance of a payload from joint 2 [m]."""
+    return checks.real("payload radius", payload.radius(parameters), "m", low=0.0, high=LARGEST)
+
+
+@register_jitable
+def _constants(plant: Plant, payload: Any, radius: Any, tip_payload: Any) -> Arm:
+    """Return the constants with a point mass [kg] on link 2 at a distance [m] from joint 2, and another at the tip."""
+    arm = loaded(lump(plant), payload, radius, plant.gravity)
+    both: Arm = loaded(arm, tip_payload, plant.length[1], plant.gravity)
+    return both
+
+
+@register_jitable
+def _stiffness(plant: Plant) -> PerJoint:
+    return plant.stiffness
+
+
+@register_jitable(forceinline=True)
+def _limits(plant: Plant) -> Limits:
+    return Limits(plant.joint_limit, plant.velocity_limit, plant.torque_limit)
+
+
+@register_jitable(forceinline=True)
+def _angle_range(limits: Limits) -> tuple[PerJoint, PerJoint]:
+    high = limits.angle
+    return PerJoint(-high.joint1, -high.joint2), high
+
+
+@register_jitable(forceinline=True)
+def _times(numbers: PerJoint, factors: PerJoint) -> PerJoint:
+    return PerJoint(numbers.joint1 * factors.joint1, numbers.joint2 * factors.joint2)
+
+
+@register_jitable
+def _varied(plant: Plant, draw: Any) -> Plant:
+    """Return the plant with the factors of a draw."""
+    return Plant(
+        plant.length,
+        _times(plant.mass, draw.mass),
+        _times(plant.inertia, draw.mass),
+        plant.mass_center,
+        _times(plant.viscous_friction, draw.viscous_friction),
+        plant.gravity,
+        _times(plant.motor_inertia, draw.motor_inertia),
+        _times(plant.stiffness, draw.stiffness),
+        _times(plant.damping, draw.damping),
+        _times(plant.static_friction, draw.dry_friction),
+        _times(plant.coulomb_friction, draw.dry_friction),
+        plant.stribeck_velocity,
+        plant.torque_limit,
+        plant.joint_limit,
+        plant.velocity_limit,
+    )

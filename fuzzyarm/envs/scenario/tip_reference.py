@@ -1,0 +1,264 @@
+"""The reference of any robot along a path of its tip in space, by inverse kinematics.
+
+    f(q, p(s(t))) = 0,      A q̇ = (P ṗ, 0, 0),      A q̈ = (P p̈, 0, 0) - Ȧ q̇
+
+with f and A of `inverse_kinematics`. The branch is followed once, in steps of s; after that, Newton's method corrects
+an interpolation to the last digit, so that every value depends on its own t alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fuzzyarm.common import checks
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.home import home_posture
+from fuzzyarm.envs.scenario.inverse_kinematics import TipTask, freedom, solved, start_posture
+from fuzzyarm.envs.scenario.kinematics import Chain, chain, reach
+from fuzzyarm.envs.scenario.paths import Circle, TipPath
+from fuzzyarm.envs.scenario.placed import Placed
+from fuzzyarm.envs.scenario.reference import (
+    CHECKED_INSTANTS,
+    Reference,
+    ReferenceSample,
+    TipSample,
+    check_points,
+)
+from fuzzyarm.envs.scenario.robot_limits import check_angles, check_velocities, checked_angles
+from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law, time_at
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
+
+__all__ = ["EXACT", "SHARPEST", "TipReference", "upward_normals"]
+
+STEPS = np.linspace(0.0, 1.0, 81)  # of s, from one to the next of which the branch is followed
+NODES = np.linspace(0.0, 1.0, 321)  # of s, between which the posture is interpolated before it is corrected
+ROUNDS = 2  # of Newton's method between nodes
+TRIES = 8  # rounds from one step to the next, before the path counts as lost
+EXACT = 1e-10  # m or rad that an inverse may miss
+LONGEST_STEP = 0.5  # rad that a joint may move in a step
+
+SHARPEST = 0.01
+"""Smallest singular value that A may have along a path, lengths in reaches of the robot; it is 0 where A is singular.
+
+For two equal links it is 0.04 to 0.08 of sin q2, for a wrist of three axes about 0.7 of the angle of its middle joint.
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class TipReference(Reference):
+    """Joint motion that moves the tip of a robot along a path in space, from rest to rest.
+
+    Attributes:
+        path: tip curve with points (..., 3) [m] in the base frame: `Line` and `Spline` of triples, or `Placed`.
+        duration: T [s], 1e-6 to 1e6.
+        robot: the robot.
+        posture: joint angles [rad] near which the start is sought; they choose the branch, such as an elbow above or
+            below, and the rotation of the last link. None: `home.home_posture`.
+        orientation: ``"constant"``, the last link keeps its rotation if the robot has joints enough for it (six in
+            space, three in a plane); or ``"free"``.
+
+    Raises:
+        TypeError: an argument is of the wrong kind.
+        ValueError: a value is out of range; or the path cannot be followed: it starts out of reach, leaves it, comes
+            too close to a singular posture (`SHARPEST`), or passes a limit of a joint or of its velocity. The message
+            says at which time and point, at which joint, by how much, and what to change.
+    """
+
+    path: TipPath
+    duration: float
+    robot: Robot
+    posture: tuple[float, ...] | None = None
+    orientation: Literal["constant", "free"] = "constant"
+
+    def __post_init__(self) -> None:
+        """Check the values, follow the path, then check the whole motion at `CHECKED_INSTANTS` instants."""
+        if not isinstance(self.path, TipPath):
+            raise TypeError(f"path = {checks.shown(self.path)} must have a method points(s) with points (..., 3)")
+        checks.instance("robot", self.robot, Robot)
+        _keep(self, "duration", checks.real("duration", self.duration, "s", low=SHORTEST, high=LONGEST))
+        checks.choice("orientation", self.orientation, ("constant", "free"))
+        posture = home_posture(self.robot) if self.posture is None else self.posture
+        _keep(self, "posture", checked_angles("posture", posture, self.robot))
+        t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
+        s = quintic_time_law(t, self.duration)[0]
+        check_points(self.path, s, 3)
+        self._check_plane(t, self.path.points(s)[0])
+        motion = self.sample(t)
+        self._check_sharpness(t, motion.q)
+        check_angles(self.robot, t, motion.q, "Move or shrink the path, or start from another posture=")
+        check_velocities(self.robot, t, motion.dq, self.duration)
+
+    @property
+    def joints(self) -> int:
+        """The joints of the robot."""
+        return len(self.robot)
+
+    @property
+    def keeps_orientation(self) -> bool:
+        """Whether the last link keeps its rotation along the path."""
+        can = freedom(self.robot)
+        return self.orientation == "constant" and self.joints >= len(can.motion) + len(can.turning)
+
+    @property
+    def circle(self) -> tuple[np.ndarray, float] | None:
+        """Center (3,) [m] and radius [m] of a `Circle` that is `Placed`."""
+        if not (isinstance(self.path, Placed) and isinstance(self.path.path, Circle)):
+            return None
+        return np.array(self.path.origin) + np.array(self.path.path.center) @ self.path.axes, self.path.path.radius
+
+    def sample(self, t: ArrayLike) -> ReferenceSample:
+        """Return q, q̇ = A⁻¹ (P ṗ, 0, 0) and q̈, shapes (..., n), at times t [s] of shape (...,)."""
+        position, velocity, acceleration = along(self.path, t, self.duration)
+        task, s = self._task, quintic_time_law(t, self.duration)[0]
+        q = task.refined(self._followed(s), position, ROUNDS)
+        now = chain(self.robot, q)
+        matrix = task.matrix(now)
+        dq = solved(matrix, task.moved(velocity))
+        return ReferenceSample(q, dq, solved(matrix, task.moved(acceleration) - task.drifting(now, dq)))
+
+    def tip(self, t: ArrayLike) -> TipSample:
+        """Return position p(s(t)) [m] and velocity ṗ = p' ṡ [m/s], shapes (..., 3), at times t [s] of shape (...,)."""
+        position, velocity, _ = along(self.path, t, self.duration)
+        return TipSample(position, velocity)
+
+    def normals(self, t: ArrayLike) -> np.ndarray:
+        """Return the left normals of a plane curve that is `Placed`, else `upward_normals`; (..., 3)."""
+        s = quintic_time_law(t, self.duration)[0]
+        if isinstance(self.path, Placed):
+            return self.path.normals(s)
+        return upward_normals(self.path.points(s)[1], self.robot)
+
+    def corners(self) -> np.ndarray:
+        """Return the times [s] at which q̈ has a corner, ascending: the ends, and where the path has one (`TipPath`)."""
+        return corner_times(getattr(self.path, "corners", ()), self.duration)
+
+    @functools.cached_property
+    def _task(self) -> TipTask:
+        """The system to solve, whose start is on the path."""
+        point = self.path.points(0.0)[0]
+        near = np.array(self.posture)
+        q, missed = start_posture(self.robot, near, point, self.keeps_orientation)
+        if not np.abs(missed).max() <= EXACT:
+            shortest = float(np.linalg.norm(point - self.robot.arrays.position[0]))
+            raise ValueError(
+                f"the path starts out of reach: point {_shown(point)} m is {shortest:.6g} m from the first joint of "
+                f"{self.robot.name}, whose links are {reach(self.robot):.6g} m long; from posture = "
+                f"{_shown(near)} rad the tip comes within {np.linalg.norm(chain(self.robot, q).tip - point):.3g} m"
+                f"{' with the orientation kept' if self.keeps_orientation else ''}. Move the path, start from another "
+                f"posture={self._or_free}"
+            )
+        return TipTask(self.robot, q, self.keeps_orientation)
+
+    @functools.cached_property
+    def _followed(self) -> CubicHermiteSpline:
+        """The posture over s, exact at `NODES`: followed over `STEPS`, then made fine."""
+        from scipy.interpolate import CubicHermiteSpline  # SciPy is only needed here
+
+        points, tangents, _ = self.path.points(STEPS)
+        postures, slopes = [self._task.start], [self._slope(self._task.start, tangents[0])]
+        for k in range(1, len(STEPS)):
+            step = (STEPS[k] - STEPS[k - 1]) * slopes[-1]
+            if not np.abs(step).max() <= LONGEST_STEP:
+                self._refuse(k - 1, postures[-1], f"there {self._joint(step)} would have to turn without end")
+            postures.append(self._corrected(k, postures[-1], step, points[k]))
+            slopes.append(self._slope(postures[-1], tangents[k]))
+        coarse = CubicHermiteSpline(STEPS, np.array(postures), np.array(slopes))
+        points, tangents, _ = self.path.points(NODES)
+        nodes = self._task.refined(coarse(NODES), points, ROUNDS)
+        return CubicHermiteSpline(NODES, nodes, self._slope(nodes, tangents))
+
+    def _slope(self, q: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+        """Return dq/ds (..., n) at postures (..., n) where dp/ds is the tangent (..., 3)."""
+        return solved(self._task.matrix(chain(self.robot, q)), self._task.moved(tangent))
+
+    def _corrected(self, k: int, before: np.ndarray, step: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Return the posture (n,) for the point (3,) of step k, from the one before (n,) and the step to it (n,)."""
+        q = before + step
+        for _ in range(TRIES):
+            with np.errstate(all="ignore"):
+                try:
+                    after = self._task.refined(q, point, 1)
+                except np.linalg.LinAlgError:
+                    break
+            if not np.abs(after - before).max() <= 2.0 * LONGEST_STEP:
+                break
+            if np.abs(after - q).max() <= EXACT:
+                return after
+            q = after
+        self._refuse(k, before, f"from the point {_shown(chain(self.robot, before).tip)} m no posture leads there")
+        raise AssertionError  # not reached
+
+    def _refuse(self, k: int, q: np.ndarray, reason: str) -> None:
+        """Raise the error of a path that cannot be followed to or beyond step k, the last posture being q (n,)."""
+        time, point = float(time_at(STEPS[k], self.duration)), self.path.points(STEPS[k])[0]
+        sharp = float(self._task.sharpness(chain(self.robot, q)))
+        raise ValueError(
+            f"the path cannot be followed at t = {time:.4g} s, point {_shown(point)} m: {reason} (smallest singular "
+            f"value {sharp:.2g}). Move or shrink the path, start from another posture={self._or_free}"
+        )
+
+    @property
+    def _or_free(self) -> str:
+        """The last way out, where there is one."""
+        return ", or let orientation be free" if self.keeps_orientation else ""
+
+    def _check_plane(self, t: np.ndarray, position: np.ndarray) -> None:
+        """Raise if the path leaves the plane in which the tip of a planar robot moves."""
+        across = np.eye(3) - self._task.motion.T @ self._task.motion
+        beside = np.linalg.norm((position - chain(self.robot, self._task.start).tip) @ across, axis=-1)
+        k = int(np.argmax(beside))
+        if beside[k] > EXACT:
+            raise ValueError(
+                f"{self.robot.name} is planar: its tip cannot reach point {_shown(position[k])} m at t = {t[k]:.4g} s, "
+                f"{beside[k]:.3g} m beside its plane. Move or turn the path into the plane"
+            )
+
+    def _check_sharpness(self, t: np.ndarray, q: np.ndarray) -> None:
+        """Raise where A is nearly singular."""
+        now = chain(self.robot, q)
+        sharp = self._task.sharpness(now)
+        k = int(np.argmin(sharp))
+        if not sharp[k] >= SHARPEST:
+            _, _, directions = np.linalg.svd(self._task.matrix(Chain(*(part[k] for part in now))))
+            raise ValueError(
+                f"the path comes too close to a singular posture at t = {t[k]:.4g} s, point {_shown(now.tip[k])} m: "
+                f"the smallest singular value is {sharp[k]:.2g}, allowed: {SHARPEST} or more; there "
+                f"{self._joint(directions[-1])} turns most without moving the tip. Move or shrink the path, start from "
+                f"another posture={self._or_free}"
+            )
+
+    def _joint(self, motion: np.ndarray) -> str:
+        """Return the name of the joint that a motion (n,) turns most."""
+        return self.robot.joints[int(np.argmax(np.abs(motion)))].name
+
+
+def upward_normals(tangents: np.ndarray, robot: Robot) -> np.ndarray:
+    """Return unit normals (..., 3) of a curve with these tangents (..., 3): the upward ones, against gravity.
+
+    Where the curve is vertical, the normal is the one closest to the base's x; without gravity, z is up.
+    """
+    up = -robot.arrays.gravity if robot.arrays.gravity.any() else np.array([0.0, 0.0, 1.0])
+    up = up / np.linalg.norm(up)
+    aside = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
+    along_curve = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
+    normals = []
+    for wanted in (up, aside):
+        across = wanted - np.sum(along_curve * wanted, axis=-1, keepdims=True) * along_curve
+        normals.append((across, np.linalg.norm(across, axis=-1, keepdims=True)))
+    (upward, size), (sideways, other) = normals
+    return np.asarray(np.where(size > 1e-6, upward / np.maximum(size, 1e-6), sideways / np.maximum(other, 1e-6)))
+
+
+def _shown(values: Any) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
+
+
+def _keep(reference: object, name: str, value: Any) -> None:
+    object.__setattr__(reference, name, value)

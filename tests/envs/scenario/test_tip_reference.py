@@ -1,0 +1,254 @@
+"""Tip paths in space: followed, with consistent derivatives and a kept orientation; what fails is named."""
+
+import dataclasses
+import functools
+import itertools
+import re
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.rigid_body import tip_position
+from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.envs.scenario.home import home_posture
+from fuzzyarm.envs.scenario.kinematics import chain, jacobian, rotation_vector
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
+from fuzzyarm.envs.scenario.placed import Placed
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.time_law import quintic_time_law
+from fuzzyarm.envs.scenario.tip_reference import SHARPEST, TipReference
+
+ROBOTS = {name: robot_named(name) for name in ("planar-3r", "ur5", "panda")}
+DURATION = 4.0
+T = np.linspace(0.0, DURATION, 801)
+
+
+def start_of(robot):
+    """Where the tip is in the home posture."""
+    return chain(robot, np.array(home_posture(robot))).tip
+
+
+def paths(robot):
+    """Paths about the home posture, in the x-y plane of a planar robot and elsewhere in space."""
+    place = start_of(robot)
+    planar = robot.name.startswith("planar")
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)) if planar else ((0.0, 1.0, 0.0), (0.0, 0.6, 0.8))
+    first, second = (axes[0], axes[1]) if planar else ((0.0, 0.6, 0.8), (1.0, 0.0, 0.0))
+    waypoints = place + np.array([[0, 0], [0.05, 0.03], [0.02, 0.1], [-0.04, 0.05]]) @ np.array([first, second])
+    return {
+        "circle": Placed(Circle(center=(0.08, 0.0), radius=0.08), tuple(place), first, second),
+        "lemniscate": Placed(Lemniscate((0.0, 0.0), 0.1, angle=0.4), tuple(place), first, second),
+        "line": Line(tuple(place), tuple(place + 0.1 * np.array(first) - 0.03 * np.array(second))),
+        "spline": Spline(waypoints),
+    }
+
+
+KINDS = ("circle", "lemniscate", "line", "spline", "circle, free")
+
+
+@functools.cache
+def reference_of(name, kind):
+    """The reference of a robot along a kind of path, where it says so with a free orientation."""
+    orientation = "free" if kind.endswith("free") else "constant"
+    return TipReference(paths(ROBOTS[name])[kind.split(",")[0]], DURATION, ROBOTS[name], orientation=orientation)
+
+
+@pytest.fixture(params=itertools.product(ROBOTS, KINDS), ids=", ".join)
+def reference(request):
+    return reference_of(*request.param)
+
+
+def central_difference(function, t, h=1e-5):
+    return (function(t + h) - function(t - h)) / (2.0 * h)
+
+
+def test_the_tip_is_on_the_path_at_every_time(reference):
+    q = reference.sample(T).q
+    expected = reference.path.points(quintic_time_law(T, DURATION)[0])[0]
+    np.testing.assert_allclose(tip_position(reference.robot, q), expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(reference.tip(T).position, expected, rtol=0, atol=1e-15)
+
+
+def test_velocities_and_accelerations_are_consistent(reference):
+    t = np.random.default_rng(0).uniform(0.01, DURATION - 0.01, 50)
+    q, dq, ddq = reference.sample(t)
+    np.testing.assert_allclose(central_difference(lambda x: reference.sample(x).q, t), dq, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(central_difference(lambda x: reference.sample(x).dq, t), ddq, rtol=0, atol=2e-7)
+    rate = np.einsum("kij,kj->ki", jacobian(chain(reference.robot, q)), dq)
+    np.testing.assert_allclose(rate[:, :3], reference.tip(t).velocity, rtol=0, atol=1e-13)
+
+
+def test_the_orientation_is_kept_where_it_is_asked_for_and_the_joints_allow_it(reference):
+    rotation = chain(reference.robot, reference.sample(T).q).rotation
+    turned = np.linalg.norm(rotation_vector(rotation @ rotation[0].T), axis=-1).max()
+    if reference.orientation == "constant":
+        assert reference.keeps_orientation
+        assert turned < 1e-13
+    else:
+        assert turned > 1e-3
+
+
+def test_it_begins_and_ends_at_rest_and_rests_outside(reference):
+    sample = reference.sample([-1.0, 0.0, DURATION, DURATION + 1.0])
+    np.testing.assert_array_equal(sample.q[[0, 3]], sample.q[[1, 2]])
+    assert not sample.dq.any()
+    assert not sample.ddq.any()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_closed_path_brings_every_joint_back(name):
+    """Also the redundant ones: seven joints in space, or three in a plane with the orientation free."""
+    for kind in ("circle", "circle, free"):
+        q = reference_of(name, kind).sample([0.0, DURATION]).q
+        np.testing.assert_allclose(q[0], q[1], rtol=0, atol=1e-13)
+
+
+def test_redundant_joints_share_as_at_the_start():
+    """Nᵀ (q - q_0) = 0 with N the null space of the Jacobian at q_0."""
+    reference = reference_of("panda", "circle")
+    q = reference.sample(T).q
+    rows = jacobian(chain(reference.robot, q[0]))
+    free = np.linalg.svd(rows)[2][-1]
+    np.testing.assert_allclose(rows @ free, 0.0, atol=1e-14)
+    np.testing.assert_allclose((q - q[0]) @ free, 0.0, atol=1e-13)
+    assert np.abs(q - q[0]).max() > 0.1
+
+
+def test_a_value_depends_on_its_own_time_alone(reference):
+    whole = reference.sample(T.reshape(9, 89))
+    for single, grid in zip(reference.sample(T[200]), whole, strict=True):
+        assert grid.shape == (9, 89, reference.joints)
+        np.testing.assert_allclose(single, grid[2, 22], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("elbow_sign", [1, -1])
+@pytest.mark.parametrize("path", [Circle(), Lemniscate((0.4, 0.4), 0.2, angle=0.5)])
+def test_for_two_joints_it_is_the_closed_form(path, elbow_sign):
+    closed = JointReference(path, elbow_sign=elbow_sign)
+    placed = Placed(path, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    posture = tuple(closed.sample(0.0).q + 0.2)
+    general = TipReference(placed, closed.duration, Robot.of(ArmParameters()), posture)
+    assert not general.keeps_orientation
+    t = np.linspace(0.0, 1.5, 301)
+    for mine, exact, error in zip(general.sample(t), closed.sample(t), (1e-13, 1e-12, 1e-10), strict=True):
+        np.testing.assert_allclose(mine, exact, rtol=0, atol=error)
+    np.testing.assert_allclose(general.normals(t)[:, :2], closed.normals(t), atol=1e-15)
+    np.testing.assert_allclose(general.tip(t).position[:, :2], closed.tip(t).position, atol=1e-15)
+
+
+def test_the_posture_chooses_the_branch():
+    """Of the UR5: the elbow below the line from shoulder to wrist instead of above it."""
+    robot, above = ROBOTS["ur5"], reference_of("ur5", "line")
+    shoulder, elbow = (above.robot.joints[k].name for k in (1, 2))
+    assert ("lift" in shoulder, "elbow" in elbow) == (True, True)
+    turned = np.array(above.posture)
+    turned[1] += turned[2]
+    turned[3] += turned[2]
+    turned[2] *= -1.0  # the sum of the three, and so the rotation of the last link, stays
+    below = TipReference(above.path, DURATION, robot, tuple(turned))
+    np.testing.assert_array_equal(below.tip(T).position, above.tip(T).position)
+    assert above.sample(T).q[:, 2].max() < 0.0 < below.sample(T).q[:, 2].min()
+
+
+def test_normals_are_unit_vectors_across_the_path(reference):
+    normals, velocity = reference.normals(T), reference.tip(T).velocity
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(np.sum(normals * velocity, axis=-1), 0.0, atol=1e-14)
+
+
+def test_a_placed_circle_tells_its_center_and_radius():
+    reference = reference_of("ur5", "circle")
+    center, radius = reference.circle
+    distance = np.linalg.norm(reference.tip(T).position - center, axis=-1)
+    np.testing.assert_allclose(distance, radius, rtol=1e-14)
+    assert reference_of("ur5", "line").circle is None
+
+
+def test_corners_are_those_of_the_path_in_time():
+    for kind, inner in (("spline", 2), ("circle", 0)):
+        corners = reference_of("ur5", kind).corners()
+        assert len(corners) == 2 + inner
+        s = quintic_time_law(corners, DURATION)[0]
+        np.testing.assert_allclose(s[1:-1], getattr(reference_of("ur5", kind).path, "corners", ()), atol=1e-14)
+
+
+def test_a_path_that_starts_out_of_reach_says_by_how_much():
+    robot = ROBOTS["ur5"]
+    with pytest.raises(
+        ValueError, match=r"starts out of reach: point \(2, 0, 0\) m is 2\.00\d* m .* comes within 1\.\d+"
+    ):
+        TipReference(Line((2.0, 0.0, 0.0), (1.0, 0.0, 0.0)), DURATION, robot)
+
+
+def test_a_path_that_leaves_the_reach_says_where():
+    robot = ROBOTS["ur5"]
+    place = start_of(robot)
+    outwards = place / np.linalg.norm(place)
+    with pytest.raises(ValueError, match=r"t = [\d.]+ s, point \(.*\) m.*singular value") as error:
+        TipReference(Line(tuple(place), tuple(place + 0.6 * outwards)), DURATION, robot)
+    point = np.array([float(x) for x in re.search(r"point \((.*?)\) m", str(error.value)).group(1).split(",")])
+    travelled = (point - place) @ outwards
+    assert 0.02 < travelled < 0.4
+    TipReference(Line(tuple(place), tuple(place + 0.5 * travelled * outwards)), DURATION, robot)
+
+
+def test_a_nearly_singular_path_names_time_point_and_joint():
+    """A wrist of the UR5 that comes to q5 = 0: its first and last axes are then parallel."""
+    robot = ROBOTS["ur5"]
+    posture = np.array([0.0, -1.5, 1.8, -1.2, 0.008, 0.0])
+    place = chain(robot, posture).tip
+    line = Line(tuple(place), tuple(place + np.array([0.0, 0.0, 0.05])))
+    with pytest.raises(ValueError, match=rf"singular posture at t = .*allowed: {SHARPEST} or more; there wrist_\d"):
+        TipReference(line, DURATION, robot, tuple(posture))
+
+
+def test_joint_ranges_and_velocities_name_joint_and_excess():
+    robot, reference = ROBOTS["ur5"], reference_of("ur5", "circle")
+    number = int(np.argmax(np.ptp(reference.sample(T).q, axis=0)))
+    peak = reference.sample(T).q[:, number].max()
+    joint = dataclasses.replace(robot.joints[number], angle_range=(-3.0, peak - 0.01))
+    joints = list(robot.joints)
+    joints[number] = joint
+    narrow = dataclasses.replace(robot, joints=tuple(joints))
+    with pytest.raises(ValueError, match=rf"{joint.name} leaves its range at t = .* by 0\.01 rad .*another posture="):
+        TipReference(reference.path, DURATION, narrow, reference.posture)
+    with pytest.raises(ValueError, match=r"turns at .* % beyond its velocity limit.*Raise duration") as error:
+        TipReference(reference.path, 0.3, robot)
+    needed = float(re.search(r"to (\S+) s or more", str(error.value)).group(1))
+    TipReference(reference.path, needed, robot)
+    with pytest.raises(ValueError, match="Raise duration"):
+        TipReference(reference.path, needed - 0.003, robot)
+
+
+def test_a_planar_robot_stays_in_its_plane():
+    robot = ROBOTS["planar-3r"]
+    place = start_of(robot)
+    with pytest.raises(ValueError, match=r"planar-3r is planar: its tip cannot reach .* 0\.05 m beside its plane"):
+        TipReference(Line(tuple(place), tuple(place + np.array([0.0, 0.1, 0.05]))), DURATION, robot)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"path": 3.0}, TypeError, r"path = 3\.0 must have a method points"),
+        ({"path": Circle()}, ValueError, r"gave shape .* allowed: \(2001, 3\)"),
+        ({"robot": "ur5"}, TypeError, r"robot = 'ur5' must be a .*Robot"),
+        ({"duration": 0.0}, ValueError, r"duration = 0\.0 s is out of range"),
+        ({"posture": (0.0,) * 5}, ValueError, r"posture = .* must be 6 real numbers"),
+        ({"posture": (0.0, 0.0, 9.0, 0.0, 0.0, 0.0)}, ValueError, r"posture: elbow\w* = 9 rad is out of range"),
+        ({"orientation": "fixed"}, ValueError, r"orientation = 'fixed' is unknown; choose from: constant, free"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, error, message):
+    robot = ROBOTS["ur5"]
+    place = start_of(robot)
+    good = {"path": Line(tuple(place), tuple(place + 0.05)), "duration": DURATION, "robot": robot}
+    with pytest.raises(error, match=message):
+        TipReference(**(good | arguments))
+
+
+def test_a_reference_is_a_value():
+    first = reference_of("ur5", "line")
+    assert first == TipReference(first.path, DURATION, first.robot, first.posture)
+    assert hash(first) == hash(dataclasses.replace(first))

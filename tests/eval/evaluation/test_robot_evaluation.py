@@ -1,0 +1,92 @@
+"""An evaluation of a robot: its loads, metrics of every joint, files that say which robot it was, and figures."""
+
+import numpy as np
+import pytest
+
+from fuzzyarm.common.documents import read_json, record
+from fuzzyarm.envs.physics.equations import bounds_of
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
+from fuzzyarm.eval.evaluation import run
+from fuzzyarm.eval.evaluation.figures import draw_figures
+from fuzzyarm.eval.evaluation.result_table import table_rows
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
+
+ROBOT = robot_named("planar-3r")
+
+
+class Feedback:
+    """Feedforward of the rigid robot and a stiff feedback of the motors."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        q, dq, q_d, dq_d, ddq_d = observation.reshape(5, len(ROBOT))
+        inertia = ROBOT.drive("motor_inertia")
+        feedback = 2.0 * inertia * (900.0 * (q_d - q) + 60.0 * (dq_d - dq))
+        return inverse_dynamics(ROBOT, q_d, dq_d, ddq_d) + inertia * ddq_d + feedback, None
+
+    def certificate(self, reference):
+        return None
+
+
+class Spec:
+    def load(self, control_period, robot):
+        assert robot is ROBOT
+        return Feedback()
+
+    def files(self):
+        return {}
+
+
+@pytest.fixture(scope="module")
+def evaluation():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "resolve_all", lambda *_, **__: {"feedback": Spec()})
+        return evaluate(EvaluationConfig(policies=("computed-torque",), cases=("nominal", "payload"), robot=ROBOT))
+
+
+def test_the_robot_follows_its_default_reference_in_every_case(evaluation):
+    assert evaluation.complete and [row["case"] for row in evaluation.rows] == ["nominal", "payload"]
+    nominal, payload = evaluation.rows
+    assert nominal["tip_error_max_mm"] < 10.0 < payload["tip_error_max_mm"]
+    titles = [title for title, _, _ in table_rows(evaluation.rows, evaluation.config.titles)]
+    assert titles == ["Case 1: nominal", "Case 3: 2.7 kg payload"]
+
+
+def test_there_are_metrics_of_every_joint(evaluation):
+    row, rollout = evaluation.rows[0], evaluation.rollouts[0]
+    peaks = np.abs(rollout.torque).max(axis=0)
+    assert [row[f"torque_peak_{k}"] for k in (1, 2, 3)] == peaks.tolist() and "torque_peak_4" not in row
+    assert row["torque_rms_3"] == pytest.approx(np.sqrt(np.mean(rollout.torque[:, 2] ** 2)))
+    assert table_rows(evaluation.rows)[0][2][4].count(",") == 2
+    low, high, velocity, _ = bounds_of(ROBOT)
+    used = [np.abs(rollout.q_link - 0.5 * (low + high)) / (0.5 * (high - low)), np.abs(rollout.dq_motor) / velocity]
+    assert row["domain_margin"] <= 1.0 - max(map(np.max, used)) + 1e-12
+
+
+def test_results_and_rollouts_come_back_from_their_files(evaluation, tmp_path):
+    write_results(evaluation, tmp_path)
+    config = record(read_json(tmp_path / "results.json")["config"], EvaluationConfig)
+    assert config == evaluation.config and config.robot.digest == ROBOT.digest
+    assert config.command() == (
+        "fuzzyarm evaluate --robot planar-3r --policy computed-torque --case nominal --case payload"
+    )
+    first = read_rollouts(write_rollouts(evaluation.rollouts, tmp_path))[0]
+    assert first.torque.shape == (len(first.time), 3) and first.tip.shape == (len(first.time), 3)
+    assert np.array_equal(first.q_link, evaluation.rollouts[0].q_link)
+
+
+def test_there_is_a_panel_for_every_joint(evaluation):
+    figures = draw_figures(evaluation.rollouts, evaluation.config.titles)
+    assert [len(figures[f"nominal-{name}"].axes) for name in ("torque", "velocity", "friction")] == [3, 3, 3]
+    assert (
+        "2.7 kg" in figures["payload-path"].axes[0].get_title(loc="left") + figures["payload-path"].axes[0].get_title()
+    )
+
+
+def test_a_robot_without_a_name_of_its_own_has_no_command():
+    import dataclasses
+
+    assert EvaluationConfig(robot=dataclasses.replace(ROBOT, name="mine")).command() is None
+    with pytest.raises(TypeError, match="robot"):
+        EvaluationConfig(robot="planar-3r")
