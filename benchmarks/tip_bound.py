@@ -25,16 +25,19 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, loaded, lump, plant_of
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.integrator import hold
-from fuzzyarm.envs.physics.readings import at_rest, static_deflection, tip_point
+from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.readings import tip_point
 from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import find_case
-from fuzzyarm.envs.scenario.randomisation import Draw, varied
+from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
 from fuzzyarm.eval.provenance import current_provenance
+
+hold = hold_of(two_joints())
 
 COMMAND = "python benchmarks/tip_bound.py"
 SUBSTEPS = 40
@@ -63,10 +66,29 @@ CLAIMS = (
     _named("fuzzy-4-tip", "table-1", duration=1.2),
     TipClaim("fuzzy-4-tip", "machining", "table-1", SETS["table-1"]),
     TipClaim("fuzzy-4-tip", "payload", "table-1", SETS["table-1"]),
+    _own("force ± 10 %, any course", case="machining", force_swing=0.1),
     _named("fuzzy-4-tip", "any-friction"),
     _named("fuzzy-4-tip", "near"),
     _named("fuzzy-4-tip", "near-late"),
     _named("fuzzy-4", "near"),
+    _own("stiffness ± 10 %", stiffness=(0.9, 1.1)),
+    _own("masses ± 2 %", mass=(0.98, 1.02)),
+    _own("masses ± 5 %", mass=(0.95, 1.05)),
+    _own("dry friction ± 50 %", dry_friction=(0.5, 1.5)),
+    _own(
+        "stiffness ± 10 %, masses ± 5 %, dry friction ± 50 %",
+        stiffness=(0.9, 1.1),
+        mass=(0.95, 1.05),
+        dry_friction=(0.5, 1.5),
+    ),
+    _own(
+        "stiffness ± 5 %, masses ± 1 %, dry friction ± 50 %",
+        stiffness=(0.95, 1.05),
+        mass=(0.99, 1.01),
+        dry_friction=(0.5, 1.5),
+    ),
+    _own("payload 0 to 0.2 kg", payload=(0.0, 0.2)),
+    _own("payload 0 to 0.5 kg", payload=(0.0, 0.5)),
 )
 """What is bounded."""
 
@@ -81,10 +103,13 @@ class Plants:
         nominal = plant_of(self.problem.parameters)
         factors = {name: PerJoint(*(self._drawn(getattr(plants, name)) for _ in range(JOINTS))) for name in _FACTORS}
         zero = np.zeros(lanes)
-        draw = Draw(**factors, payload=zero, force=zero, angle=PerJoint(zero, zero), reference=zero)
+        draw = draw_record(JOINTS)(**factors, payload=zero, force=zero, angle=PerJoint(zero, zero), reference=zero)
         payload = find_case(bound.claim.case).disturbance.payload
         arm = loaded(
-            lump(varied(nominal, draw)), payload.mass, payload.radius(self.problem.parameters), nominal.gravity
+            lump(two_joints().varied(nominal, draw)),
+            payload.mass,
+            payload.radius(self.problem.parameters),
+            nominal.gravity,
         )
         arm = loaded(arm, self._drawn(plants.payload), nominal.length[1], nominal.gravity)
         self._static = np.array([arm.static1 + zero, arm.static2 + zero])
@@ -111,9 +136,7 @@ class Plants:
         """Return the tip error (samples, lanes) [m]."""
         problem, plants, lanes = self.problem, self.claim.plants, self.lanes
         policy, table = load_policy(self.claim.policy), problem.schedule
-        link = PerJoint(*table.references[0, :JOINTS].tolist())
-        start = at_rest(link, static_deflection(link, plant_of(problem.parameters)), 0.0)
-        state = np.repeat(np.array(start, dtype=float)[:, np.newaxis], lanes, axis=1)
+        state = np.repeat(problem.start[:, np.newaxis], lanes, axis=1)
         memory, waiting, errors = None, None, []
         for k in range(table.steps):
             noise = np.repeat(plants.noise, JOINTS)[:, np.newaxis] * self._rng.choice([-1.0, 1.0], (4, lanes))
@@ -123,9 +146,9 @@ class Plants:
             acting = asked if waiting is None else waiting
             waiting = asked if plants.late else None
             force = table.forces[k][:, np.newaxis] * self.force
-            force[:2] += plants.force_course * np.where(
-                (self._rates * PERIOD * k + self._phases) % 1.0 < 0.5, 1.0, -1.0
-            )
+            waves = np.where((self._rates * PERIOD * k + self._phases) % 1.0 < 0.5, 1.0, -1.0)
+            force *= 1.0 + plants.force_swing * waves[0]
+            force[:2] += plants.force_course * waves
             self._hold(state, np.ascontiguousarray(acting.T), force, PERIOD * k)
             tip = tip_point(PerJoint(state[2], state[3]), Arm(*self.arm))
             errors.append(np.hypot(tip.x - table.targets[k + 1, 0], tip.y - table.targets[k + 1, 1]))
@@ -146,9 +169,7 @@ def exact_errors(bound: TipBound) -> np.ndarray:
     """Return the tip error (samples, 1) [m] of the only plant of a set, integrated event by event."""
     problem, payload = problem_of(bound.claim), find_case(bound.claim.case).disturbance.payload
     policy, table = load_policy(bound.claim.policy), problem.schedule
-    link = PerJoint(*table.references[0, :JOINTS].tolist())
-    state, memory = np.array(at_rest(link, static_deflection(link, plant_of(problem.parameters)), 0.0)), None
-    errors = []
+    state, memory, errors = problem.start, None, []
     for k in range(table.steps):
         seen = np.concatenate([state[[0, 1, 4, 5]], table.references[k]])
         torque, memory = policy.predict(seen, memory)

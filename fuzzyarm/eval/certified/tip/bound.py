@@ -13,6 +13,7 @@ from fuzzyarm.common.checks import choice, whole
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, TipPath
@@ -32,6 +33,7 @@ __all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "problem_of"
 PATHS: dict[str, TipPath] = {"circle": Circle(), "lemniscate": Lemniscate((0.4, 0.5), 0.2)}
 """Paths of the tip by name: the paper's circle, and an eight of the same width."""
 
+PLANAR = 2  # coordinates of the tip
 PERIOD = 1e-3  # control period [s], the environment's own
 
 Claims = Sequence[Sequence[tuple[Segment, Claim]]]
@@ -125,15 +127,17 @@ def problem_of(claim: TipClaim) -> Problem:
     path = PATHS[choice("path", claim.path, tuple(PATHS))]
     reference = JointReference(path=path, duration=claim.duration, parameters=parameters)
     policy = load_policy(claim.policy, control_period=PERIOD, robot=parameters)
-    schedule = Schedule.build(reference, case.disturbance, PERIOD)
+    schedule = Schedule.build(reference, case.disturbance, PERIOD, PLANAR)
     if claim.steps is not None:
         steps = whole("steps", claim.steps, low=1, high=schedule.steps)
-        schedule = Schedule(case.disturbance, schedule.table[: steps + 1])
+        schedule = dataclasses.replace(schedule, table=schedule.table[: steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
         raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
     plant = ball_plant(parameters, case.disturbance, claim.plants)
     law = ball_law(policy)
-    return Problem(parameters, schedule, PERIOD, law, asked(policy, schedule.references), claim.plants, plant)
+    _, info = FuzzyArmEnv(claim.case, reference=reference).reset()
+    start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
+    return Problem(parameters, start, schedule, PERIOD, law, asked(policy, schedule.references), claim.plants, plant)
 
 
 def find_bound(claim: TipClaim, advance: Callable[[], object] = lambda: None, claims: Claims | None = None) -> TipBound:

@@ -15,7 +15,7 @@ from flint import arb
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, Plant, loaded, lump, plant_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, times
+from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.certified.tip.enclosures import ball, between, centre
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
@@ -80,7 +80,7 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
     nominal = plant_of(parameters)
     middles = {name: 0.5 * sum(getattr(plants, name)) for name in _FACTORS}
     scaled: dict[str, Any] = {
-        field: times(getattr(nominal, field), (middles[name],) * JOINTS)
+        field: PerJoint(*(middles[name] * x for x in getattr(nominal, field)))
         for name, fields in _FACTORS.items()
         for field in fields
     }
@@ -141,8 +141,8 @@ def _mass_units(plant: Plant, plants: PlantSet, parameters: ArmParameters) -> li
     for joint in range(JOINTS if _half(plants.mass) else 0):
         scale = [arb(_half(plants.mass)) if j == joint else arb(0) for j in range(JOINTS)]
         part = plant._replace(
-            mass=times(plant.mass, scale),
-            inertia=times(plant.inertia, scale),
+            mass=PerJoint(*(m * x for m, x in zip(plant.mass, scale, strict=True))),
+            inertia=PerJoint(*(i * x for i, x in zip(plant.inertia, scale, strict=True))),
         )
         found.append(Parameter("mass", joint, _half(plants.mass), lump(part)))
     if _half(plants.payload):

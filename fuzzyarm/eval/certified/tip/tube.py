@@ -9,12 +9,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from flint import arb, ctx
 
-from fuzzyarm.envs.batch.schedule import COLUMNS, Schedule
+from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import plant_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.readings import at_rest, static_deflection
-from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.eval.certified.tip.centre import Centre, Segment
 from fuzzyarm.eval.certified.tip.defects import Forces, TipForces, combined, signal_size
 from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, ball, centre, largest, radius_of
@@ -43,6 +40,7 @@ class Problem:
 
     Attributes:
         parameters: of the arm, Table 1 if nothing else is said.
+        start: state (8,) in which the environment begins: at rest, the links on the reference.
         schedule: reference, tip force and target of every control step.
         period: T [s].
         law: of the policy, on balls.
@@ -52,6 +50,7 @@ class Problem:
     """
 
     parameters: ArmParameters
+    start: np.ndarray
     schedule: Schedule
     period: float
     law: BallLaw
@@ -91,10 +90,8 @@ class Tube:
                 without any search; None: they are searched.
         """
         self.problem, self._claims = problem, claims
-        table, plant = problem.schedule.references[0], problem.plant
-        link = PerJoint(*table[:JOINTS].tolist())
-        rest = at_rest(link, static_deflection(link, plant_of(problem.parameters)), 0.0)
-        self._state = np.array(rest, dtype=float)
+        plant = problem.plant
+        self._state = problem.start
         self._integral = np.zeros(JOINTS)
         numbers = STATES + JOINTS * (1 + problem.plants.late)
         self._set = Zonotope(numbers, len(plant.parameters))
@@ -122,7 +119,7 @@ class Tube:
         if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
             raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
         self._end()
-        wanted = problem.schedule.table[k + 1, COLUMNS.target][:2].tolist()
+        wanted = problem.schedule.targets[k + 1, :2].tolist()
         tip, sources = tip_bound(self._state, self._set, problem.plant.exact, wanted)
         return Step(torque, tuple(segments), tuple(closed), tip, sources)
 

@@ -19,7 +19,7 @@ SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and n
 """Where a column comes from, beside the uncertain constants."""
 
 BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
-MOST, KEPT = 3600, 1800  # columns at which old ones are merged, and how many stay
+MOST, KEPT = 7200, 3600  # columns at which old ones are merged, and how many stay
 BLOCK = 1200  # columns that are multiplied at a time
 
 

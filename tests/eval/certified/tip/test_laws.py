@@ -11,7 +11,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.laws import asked, ball_law
 
-REFERENCES = Schedule.build(JointReference(), Disturbance(), 1e-3).references
+REFERENCES = Schedule.build(JointReference(), Disturbance(), 1e-3, 2).references
 
 
 @pytest.fixture(autouse=True)

@@ -19,7 +19,6 @@ from fuzzyarm.eval.certified.tip.centre import Mode
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
 from fuzzyarm.eval.certified.tip.transition import ROWS
-from fuzzyarm.eval.certified.tip.tube import Tube
 
 STEPS = 40
 ROUNDING = 1e-15  # of a tip that is computed in floats [m]
@@ -39,8 +38,7 @@ def simulated(of, parameters, payload=None, late=0):
     """Return the states and tip errors at every sample, by the event integrator."""
     problem = problem_of(of)
     table, policy = problem.schedule, load_policy(of.policy)
-    tube = Tube(problem)
-    state, memory, waiting, errors, states = tube._state.copy(), None, None, [], [tube._state.copy()]
+    state, memory, waiting, errors, states = problem.start, None, None, [], [problem.start]
     for k in range(table.steps):
         seen = np.concatenate([state[:2], state[4:6], table.references[k]])
         asked, memory = policy.predict(seen, memory)
