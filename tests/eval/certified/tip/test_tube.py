@@ -108,6 +108,44 @@ def test_a_payload_and_a_force_within_their_ranges():
         assert (errors <= bound.tip + ROUNDING).all()
 
 
+def pushed(of, course, noise=(0.0, 0.0), seed=0):
+    """Return the tip errors of the exact plant under a tip force and encoder errors that switch at random."""
+    problem, policy, rng = problem_of(of), load_policy(of.policy), np.random.default_rng(seed)
+    table, state, memory, errors = problem.schedule, problem.start, None, []
+    side = rng.choice([-1.0, 1.0], 2)
+    for k in range(table.steps):
+        side = np.where(rng.uniform(size=2) < 0.2, -side, side)
+        measured = state[[0, 1, 4, 5]] + np.repeat(noise, 2) * rng.choice([-1.0, 1.0], 4)
+        asked, memory = policy.predict(np.concatenate([measured, table.references[k]]), memory)
+        mean, change = table.forces[k, :2], table.forces[k, 2:]
+        share, force = (side * course, 0.0) if of.case == "nominal" else (0.0, side[0] * of.plants.force_swing)
+
+        def pull(t, m=mean, c=change, add=share, factor=force):
+            return (1.0 + factor) * (m + (t / 1e-3 - 0.5) * c) + add
+
+        state = integrate(state, asked, pull, ArmParameters(), Payload(), 0.0, 1e-3)
+        errors.append(float(np.hypot(*(tip_of(state[2:4]) - table.targets[k + 1][:2]))))
+    return np.array(errors)
+
+
+def test_a_force_of_any_course_is_in_the_tube_and_fills_it():
+    """Both kinds: beside the case's force, and as a factor of it. A bound without it would be a thousandth."""
+    for plants, case, least in (
+        (PlantSet(force_course=3.0), "nominal", 0.2),
+        (PlantSet(force_swing=0.1), "machining", 0.5),
+    ):
+        bound = find_bound(claim(plants, steps=30, case=case))
+        ratios = [pushed(bound.claim, plants.force_course, seed=seed) / bound.tip for seed in range(3)]
+        assert np.max(ratios) <= 1.0 and np.max(ratios) > least
+
+
+def test_errors_of_the_encoders_are_in_the_tube_and_fill_it():
+    noise = (1e-5, 1e-3)
+    bound = find_bound(claim(PlantSet(noise=noise), steps=30))
+    ratios = [pushed(bound.claim, 0.0, noise, seed) / bound.tip for seed in range(4)]
+    assert np.max(ratios) <= 1.0 and np.max(ratios) > 0.1
+
+
 def test_the_file_is_checked_again(exact, tmp_path, capsys):
     path = tmp_path / "bound.json"
     save_bound(exact, path)
