@@ -222,7 +222,11 @@ class Friction:
         net_low, net_high = low_high(self._net)
         backward = self.share[0] * self.strength(0.0, max(-low, 0.0))[0]
         forward = self.share[0] * self.strength(0.0, max(high, 0.0))[0]
-        return (net_low - spread + backward) / self._inertia, (net_high + spread - forward) / self._inertia
+        slack = SLACK * (abs(net_low) + abs(net_high) + spread + backward + forward)
+        return (
+            (net_low - spread + backward - slack) / self._inertia,
+            (net_high + spread - forward + slack) / self._inertia,
+        )
 
     def _during(self, low: float, high: float, spread: float) -> Speed:
         """Return what is known of v during the segment, in [low, high] by the tube, N within `spread` [N m]."""

@@ -191,11 +191,14 @@ class Period:
         kick = b @ driven.slope * (2.0 / self._period)
         turn = system.A @ (b @ (driven.level - driven.slope)) + kick
         bend = start.size(solution.S_A_A, S @ turn)
-        whole = start.size(solution.A_A, turn)
+        totals, sized = start.totals(), np.abs(S) @ system.size
+        whole = start.size(solution.A_A, turn) + SLACK * system.size @ (system.size @ totals)
         grown = self._period * (np.abs(solution.S_A) + SLACK * np.abs(S) @ system.size) @ solution.growth @ whole
         sizes = np.abs(S) @ (system.size @ np.abs(b) @ (np.abs(driven.level) + np.abs(driven.slope)) + np.abs(kick))
-        second = bend + grown + 4.0 * SLACK * sizes.sum(axis=1)
-        free = np.maximum(first, last) + self._period**2 / 8.0 * second
+        # Rounding of the products of matrices themselves, whose terms may cancel.
+        second = bend + grown + 4.0 * SLACK * (sizes.sum(axis=1) + sized @ (system.size @ totals))
+        slack_of_rows = SLACK * (system.size_of_rows @ (totals + end.totals()))
+        free = np.maximum(first, last) + self._period**2 / 8.0 * second + slack_of_rows
         return columns, free * ROUND_UP
 
     def _torques(self, tube: np.ndarray, frictions: list[Friction], driven: Drive, before: np.ndarray) -> np.ndarray:

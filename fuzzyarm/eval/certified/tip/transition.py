@@ -65,12 +65,13 @@ ROW_COUNT = 9 * JOINTS
 
 
 class Linear(NamedTuple):
-    """A (10, 10), its absolute value |A|' (10, 10), b (10, 8), S (18, 10) and D (18, 8)."""
+    """A (10, 10), its absolute value |A|' (10, 10), b (10, 8), S (18, 10), |S|' (18, 10) and D (18, 8)."""
 
     A: np.ndarray
     size: np.ndarray
     b: np.ndarray
     S: np.ndarray
+    size_of_rows: np.ndarray
     D: np.ndarray
 
 
@@ -157,7 +158,9 @@ def linear(
         S[ROWS.motor_acceleration.start + j], D[ROWS.motor_acceleration.start + j] = 0.0, 0.0
         b[:, channel], D[:, channel] = A[:, velocity], S[:, velocity]
         A[:, velocity], size[:, velocity], S[:, velocity] = 0.0, 0.0, 0.0
-    return Linear(A, size, b, S, D)
+    size_of_rows = np.abs(S)
+    size_of_rows[ROWS.motor_acceleration], size_of_rows[ROWS.link_acceleration] = size[D_THETA], size[D_LINK]
+    return Linear(A, size, b, S, size_of_rows, D)
 
 
 def transition(system: Linear, period: float) -> Transition:

@@ -204,7 +204,7 @@ class Tube:
             radius_of(u, c) + sum(radius_of(x, g) * r for x, g, r in zip(row, gains, spread.tolist(), strict=True))
             for u, c, row, gains in zip(at.value, torque.tolist(), tube.slopes, gain.tolist(), strict=True)
         ])  # fmt: skip
-        rest += LAW_ROUNDING * tube.terms + SLACK * np.abs(gain) @ spread
+        rest += SLACK * rest + LAW_ROUNDING * tube.terms + SLACK * np.abs(gain) @ spread
         return self._held(gain, rest, torque, sample)
 
     def _held(self, gain: np.ndarray, rest: np.ndarray, torque: np.ndarray, sample: Sample) -> np.ndarray:
