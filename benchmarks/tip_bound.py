@@ -225,7 +225,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     from matplotlib import pyplot as plt
 
     figure, (plane, over_time) = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
-    by_name = {(row["policy"], row["case"], row["set"], row["path"], row["duration"]): row for row in rows}
+    by_name = {_key(row): row for row in rows}
     shown = by_name["fuzzy-4-tip", "nominal", "near", "circle", 1.5]
     curve, reference = shown["curve"], JointReference()
     points = reference.path.points(quintic_time_law(np.array(curve["time"]), reference.duration)[0])[0]
@@ -248,8 +248,16 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
+def _key(row: dict[str, Any]) -> tuple[Any, ...]:
+    return row["policy"], row["case"], row["set"], row["path"], row["duration"]
+
+
+def _key_of(claim: TipClaim) -> tuple[Any, ...]:
+    return claim.policy, claim.case, claim.set_name, claim.path, claim.duration
+
+
 def main() -> None:
-    """Measure and print a line for each claim; write them all, or put those that were measured into the file."""
+    """Measure and print a line for each claim; write them all, or with --only put those measured into the file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--figure", type=Path)
@@ -268,6 +276,10 @@ def main() -> None:
             }
             print(text, json.dumps(shown), flush=True)
             rows.append(row)
+    if options.json and options.only and options.json.exists():
+        before = json.loads(options.json.read_text(encoding="utf-8"))["rows"]
+        fresh = {_key(row): row for row in [*before, *rows]}
+        rows = [fresh[key] for key in map(_key_of, CLAIMS) if key in fresh]
     if options.json:
         document = {"rows": rows, "plants": options.plants, "command": COMMAND, **current_provenance()}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")

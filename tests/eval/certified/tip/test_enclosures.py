@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.defects import (
     Forces,
@@ -181,6 +182,27 @@ def test_second_moments_are_needed():
     theta = CHANNELS.motor.start
     assert abs(effect[theta]) > found.beyond[theta, 0] + 1e-3 * abs(first[theta])
     assert abs(effect[theta]) <= abs(second[theta]) + found.beyond[theta, 0]
+
+
+def test_what_the_moments_leave_of_a_constant_disturbance():
+    """∫ e^{A t} b dt over a part, less its first moment, is of third order: within the bound, and not far below it."""
+    equation = system()
+    found, part = transition(equation, 1e-3), 1e-3 / PARTS
+    big = np.block([[equation.A, equation.b], [np.zeros((8, 18))]])
+    left = np.abs(expm(big * part)[:10, 10:] - found.moments[-1, 0])
+    assert (left <= found.beyond).all()
+    shares = PARTS * left[4:8, :6] / found.beyond[4:8, :6]  # velocities, by motors, links and joints
+    assert shares.max() > 0.3
+
+
+def test_friction_series_enclose_the_stribeck_curve_and_their_remainder_is_needed():
+    motion = PeriodMotion(np.array([[0.7, 4e-5, 1.5e-5, *[0.0] * 5]] * 4), 1e-3)  # 0.02 to 0.14 rad/s
+    signal = motion.slip(0, 1, ARM)
+    for s in np.linspace(-1.0, 1.0, 21):
+        exact = stribeck_magnitude(at(motion.velocity[0], s), ARM.coulomb1, ARM.static1, ARM.stribeck_velocity)
+        low, high = low_high(signal[0] + sum((a * arb(s) ** i for i, a in enumerate(signal) if i), arb(0)))
+        assert low <= exact <= high
+    assert abs(at(signal[:-1], 1.0) - exact) > 1e-7
 
 
 def test_a_zonotope_that_is_merged_holds_what_it_held_and_keeps_its_shape():
