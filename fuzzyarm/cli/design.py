@@ -11,79 +11,161 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import UsageError, output_file
 
 if TYPE_CHECKING:
-    from fuzzyarm.synthesis import Specification
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.envs.physics.robot import Robot
+    from fuzzyarm.fuzzy_policy.scheduled import Premise
+    from fuzzyarm.synthesis import ScheduledSpecification, Specification
 
 __all__ = ["Options", "run"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Design a fuzzy controller in the consistent-reference form and prove it from its stored gains."""
+    """Design a fuzzy controller and prove it from its stored gains.
+
+    The two-joint arm gets the consistent-reference form, any other robot the semidefinite form, in which the rules
+    schedule the gains by the inertia.
+    """
 
     out: Annotated[Path, Parameter(metavar="FILE")]
     """Controller file to write (.json)"""
     rules: Annotated[int | None, Parameter(metavar="N")] = None
-    """32, 16, 8, 4, 2 or 1 rules (default: 4)"""
+    """32, 16, 8, 4, 2 or 1 rules (default: 4); in the semidefinite form 16 or fewer, whose premises are found"""
     keep: Annotated[str | None, Parameter(metavar="Z,Z")] = None
-    """Premises to keep, such as z1,z3, in place of --rules; the others become uncertainty"""
-    theorem: Literal["consistent", "paper"] = "consistent"
-    """Consistent-reference form, or Theorem 1 or 2 of the paper with the reference model in the loop"""
+    """Premises to keep, such as z1,z3, or "cos q2,cos 2q3" in the semidefinite form, in place of --rules; the others
+    become uncertainty"""
+    theorem: Literal["consistent", "paper", "semidefinite"] | None = None
+    """Consistent-reference form, Theorem 1 or 2 of the paper with the reference model in the loop, or the semidefinite
+    form for any number of joints (default: consistent for the two-joint arm, semidefinite for a robot of joints)"""
     alpha: Annotated[float | Literal["max"], Parameter(metavar="RATE", show_choices=False)] = 20.0
     """Decay rate [1/s], or "max" for the largest"""
     gamma: Annotated[float | Literal["min"] | None, Parameter(metavar="GAIN", show_choices=False)] = None
-    """Bound of the L2 gain, in the consistent form in rad/(N m), or "min" for the smallest (default: 2e-4, with
-    --theorem paper 1000)"""
+    """Bound of the L2 gain, in the consistent and the semidefinite form in rad/(N m), or "min" for the smallest
+    (default: 2e-4, with --theorem paper 1000; semidefinite: what the fastest pole allows)"""
     gain_bound: Annotated[float | None, Parameter(metavar="BOUND")] = None
     """Bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units
     (default: as small as the rest allows)"""
     fastest_pole: Annotated[float | None, Parameter(metavar="RATE")] = None
     """Bound of the decay rate from above [1/s]: the rigid loop frozen at any state of the box has no pole with a real
-    part below -RATE (default: no bound)"""
+    part below -RATE (default: no bound). Semidefinite form: no pole with a modulus above RATE (default: 1.5 times what
+    no feedback falls below, or what --gamma needs)"""
     common_multiplier: bool = False
     """One multiplier for all dropped premises of A, as Theorem 2 prints it (default: one for each)"""
     integral: Annotated[bool, Parameter(negative="--no-integral")] = True
     """Integral action"""
-    robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """TOML file of another arm (default: Table 1 of the paper)"""
+    robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """Robot by name (paper, planar-3r, ur5, panda), or TOML file of another arm or robot (default: Table 1 of the
+    paper)"""
 
 
 def run(options: Options) -> int:
     """Design, prove and write the controller; return 1 if there is none with these requirements."""
     from fuzzyarm.common.console import say, status
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.synthesis import DesignFailed, describe, design
+    from fuzzyarm.envs.physics.robot import Robot
+    from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design, design_scheduled
 
-    specification = _specification(options)
+    arm = _arm(options.robot)
+    scheduled = options.theorem == "semidefinite" or (options.theorem is None and isinstance(arm, Robot))
+    if isinstance(arm, Robot) and not scheduled:
+        raise UsageError(f"--theorem {options.theorem} is for the two-joint arm; {arm.name} needs semidefinite")
     output_file(options.out, ".json")
-    parameters = ArmParameters.from_toml(options.robot) if options.robot else ArmParameters()
     try:
-        with status("solving and proving"):
-            result = design(specification, parameters)
+        if scheduled:
+            wanted, robot = _scheduled_specification(options), arm if isinstance(arm, Robot) else Robot.of(arm)
+            with status("bounding the inertia, solving and proving"):
+                found = design_scheduled(wanted, robot)
+            found.controller.save(options.out)
+            text = describe_scheduled(found)
+        else:
+            specification = _specification(options)
+            with status("solving and proving"):
+                result = design(specification, arm)  # type: ignore[arg-type]
+            result.controller.save(options.out)
+            text = describe(result)
     except DesignFailed as error:
         say(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), error=True)
         return 1
-    result.controller.save(options.out)
-    say(describe(result))
+    say(text)
     say(f"\nwritten to {options.out}")
     return 0
+
+
+def _arm(name: str | None) -> ArmParameters | Robot:
+    """Return the robot of a name, or of a TOML file: one with joints is a robot, any other a two-joint arm."""
+    from fuzzyarm.common.documents import read_toml
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
+
+    if name is None:
+        return ArmParameters()
+    if name == "paper":  # the two-joint arm, which has forms of its own
+        return ArmParameters()
+    if name in shipped_robots():
+        return robot_named(name)
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise UsageError(f"--robot {name} is unknown; choose from: {', '.join(shipped_robots())}, or give a .toml file")
+    return Robot.from_toml(path) if "joints" in read_toml(path) else ArmParameters.from_toml(path)
+
+
+def _scheduled_specification(options: Options) -> ScheduledSpecification:
+    from fuzzyarm.synthesis import ScheduledSpecification
+
+    unfit = {
+        "--alpha max": options.alpha == "max",
+        "--gamma min": options.gamma == "min",
+        "--gain-bound": options.gain_bound is not None,
+        "--common-multiplier": options.common_multiplier,
+        "--no-integral": not options.integral,
+    }
+    for option, given in unfit.items():
+        if given:
+            raise UsageError(f"{option} does not go with the semidefinite form; leave it out")
+    _check_choice(options)
+    return ScheduledSpecification(
+        premises=None if options.keep is None else tuple(map(_premise, filter(None, options.keep.split(",")))),
+        rules=4 if options.rules is None else options.rules,
+        alpha=options.alpha,  # type: ignore[arg-type]
+        gamma=options.gamma,  # type: ignore[arg-type]
+        fastest_pole=options.fastest_pole,
+    )
+
+
+def _premise(text: str) -> Premise:
+    """Return the premise of a name such as "cos q2" or "sin 2q3"."""
+    import re
+
+    from fuzzyarm.fuzzy_policy.scheduled import Premise
+
+    found = re.fullmatch(r"\s*(cos|sin)\s*(2?)q([1-9]\d?)\s*", text)
+    if found is None or found[3] == "1":
+        raise UsageError(
+            f"--keep {text.strip()!r} is no premise; allowed: cos or sin of q2, 2q2, q3, ..., as in 'cos 2q2'"
+        )
+    return Premise(int(found[3]) - 1, f"{found[1]} {found[2]}q")
+
+
+def _check_choice(options: Options) -> None:
+    if options.rules is not None and options.keep is not None:
+        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both choose the premises; leave out one")
 
 
 def _specification(options: Options) -> Specification:
     from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
     from fuzzyarm.synthesis import Specification
 
-    if options.rules is not None and options.keep is not None:
-        raise UsageError(f"--rules {options.rules} and --keep {options.keep} both choose the premises; leave out one")
+    _check_choice(options)
     rules = 4 if options.rules is None else options.rules
     if rules not in NAMED_RULES:
         raise UsageError(f"--rules {rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")
     kept = NAMED_RULES[rules] if options.keep is None else tuple(name for name in options.keep.split(",") if name)
+    form = "consistent" if options.theorem is None else options.theorem
     gamma = options.gamma
     if gamma is None:
-        gamma = 2e-4 if options.theorem == "consistent" else 1000.0
+        gamma = 2e-4 if form == "consistent" else 1000.0
     return Specification(
         kept=kept,
-        form=options.theorem,
+        form=form,
         alpha=None if options.alpha == "max" else options.alpha,
         gamma=None if gamma == "min" else gamma,
         gain_bound=options.gain_bound,

@@ -15,8 +15,9 @@ __all__ = ["Options", "run"]
 class Options:
     """Form every matrix inequality of controller files from the stored gains; prove it in exact rational arithmetic.
 
-    A file of `fuzzyarm prove` is checked period by period, in ball arithmetic. The exit code is 0 only if everything
-    is proven.
+    In the semidefinite form the bounds of the robot's inertia are proven on covers of boxes, in balls with outward
+    rounding. A file of `fuzzyarm prove` is checked period by period, in ball arithmetic. The exit code is 0 only if
+    everything is proven.
     """
 
     arguments: ClassVar[str] = "FILE..."
@@ -34,9 +35,10 @@ def run(options: Options) -> int:
 
     from fuzzyarm.common.console import progress, say
     from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
+    from fuzzyarm.eval.certified.scheduled_verification import ScheduledVerification
     from fuzzyarm.eval.certified.verification import Verification, verify_file
 
-    reports: list[Verification | BoundCheck] = []
+    reports: list[Verification | ScheduledVerification | BoundCheck] = []
     with progress("verifying", len(options.files)) as advance:
         for path in options.files:
             reports.append(check_bound(path) if is_bound(path) else verify_file(path))

@@ -7,18 +7,17 @@ C99 hexadecimal. Loading a file executes nothing from it.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, finite_array, instance, real, shown, truth
+from fuzzyarm.common.checks import choice, finite_array, instance, real, truth
 from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.hexadecimal import decoded, digest_of, encoded, signed
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
@@ -197,15 +196,12 @@ class Controller:
 
     def to_json(self) -> str:
         """Return the text of the controller file."""
-        encoded = self._encoded()
-        encoded["digest"] = _digest(encoded)
-        lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in encoded.items())
-        return "{\n" + ",\n".join(lines) + "\n}\n"
+        return signed(self._encoded())
 
     @property
     def digest(self) -> str:
         """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
-        return _digest(self._encoded())
+        return digest_of(self._encoded())
 
     def _encoded(self) -> dict[str, Any]:
         """Return the content of the controller file without its digest."""
@@ -223,8 +219,8 @@ class Controller:
             **{name: getattr(self, name) for name in ARRAYS},
             **{name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None},
         }
-        encoded: dict[str, Any] = _encode(document)
-        return encoded
+        content: dict[str, Any] = encoded(document)
+        return content
 
     @classmethod
     def load(cls, path: str | Path) -> Controller:
@@ -245,14 +241,14 @@ class Controller:
     def _from_document(cls, content: Any) -> Controller:
         check_schema(content, SCHEMA)
         document = record(content, _Document)
-        if document.digest != _digest({key: value for key, value in content.items() if key != "digest"}):
+        if document.digest != digest_of({key: value for key, value in content.items() if key != "digest"}):
             raise ControllerFileError("the digest does not match: the file was changed after it was written")
-        model = TSModel(ArmParameters.from_dict(_decode(document.robot)), document.kept)
-        if not np.array_equal(np.array(_decode(document.bounds)), model.bounds):
+        model = TSModel(ArmParameters.from_dict(decoded(document.robot)), document.kept)
+        if not np.array_equal(np.array(decoded(document.bounds)), model.bounds):
             raise ControllerFileError("the premise bounds do not belong to the robot parameters: the file was changed")
         given = {name: getattr(document, name) for name in (*ARRAYS, *POLE_ARRAYS)}
         arrays: dict[str, Any] = {
-            name: None if value is None else np.array(_decode(value)) for name, value in given.items()
+            name: None if value is None else np.array(decoded(value)) for name, value in given.items()
         }
         # A model without dropped premises has no multipliers: JSON keeps no shape of an empty array.
         if arrays["tau"] is not None and arrays["tau"].size == 0:
@@ -262,39 +258,9 @@ class Controller:
             form=document.form,
             integral=document.integral,
             common_multiplier=document.common_multiplier,
-            alpha=_decode(document.alpha),
-            gamma=_decode(document.gamma),
-            fastest_pole=None if document.fastest_pole is _ABSENT else _decode(document.fastest_pole),
+            alpha=decoded(document.alpha),
+            gamma=decoded(document.gamma),
+            fastest_pole=None if document.fastest_pole is _ABSENT else decoded(document.fastest_pole),
             origin=document.origin,
             **arrays,
         )
-
-
-def _digest(document: dict[str, Any]) -> str:
-    """Return the SHA-256 of a document's canonical JSON: it detects accidental changes and is no signature."""
-    return hashlib.sha256(json.dumps(document, sort_keys=True).encode("utf-8")).hexdigest()
-
-
-def _encode(value: Any) -> Any:
-    """Return `value` with every float in exact hexadecimal and arrays as nested lists."""
-    if isinstance(value, np.ndarray):
-        return _encode(value.tolist())
-    if isinstance(value, float):
-        return value.hex()
-    if isinstance(value, dict):
-        return {key: _encode(entry) for key, entry in value.items()}
-    return [_encode(entry) for entry in value] if isinstance(value, list) else value
-
-
-def _decode(value: Any) -> Any:
-    """Return nested lists or mappings with every hexadecimal string as a float; anything else raises ValueError."""
-    if isinstance(value, str):
-        try:
-            return float.fromhex(value)
-        except OverflowError:
-            raise ControllerFileError(f"{shown(value)} is beyond the largest float") from None
-    if isinstance(value, list):
-        return [_decode(entry) for entry in value]
-    if isinstance(value, dict):
-        return {key: _decode(entry) for key, entry in value.items()}
-    raise ControllerFileError(f"{shown(value)} is not an exact hexadecimal float")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS
 
-__all__ = ["ERROR_STATES", "INTEGRAL", "PLANT", "PLANT_STATES", "POSITION", "VELOCITY"]
+__all__ = ["ERROR_STATES", "INTEGRAL", "PLANT", "PLANT_STATES", "POSITION", "SCALAR_STATES", "VELOCITY"]
 
 POSITION, VELOCITY, INTEGRAL = consecutive(JOINTS, JOINTS, JOINTS)
 """Angles, velocities and, with the integral, x_I = ∫ (q - q_d) dt; one number per joint in each."""
@@ -18,3 +18,6 @@ PLANT_STATES: int = VELOCITY.stop
 
 ERROR_STATES: int = INTEGRAL.stop
 """Numbers in ē with the integral; without it there are `PLANT_STATES`."""
+
+SCALAR_STATES = 3
+"""Numbers of one joint in ē with the integral: (e, ė, x_I)."""

@@ -4,6 +4,8 @@
     result = design(Specification(gamma=1.4e-4, fastest_pole=200.0))
     result.controller.save("controller.json")
 
+`design` is for the two-joint arm, `design_scheduled` for serial robots of any number of joints.
+
 The solver, Clarabel, is loaded here and nowhere else; it is loaded with the first name that needs it.
 """
 
@@ -15,16 +17,32 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fuzzyarm.synthesis.description import describe
     from fuzzyarm.synthesis.designer import Design, DesignFailed, design
+    from fuzzyarm.synthesis.scheduled_description import describe_scheduled
+    from fuzzyarm.synthesis.scheduled_design import ScheduledDesign, ScheduledSpecification, design_scheduled
     from fuzzyarm.synthesis.specification import Specification
 
-__all__ = ["Design", "DesignFailed", "Specification", "describe", "design"]
+__all__ = [
+    "Design",
+    "DesignFailed",
+    "ScheduledDesign",
+    "ScheduledSpecification",
+    "Specification",
+    "describe",
+    "describe_scheduled",
+    "design",
+    "design_scheduled",
+]
 
 _HOMES = {
     "Design": "designer",
     "DesignFailed": "designer",
+    "ScheduledDesign": "scheduled_design",
+    "ScheduledSpecification": "scheduled_design",
     "Specification": "specification",
     "describe": "description",
+    "describe_scheduled": "scheduled_description",
     "design": "designer",
+    "design_scheduled": "scheduled_design",
 }
 
 

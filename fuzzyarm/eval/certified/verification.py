@@ -11,10 +11,13 @@ from typing import Any
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
+from fuzzyarm.eval.certified.scheduled_verification import ScheduledVerification, verify_scheduled
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, certify
 from fuzzyarm.fuzzy_policy.proof.residual import Residual, feedforward_residual
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
 __all__ = ["Verification", "residual_statement", "verify_file"]
 
@@ -109,9 +112,11 @@ def residual_statement(residual: Residual) -> str:
     )
 
 
-def verify_file(path: Path) -> Verification:
-    """Load a controller file and prove its claims; ValueError or OSError if it cannot be read."""
-    controller = Controller.load(path)
+def verify_file(path: Path) -> Verification | ScheduledVerification:
+    """Load a controller file of any form and prove its claims; ValueError or OSError if it cannot be read."""
+    controller = load_controller(path)
+    if isinstance(controller, ScheduledController):
+        return verify_scheduled(path, controller)
     begin = time.perf_counter()
     certificate = certify(controller)
     seconds = time.perf_counter() - begin

@@ -14,7 +14,7 @@ from fuzzyarm.fuzzy_policy.proof.policy_certificate import statement
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
-__all__ = ["Certificate", "Claim", "certify", "exact_vertices"]
+__all__ = ["Certificate", "Claim", "certify", "claim", "exact_vertices"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +87,7 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
 
         families["Phi"] = phi
 
-    claims = [_claim("P > 0", P)]
+    claims = [claim("P > 0", P)]
     for letter, inequality in families.items():
         for position, (i, j) in enumerate(data.pairs):
             for k in range(len(data.E)):
@@ -96,7 +96,7 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
                 else:
                     name = f"{letter}_{i + 1},{j + 1},{k + 1} + {letter}_{j + 1},{i + 1},{k + 1} < 0"
                     matrix = -inequality(i, j, k, position) - inequality(j, i, k, position)
-                claims.append(_claim(name, matrix))
+                claims.append(claim(name, matrix))
                 if progress:
                     progress()
     return Certificate(tuple(claims), statement(controller))
@@ -120,5 +120,6 @@ def exact_vertices(controller: Controller) -> Vertices:
     )
 
 
-def _claim(name: str, matrix: np.ndarray) -> Claim:
+def claim(name: str, matrix: np.ndarray) -> Claim:
+    """Return the claim that a matrix of exact rationals is positive definite, and the outcome of its proof."""
     return Claim(name, is_positive_definite(matrix), smallest_eigenvalue(matrix))

@@ -12,6 +12,7 @@ from fuzzyarm.eval.evaluation import run
 from fuzzyarm.eval.evaluation.figures import draw_figures
 from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
+from fuzzyarm.eval.report.stored import read_evaluation
 
 ROBOT = robot_named("planar-3r")
 
@@ -41,7 +42,7 @@ class Spec:
 @pytest.fixture(scope="module")
 def evaluation():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "resolve_all", lambda *_, **__: {"feedback": Spec()})
+        patch.setattr(run, "resolve_all", lambda *_, **__: {"computed-torque": Spec()})
         return evaluate(EvaluationConfig(policies=("computed-torque",), cases=("nominal", "payload"), robot=ROBOT))
 
 
@@ -74,6 +75,13 @@ def test_results_and_rollouts_come_back_from_their_files(evaluation, tmp_path):
     first = read_rollouts(write_rollouts(evaluation.rollouts, tmp_path))[0]
     assert first.torque.shape == (len(first.time), 3) and first.tip.shape == (len(first.time), 3)
     assert np.array_equal(first.q_link, evaluation.rollouts[0].q_link)
+
+
+def test_a_report_is_refused_in_one_line(evaluation, tmp_path):
+    write_results(evaluation, tmp_path)
+    write_rollouts(evaluation.rollouts, tmp_path)
+    with pytest.raises(ValueError, match="is of planar-3r, and a report draws the two-joint arm alone"):
+        read_evaluation(tmp_path)
 
 
 def test_there_is_a_panel_for_every_joint(evaluation):

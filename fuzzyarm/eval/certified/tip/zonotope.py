@@ -20,7 +20,7 @@ SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and n
 
 BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
 MOST, KEPT = 7200, 3600  # columns at which old ones are merged, and how many stay
-NARROW, FEWER = 1e-3, 9  # totals below which a ninth of that is enough
+NARROW, FEWER = 1e-6, 9  # totals below which a ninth of that is enough
 BLOCK = 1200  # columns that are multiplied at a time
 
 

@@ -1,0 +1,204 @@
+"""Proof that a matrix of trigonometric polynomials is positive definite at every point of a box of angles.
+
+The box is cut into smaller ones until all control matrices (`trigonometric`) of each are positive definite. Boxes are
+taken by the hundred, in floating point with a bound of every rounding error:
+
+- the control matrices are sums of products of coefficients and weights, whose error is below `SUMMED` times the sum of
+  the coefficients' magnitudes for each entry;
+- Cholesky's factorisation of A - δI in floating point ends with real roots only if A - δI + ΔA is positive semidefinite
+  for some |ΔA| <= γ/(1 - γ) tr A, γ = (s + 1) u/(1 - (s + 1) u) (Rump, 2006), so a larger δ proves A.
+
+Sines and cosines of the mathematical library are taken to be right to `LIBRARY` units in the last place, which is the
+one assumption; `ball_cover` proves the same boxes again in balls, without it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.fuzzy_policy.proof.kinetic_energy import BASIS
+from fuzzyarm.fuzzy_policy.proof.trigonometric import WIDEST, TrigMatrix, control_weights, packed
+
+__all__ = ["MOST_BOXES", "Cover", "cover", "first_boxes", "widened"]
+
+MOST_BOXES = 400_000
+"""Boxes after which a proof is given up."""
+
+CHUNK = 256  # boxes at a time
+UNIT = 2.0**-53
+LIBRARY = 4
+WIDENING = 2.0**-48  # rad, above the rounding of an interval's middle and half width
+
+
+@dataclasses.dataclass(frozen=True)
+class Cover:
+    """The outcome of a proof.
+
+    Attributes:
+        proven: whether the matrix is positive definite in the whole box.
+        boxes: of the cover, (B, d, 2), lowest and highest angle [rad]; those proven so far, if the proof fails.
+        witness: angles (d,) [rad] where the proof fails; None if it does not.
+    """
+
+    proven: bool
+    boxes: np.ndarray
+    witness: np.ndarray | None = None
+
+
+def widened(ranges: np.ndarray) -> np.ndarray:
+    """Return ranges of angles (d, 2) [rad]; one of a whole turn or more becomes a little more than [-π, π]."""
+    whole = ranges[:, 1] - ranges[:, 0] >= 2.0 * np.pi - 1e-9
+    return np.where(whole[:, np.newaxis], np.array([-3.141593, 3.141593]), ranges)
+
+
+def first_boxes(ranges: np.ndarray) -> np.ndarray:
+    """Return boxes (B, d, 2) that together are the box `ranges` (d, 2), none wider than 2 `WIDEST`."""
+    boxes = ranges[np.newaxis]
+    for k, (low, high) in enumerate(ranges):
+        ends = np.linspace(low, high, int(np.ceil((high - low) / (1.9 * WIDEST))) + 1)
+        ends[0], ends[-1] = low, high
+        parts = []
+        for left, right in itertools.pairwise(ends):
+            part = boxes.copy()
+            part[:, k] = left, right
+            parts.append(part)
+        boxes = np.concatenate(parts)
+    return boxes
+
+
+def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = MOST_BOXES) -> Cover:
+    """Prove a matrix positive definite for all angles in `ranges` (d, 2) [rad].
+
+    Args:
+        matrix: of d angles.
+        ranges: lowest and highest angle, within ±7 rad.
+        most: boxes after which the proof is given up.
+    """
+    scale = _scale(matrix, ranges)
+    if scale is None:
+        return Cover(False, np.empty((0, len(ranges), 2)), ranges.mean(axis=1))
+    task = _Task.of(matrix, scale)
+    waiting, done, tried = [first_boxes(ranges)], [], 0
+    while waiting:
+        boxes = waiting.pop()
+        if len(boxes) > CHUNK:
+            waiting.append(boxes[CHUNK:])
+            boxes = boxes[:CHUNK]
+        tried += len(boxes)
+        good = task.definite(task.controls(boxes))
+        done.append(boxes[good])
+        bad = boxes[~good]
+        if len(bad) == 0:
+            continue
+        points = bad.mean(axis=2)
+        fails = ~task.definite(packed(matrix.at(points))[:, np.newaxis] * task.scale)
+        if fails.any() or tried > most:
+            return Cover(False, np.concatenate(done), points[fails][0] if fails.any() else points[0])
+        waiting.append(_halved(bad, task.weight))
+    return Cover(True, np.concatenate(done))
+
+
+def _scale(matrix: TrigMatrix, ranges: np.ndarray) -> np.ndarray | None:
+    """Return powers of two (s,) that bring the diagonal in the middle of the box near one; None if it is not > 0."""
+    diagonal = np.diagonal(matrix.at(ranges.mean(axis=1)))
+    if not (np.isfinite(diagonal).all() and (diagonal > 0.0).all()):
+        return None
+    return np.asarray(2.0 ** -np.round(0.5 * np.log2(diagonal)))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Task:
+    """A matrix in scaled entries: their coefficients (5, ..., 5, t), the shift of the diagonal, and what to halve.
+
+    `weight` (d,) says how much each angle bends the matrix.
+    """
+
+    coefficients: np.ndarray
+    scale: np.ndarray
+    shift: float
+    weight: np.ndarray
+    size: int
+
+    @classmethod
+    def of(cls, matrix: TrigMatrix, scale: np.ndarray) -> _Task:
+        both = packed(scale[:, np.newaxis] * scale)
+        coefficients, d = matrix.coefficients * both, matrix.angles
+        magnitude = matrix.magnitude * both
+        weight = np.empty(d)
+        for k in range(d):
+            along = np.abs(np.moveaxis(coefficients, k, 0)).reshape(BASIS, -1).sum(axis=1)
+            weight[k] = along[1] + along[2] + 4.0 * (along[3] + along[4])
+        # Weights are below 8 in a row and wrong by less than 64 LIBRARY units each; sums of five add as much again.
+        error = 100.0 * LIBRARY * max(d, 1) * 8.0**d * UNIT * magnitude
+        whole = np.zeros((matrix.size, matrix.size))
+        row, column = np.tril_indices(matrix.size)
+        whole[row, column] = whole[column, row] = error
+        trace = 4.0 * magnitude.sum()
+        shift = 1.01 * whole.sum(axis=1).max() + 4.0 * (matrix.size + 2) * UNIT * trace
+        return cls(coefficients, both, float(shift), weight, matrix.size)
+
+    def controls(self, boxes: np.ndarray) -> np.ndarray:
+        """Return the control matrices (B, 5^d, t) of boxes (B, d, 2)."""
+        count, d = boxes.shape[:2]
+        middle, half = boxes.mean(axis=2), 0.5 * (boxes[..., 1] - boxes[..., 0]) + WIDENING
+        weights = np.array(control_weights(np.cos(middle), np.sin(middle), np.cos(half), np.sin(half)))
+        values = np.broadcast_to(self.coefficients, (count, *self.coefficients.shape))
+        for k in range(d):
+            # The angle in front is summed over, and its control values go to the back.
+            rows = values.reshape(count, BASIS, -1)
+            values = np.swapaxes(rows, 1, 2) @ np.moveaxis(weights[..., k], (0, 1, 2), (2, 1, 0))
+            values = values.reshape(count, -1)
+        triangle = self.coefficients.shape[-1]
+        return np.swapaxes(values.reshape(count, triangle, BASIS**d), 1, 2)
+
+    def definite(self, matrices: np.ndarray) -> np.ndarray:
+        """Return whether all matrices (B, m, t) of each box are proven positive definite, (B,)."""
+        result = np.empty(len(matrices), dtype=np.bool_)
+        _definite(np.ascontiguousarray(matrices), self.size, self.shift, result)
+        return result
+
+
+def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return both halves of each box, cut across the angle that bends the matrix most."""
+    width = boxes[..., 1] - boxes[..., 0]
+    axis = np.argmax(weight * width * width, axis=1)
+    every = np.arange(len(boxes))
+    middle = 0.5 * (boxes[every, axis, 0] + boxes[every, axis, 1])
+    left, right = boxes.copy(), boxes.copy()
+    left[every, axis, 1] = middle
+    right[every, axis, 0] = middle
+    return np.concatenate([left, right])
+
+
+@kernel
+def _definite(matrices: np.ndarray, size: int, shift: float, result: np.ndarray) -> None:
+    """Set result (B,) to whether Cholesky's factorisation of every A - shift I ends, for packed A (B, m, t)."""
+    factor = np.empty((size, size))
+    for box in range(len(matrices)):
+        good = True
+        for index in range(matrices.shape[1]):
+            triangle = matrices[box, index]
+            for i in range(size):
+                start = i * (i + 1) // 2
+                for j in range(i + 1):
+                    total = triangle[start + j]
+                    if i == j:
+                        total -= shift
+                    for k in range(j):
+                        total -= factor[i, k] * factor[j, k]
+                    if i == j:
+                        if not total > 0.0:
+                            good = False
+                            break
+                        factor[i, i] = np.sqrt(total)
+                    else:
+                        factor[i, j] = total / factor[j, j]
+                if not good:
+                    break
+            if not good:
+                break
+        result[box] = good

@@ -1,0 +1,286 @@
+"""A controller of the form "semidefinite", for a serial robot of any number of joints, and its file.
+
+The law, with M̄ = M + R, R the reflected rotor inertias, and e = q - q_d, x_I = ∫ e dt, is
+
+    u = M̄(q) q̈_d + C(q, q̇) q̇ + f_v q̇ + g(q) - M̂(q) (k_p e + k_d ė + k_i x_I),      M̂(q) = Σ_r h_r(q) S_r,
+
+so that on the rigid arm M̄(q) ë = -M̂(q) (k_p e + k_d ė + k_i x_I) + d. The rules schedule the gains k ⊗ S_r over the
+kept premises z_l, cosines and sines of single angles or of twice an angle; each has two rules, with the weights
+(1 - z_l)/2 and (1 + z_l)/2, and h_r is their product, the first premise changing fastest with r. One rule holds M̂
+constant.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.checks import choice, finite_array, instance, real, whole
+from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.controller import GAINS, LARGEST, MAX_BYTES, RATES, ControllerFileError
+from fuzzyarm.fuzzy_policy.hexadecimal import decoded, digest_of, encoded, signed
+from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
+
+__all__ = ["FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights"]
+
+FORM = "semidefinite"
+SCHEMA = "fuzzyarm-semidefinite/1"
+FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")
+MOST_PREMISES = 4
+TWIST = 6
+ARRAYS = ("inertia", "rates", "distal_low", "distal_high", "feedback", "lyapunov")
+NUMBERS = ("kappa", "floor", "alpha", "gamma", "fastest_pole")
+
+
+@dataclasses.dataclass(frozen=True)
+class Premise:
+    """A kept premise: a function of one angle, between -1 and 1.
+
+    Attributes:
+        joint: place of the joint in the robot, from 0; joint 0 turns the whole robot and changes no inertia.
+        function: one of `FUNCTIONS`.
+    """
+
+    joint: int
+    function: str
+
+    def __post_init__(self) -> None:
+        """Check both."""
+        whole("joint", self.joint, low=1)
+        choice("function", self.function, FUNCTIONS)
+
+    @property
+    def place(self) -> int:
+        """Where the function stands among 1, cos q, sin q, cos 2q, sin 2q."""
+        return 1 + FUNCTIONS.index(self.function)
+
+    @property
+    def name(self) -> str:
+        """The function with the number of the joint, from 1, as in "cos 2q3"."""
+        return f"{self.function}{self.joint + 1}"
+
+    @property
+    def turns(self) -> int:
+        """Periods of the function in one turn."""
+        return 2 if "2" in self.function else 1
+
+    def at(self, q: np.ndarray) -> np.ndarray:
+        """Return z (...) at angles (..., n) [rad]."""
+        angle = self.turns * q[..., self.joint]
+        return np.asarray(np.cos(angle) if self.function.startswith("cos") else np.sin(angle))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Document:
+    """The content of a file; numbers are still texts, except those of the robot, whose JSON is exact."""
+
+    schema: str
+    form: str
+    robot: Robot
+    robot_digest: str
+    premises: tuple[Premise, ...]
+    split: int
+    origin: dict[str, str]
+    inertia: Any
+    rates: Any
+    distal_low: Any
+    distal_high: Any
+    feedback: Any
+    lyapunov: Any
+    kappa: Any
+    floor: Any
+    alpha: Any
+    gamma: Any
+    fastest_pole: Any
+    digest: str
+
+
+@dataclasses.dataclass(frozen=True)
+class ScheduledController:
+    """Gains of the law above, and the numbers that prove it; n joints, N = 2^premises rules.
+
+    Attributes:
+        robot: the robot it was designed for.
+        premises: the kept ones, on different joints up to `split`.
+        inertia: S_r, (N, n, n) [kg m²].
+        kappa: κ, M̂ < M̄ < κ M̂ in the box.
+        floor: σ [kg m²], σ I < M̂.
+        rates: μ_k [1/rad], (premises,): -2 μ_k M̂ < ∂M̂/∂q_k < 2 μ_k M̂.
+        split: a, number of the link behind which the chain is split for the proof, n for no split.
+        distal_low: D_low, (6 + n - a, 6 + n - a), see `proof.inertia_bounds`; (0, 0) without a split.
+        distal_high: D_high, likewise.
+        feedback: k = (k_p [1/s²], k_d [1/s], k_i [1/s³]).
+        lyapunov: X (3, 3), see `proof.scalar_loop`.
+        alpha: guaranteed decay rate [1/s].
+        gamma: guaranteed L2 gain [s²], from d in the norm (dᵀ M̂⁻¹ d)^½ to e in the norm (eᵀ M̂ e)^½.
+        fastest_pole: β [1/s]; no pole of the loop frozen at a state of the box has a modulus above β.
+        origin: how it was made: objective, versions.
+
+    Raises:
+        ControllerFileError: a number is out of range, or the parts do not go together.
+    """
+
+    robot: Robot
+    premises: tuple[Premise, ...]
+    inertia: np.ndarray
+    kappa: float
+    floor: float
+    rates: np.ndarray
+    split: int
+    distal_low: np.ndarray
+    distal_high: np.ndarray
+    feedback: np.ndarray
+    lyapunov: np.ndarray
+    alpha: float
+    gamma: float
+    fastest_pole: float
+    origin: dict[str, str]
+
+    def __post_init__(self) -> None:
+        """Check shapes and values, and take read-only copies of the arrays."""
+        try:
+            self._check()
+        except (TypeError, ValueError) as error:
+            raise ControllerFileError(str(error)) from None
+
+    def _check(self) -> None:
+        n = len(instance("robot", self.robot, Robot))
+        whole("split", self.split, low=1, high=n)
+        joints = [instance("premises", premise, Premise).joint for premise in self.premises]
+        if len(joints) > MOST_PREMISES or len(set(joints)) < len(joints) or any(j >= self.split for j in joints):
+            raise ValueError(
+                f"premises of the joints {[joint + 1 for joint in joints]}; allowed: at most {MOST_PREMISES}, of "
+                f"different joints from 2 to the split, {self.split}"
+            )
+        alpha = real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
+        values: dict[str, Any] = {
+            "alpha": alpha,
+            "kappa": real("kappa", self.kappa, above=1.0, high=1.0 / GAINS[0]),
+            "floor": real("floor", self.floor, "kg m^2", above=0.0),
+            "gamma": real("gamma", self.gamma, "s^2", low=GAINS[0], high=GAINS[1]),
+            "fastest_pole": real("fastest_pole", self.fastest_pole, "1/s", above=alpha, high=RATES[1]),
+        }
+        distal = TWIST + n - self.split if self.split < n else 0
+        shapes = {
+            "inertia": (2 ** len(joints), n, n),
+            "rates": (len(joints),),
+            "distal_low": (distal, distal),
+            "distal_high": (distal, distal),
+            "feedback": (SCALAR_STATES,),
+            "lyapunov": (SCALAR_STATES, SCALAR_STATES),
+        }
+        for name, shape in shapes.items():
+            array = np.array(finite_array(name, getattr(self, name), shape, largest=LARGEST))
+            if name not in ("rates", "feedback") and not np.array_equal(array, np.swapaxes(array, -1, -2)):
+                raise ValueError(f"{name} is not symmetric")
+            array.flags.writeable = False
+            values[name] = array
+        if len(joints) and values["rates"].min() < 0.0:
+            raise ValueError(f"rates = {values['rates'].tolist()} 1/rad; allowed: 0 or more")
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def rules(self) -> int:
+        """Their number N."""
+        return len(self.inertia)
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """Largest speeds (premises,) [rad/s] of the kept angles in the box."""
+        return np.array([self.robot.joints[premise.joint].velocity_limit for premise in self.premises])
+
+    @property
+    def gains(self) -> np.ndarray:
+        """K_r = [k_p S_r, k_d S_r, k_i S_r] (N, n, 3n): the feedback is u = -Σ h_r K_r (e, ė, x_I)."""
+        return np.concatenate([gain * self.inertia for gain in self.feedback.tolist()], axis=-1)
+
+    def weights(self, q: np.ndarray) -> np.ndarray:
+        """Return h (..., N) at angles (..., n) [rad]."""
+        return rule_weights(self.premises, q)
+
+    def inertia_at(self, q: np.ndarray) -> np.ndarray:
+        """Return M̂ (..., n, n) [kg m²] at angles (..., n) [rad]."""
+        return np.asarray(np.tensordot(self.weights(q), self.inertia, axes=1))
+
+    def save(self, path: str | Path) -> None:
+        """Write the controller file, atomically."""
+        write_atomically(Path(path), signed(self._encoded))
+
+    @property
+    def digest(self) -> str:
+        """The digest that the controller file holds, SHA-256 of its content in hexadecimal digits."""
+        return digest_of(self._encoded)
+
+    @functools.cached_property
+    def _encoded(self) -> dict[str, Any]:
+        numbers = {name: getattr(self, name) for name in (*ARRAYS, *NUMBERS)}
+        return {
+            "schema": SCHEMA,
+            "form": FORM,
+            "robot": _plain(dataclasses.asdict(self.robot)),
+            "robot_digest": self.robot.digest,
+            "premises": [dataclasses.asdict(premise) for premise in self.premises],
+            "split": self.split,
+            "origin": self.origin,
+            **encoded(numbers),
+        }
+
+    @classmethod
+    def load(cls, path: str | Path) -> ScheduledController:
+        """Read a controller file.
+
+        Raises:
+            ControllerFileError: not such a file, of another version, damaged, or inconsistent.
+            OSError: the file cannot be read.
+        """
+        try:
+            return cls._from_document(read_json(Path(path), largest=MAX_BYTES))
+        except DocumentError as error:  # names the file itself
+            raise ControllerFileError(str(error)) from None
+        except (TypeError, ValueError) as error:
+            raise ControllerFileError(f"{path}: {error}") from None
+
+    @classmethod
+    def _from_document(cls, content: Any) -> ScheduledController:
+        check_schema(content, SCHEMA)
+        document = record(content, _Document)
+        if document.digest != digest_of({key: value for key, value in content.items() if key != "digest"}):
+            raise ControllerFileError("the digest does not match: the file was changed after it was written")
+        choice("form", document.form, (FORM,))
+        if document.robot_digest != document.robot.digest:
+            raise ControllerFileError("the robot's digest does not match: the file was changed")
+        arrays: dict[str, Any] = {name: np.array(decoded(getattr(document, name)), dtype=np.float64) for name in ARRAYS}
+        if document.split == len(document.robot):  # JSON keeps no shape of an empty array
+            arrays |= {name: np.zeros((0, 0)) for name in ("distal_low", "distal_high")}
+        return cls(
+            robot=document.robot,
+            premises=document.premises,
+            split=document.split,
+            origin=document.origin,
+            **arrays,
+            **{name: decoded(getattr(document, name)) for name in NUMBERS},
+        )
+
+
+def rule_weights(premises: Sequence[Premise], q: np.ndarray) -> np.ndarray:
+    """Return the weights h (..., 2^premises) of the rules at angles (..., n) [rad]: >= 0, with the sum 1."""
+    weights = np.ones((*q.shape[:-1], 1))
+    for premise in premises:
+        ratio = 0.5 * (1.0 + premise.at(q))[..., np.newaxis]
+        weights = np.concatenate([weights * (1.0 - ratio), weights * ratio], axis=-1)
+    return weights
+
+
+def _plain(value: Any) -> Any:
+    """Return nested tuples as lists."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value

@@ -1,0 +1,210 @@
+"""From a robot of any number of joints to a proven controller of the form "semidefinite"."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+
+import numpy as np
+
+from fuzzyarm.common.checks import instance, real, whole
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
+from fuzzyarm.fuzzy_policy.proof.certificate import Certificate
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled
+from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController
+from fuzzyarm.synthesis.designer import DesignFailed
+from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, split_of
+from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
+
+__all__ = ["MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_premise", "design_scheduled"]
+
+MOST_JOINTS = 7
+"""More joints than that would need more than one split of the chain."""
+
+POLE_FACTOR = 1.5
+"""Fastest pole over the smallest one where neither it nor γ is asked for."""
+
+SAMPLES, SEARCH_SAMPLES = 2000, 600
+WIDENINGS = (2e-3, 1e-2, 4e-2)
+"""Shares by which the bounds of the samples are widened, one after the other, until the proof goes through."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ScheduledSpecification:
+    """What is asked of a design. Without γ and fastest pole, that pole is 1.5 times the smallest possible one.
+
+    Attributes:
+        premises: the kept ones; None for the best ones, found automatically.
+        rules: 1, 2, 4, 8 or 16, twice as many with each premise; read where `premises` is None.
+        alpha: decay rate [1/s].
+        gamma: bound of the L2 gain [rad/(N m)], in Euclidean norms; None for the smallest with the fastest pole.
+        fastest_pole: bound of the decay rate from above [1/s]; None for the smallest with this γ.
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is out of range, or both γ and the fastest pole are given.
+    """
+
+    premises: tuple[Premise, ...] | None = None
+    rules: int = 1
+    alpha: float = 20.0
+    gamma: float | None = None
+    fastest_pole: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.rules not in [2**k for k in range(MOST_PREMISES + 1)]:
+            raise ValueError(f"rules = {self.rules} is out of range; allowed: 1, 2, 4, 8 or 16")
+        whole("rules", self.rules, low=1)
+        real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
+        if self.gamma is not None:
+            real("gamma", self.gamma, "rad/(N m)", low=GAINS[0], high=GAINS[1])
+        if self.fastest_pole is not None:
+            real("fastest_pole", self.fastest_pole, "1/s", above=self.alpha, high=RATES[1])
+            if self.gamma is not None:
+                raise ValueError("gamma and fastest_pole are both given; leave out one: it follows from the other")
+
+
+@dataclasses.dataclass(frozen=True)
+class ScheduledDesign:
+    """A proven controller and what it cost.
+
+    Attributes:
+        controller: ready to be saved.
+        certificate: of all its claims, proven.
+        metric_seconds: time of the search for premises and inertia [s].
+        proof_seconds: time of the proof [s].
+    """
+
+    controller: ScheduledController
+    certificate: Certificate
+    metric_seconds: float
+    proof_seconds: float
+
+
+def design_scheduled(
+    specification: ScheduledSpecification, robot: Robot, progress: Callable[[str], None] = lambda text: None
+) -> ScheduledDesign:
+    """Return a controller for a specification, proven from its stored numbers.
+
+    Args:
+        specification: what is asked.
+        robot: the robot.
+        progress: called with what is being done.
+
+    Raises:
+        DesignFailed: no controller whose proof goes through was found.
+    """
+    n = len(instance("robot", robot, Robot))
+    if n > MOST_JOINTS:
+        raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {MOST_JOINTS}")
+    begin = time.perf_counter()
+    premises = specification.premises
+    if premises is None:
+        premises = ()
+        while 2 ** len(premises) < specification.rules:
+            progress(f"looking for premise {len(premises) + 1}")
+            premises = (*premises, best_premise(robot, premises, specification.alpha))
+    _check_premises(robot, premises)
+    progress("bounding the inertia")
+    metric = fitted_metric(robot, premises, split_of(robot, premises), count=SAMPLES)
+    searched = time.perf_counter() - begin
+    begin = time.perf_counter()
+    failed = ""
+    for widening in WIDENINGS:
+        progress("proving")
+        controller = _controller(specification, robot, metric, widening)
+        certificate = certify_scheduled(controller)
+        if certificate.proven:
+            return ScheduledDesign(controller, certificate, searched, time.perf_counter() - begin)
+        failed = next(claim.name for claim in certificate.claims if not claim.proven)
+    raise DesignFailed(f"the proof does not go through at {failed}")
+
+
+def best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Premise:
+    """Return the premise that brings the smallest possible fastest pole, (3κ - 2)(α + μ), down most.
+
+    κ and μ are those of samples, without a split of the chain.
+
+    Raises:
+        DesignFailed: no angle is left.
+    """
+    n, taken = len(robot), {premise.joint for premise in kept}
+    ranked: list[tuple[float, Premise]] = []
+    for joint in (joint for joint in range(1, n) if joint not in taken):
+        for function in FUNCTIONS:
+            added = Premise(joint, function)
+            metric = fitted_metric(robot, (*kept, added), n, count=SEARCH_SAMPLES)
+            ranked.append((smallest_pole(metric.kappa, alpha + metric.rate(robot)), added))
+    if not ranked:
+        raise DesignFailed(f"{robot.name} has {n} joints, of which no angle is left to keep: ask for fewer rules")
+    return min(ranked, key=lambda entry: entry[0])[1]
+
+
+def _check_premises(robot: Robot, premises: tuple[Premise, ...]) -> None:
+    for premise in premises:
+        if premise.joint >= len(robot):
+            raise DesignFailed(
+                f"the premise {premise.name} is of joint {premise.joint + 1}; {robot.name} has {len(robot)} joints, "
+                "and angles 2 and up change its inertia"
+            )
+
+
+def _controller(
+    specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float
+) -> ScheduledController:
+    """Return the controller of a metric whose bounds are widened by a share."""
+    inertia = (1.0 - widening) * metric.inertia
+    kappa = _rounded(metric.kappa * (1.0 + 2.0 * widening), math.ceil)
+    floor = _rounded(metric.floor * (1.0 - 3.0 * widening), math.floor)
+    rates = np.array([_rounded(rate * (1.0 + widening) + 1e-4, math.ceil) for rate in metric.rates.tolist()])
+    fast = specification.alpha + Metric.rate(dataclasses.replace(metric, rates=rates), robot)
+    feedback = _feedback(specification, kappa, fast, floor)
+    return ScheduledController(
+        robot=robot,
+        premises=metric.premises,
+        inertia=0.5 * (inertia + np.swapaxes(inertia, -1, -2)),
+        kappa=kappa,
+        floor=floor,
+        rates=rates,
+        split=metric.split,
+        distal_low=0.5 * (metric.distal_low + metric.distal_low.T),
+        distal_high=0.5 * (metric.distal_high + metric.distal_high.T),
+        feedback=feedback.k,
+        lyapunov=feedback.X,
+        alpha=specification.alpha,
+        gamma=_rounded(feedback.gamma, math.ceil),
+        fastest_pole=_rounded(feedback.fastest_pole, math.ceil),
+        origin={
+            "objective": "smallest fastest pole" if specification.gamma is not None else "smallest L2 gain",
+            **{name: version(name) for name in ("fuzzyarm", "clarabel")},
+        },
+    )
+
+
+def _feedback(specification: ScheduledSpecification, kappa: float, rate: float, floor: float) -> Feedback:
+    lowest = smallest_pole(kappa, rate)
+    if specification.gamma is not None:
+        found = feedback_for_gamma(kappa, rate, specification.gamma * floor)
+        if found is None:
+            raise DesignFailed(f"no feedback reaches gamma = {specification.gamma:g} rad/(N m): ask for a larger one")
+        return found
+    pole = POLE_FACTOR * lowest if specification.fastest_pole is None else specification.fastest_pole
+    found = best_feedback(kappa, rate, pole)
+    if found is None:
+        raise DesignFailed(
+            f"no feedback has a fastest pole of {pole:.6g} 1/s; it must be above (3 kappa - 2)(alpha + mu) = "
+            f"{lowest:.6g} 1/s, with kappa = {kappa:g} and alpha + mu = {rate:.6g} 1/s: raise it, lower alpha, or keep "
+            "more rules"
+        )
+    return found
+
+
+def _rounded(value: float, towards: Callable[[float], int], digits: int = 5) -> float:
+    """Return a number of few digits on the safe side of a positive one."""
+    scale = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
+    return float(f"{towards(value * scale) / scale:.{digits}g}")
