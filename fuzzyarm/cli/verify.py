@@ -34,8 +34,8 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import progress, say
-    from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
     from fuzzyarm.eval.certified.scheduled_verification import ScheduledVerification
+    from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
     from fuzzyarm.eval.certified.verification import Verification, verify_file
 
     reports: list[Verification | ScheduledVerification | BoundCheck] = []
