@@ -65,6 +65,22 @@ def _elastic_observer(robot: AnyArm, control_period: float) -> Policy:
     return ElasticObserverPolicy(robot, control_period)
 
 
+def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.fuzzy_policy.controller import Controller
+    from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+    from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+    from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+
+    if not isinstance(robot, ArmParameters):
+        raise ValueError(f"adaptive-observer is for two-joint arms, not for {robot.name}: take elastic-observer")
+    # The certified law is designed for Table 1; for another arm the policy falls back to computed torque.
+    certified = None
+    if robot == ArmParameters():
+        certified = TipPolicy(FuzzyPolicy(Controller.load(_CONTROLLERS / "fuzzy-4.json"), control_period))
+    return AdaptiveObserverPolicy(robot, control_period, fallback=certified)
+
+
 _PACKAGE = Path(__file__).parent.parent
 _FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1")
 # The folder of the controllers holds more files, witnesses of the paper's own form; they have no name here.
@@ -78,6 +94,7 @@ POLICIES: dict[str, NamedPolicy] = {
     **{name: NamedPolicy(Kind.CONTROLLER, path=_CONTROLLERS / f"{name}.json", has_tip=True) for name in _FUZZY},
     "computed-torque": NamedPolicy(Kind.LAW, factory=_computed_torque, has_tip=True),
     "elastic-observer": NamedPolicy(Kind.LAW, factory=_elastic_observer),
+    "adaptive-observer": NamedPolicy(Kind.LAW, factory=_adaptive_observer),
     **{name: NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in LEARNED},
 }
 """All policies by name, without the ending `TIP`; `add_policy` adds one."""

@@ -47,6 +47,7 @@ _MEMORY_STEP = 1e-8  # relative to max(1, |s|); an integral can move the torque 
 _TORQUE_STEP = 1.0  # N m; the plant is linear in the torque
 _NEWTON_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01)  # of a step
 _NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-9  # the tolerance: change of a state [rad, rad/s] over one period
+_SETTLING = 300  # control periods
 _NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is that of another posture
 
 # A point is the plant's state, ordered as `State`, and the policy's memory; the law maps it to torque and next memory.
@@ -185,13 +186,19 @@ class _FrozenArm:
         smooth = dataclasses.replace(parameters, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
         self.policy, self.reference = policy, np.append(posture, np.zeros(SIZE - START.dq_reference))
         self.arm = np.array(arm_constants(smooth, payload))[:, np.newaxis]
-        self.period = control_period
+        self.period, self.limit = control_period, np.array(parameters.torque_limit)
 
     def start(self) -> np.ndarray:
         """Return a first guess: motors and links at the posture, the memory after the first call of an episode."""
         posture = self.reference[:JOINTS]
         plant = np.concatenate([posture, posture, np.zeros(_STATES - 2 * JOINTS)])
-        return np.append(plant, self._act(plant[np.newaxis])[0, _NEXT_MEMORY])
+        point = np.append(plant, self._act(plant[np.newaxis])[0, _NEXT_MEMORY])
+        if np.any(
+            np.abs(self._act(point[np.newaxis])[0, _TORQUE]) >= self.limit
+        ):  # a clipped torque has no slope: let the loop settle first
+            for _ in range(_SETTLING):
+                point = self.advance(point)
+        return point
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
         """Return the loop at `point`, and which entries of the point it keeps."""

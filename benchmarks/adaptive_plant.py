@@ -1,0 +1,140 @@
+"""The adaptive observer on a second plant that shares no code with its filter.
+
+    python benchmarks/adaptive_plant.py [--json FILE]
+
+The filter predicts with the simulator's own sub-step, which might flatter it. Here the arm is written out anew from
+equations (1) to (3): classical Runge-Kutta with steps of `STEP`, dry friction smoothed by tanh(v/`SMOOTHING`), link
+angles that begin `BEGIN` off, the machining force from its own formula. The policy acts on its samples.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from fuzzyarm import load_policy
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.provenance import current_provenance
+
+ARM = ArmParameters()
+PERIOD, STEP, SMOOTHING = 1e-3, 4e-6, 1e-3  # s, s, rad/s
+BEGIN = 0.0  # rad
+CASES = {"nominal": (0.0, 0.0), "machining": (1.0, 0.0), "payload": (0.0, 5.0)}
+"""Share of the machining force, and payload at the tip [kg]."""
+POLICIES = ("adaptive-observer", "elastic-observer", "fuzzy-4-tip")
+ENDS = 0.1  # s
+
+
+@njit
+def rate(x, torque, force, a, out):
+    """Fill ẋ of x = (θ, q, θ̇, q̇); `a` holds the numbers of `numbers`."""
+    q1, q2, v1, v2 = x[2], x[3], x[6], x[7]
+    l1, l2, c1, c2, c3, c4, c5 = a[0], a[1], a[2], a[3], a[4], a[5], a[6]
+    bend1 = a[7] * (x[0] - q1) + a[9] * (x[4] - v1)
+    bend2 = a[8] * (x[1] - q2) + a[10] * (x[5] - v2)
+    m11, m12 = c1 + 2.0 * c2 * math.cos(q2), c3 + c2 * math.cos(q2)
+    h = c2 * math.sin(q2)
+    jx1, jy1 = -l1 * math.sin(q1) - l2 * math.sin(q1 + q2), l1 * math.cos(q1) + l2 * math.cos(q1 + q2)
+    jx2, jy2 = -l2 * math.sin(q1 + q2), l2 * math.cos(q1 + q2)
+    right1 = bend1 + h * v2 * (2.0 * v1 + v2) - c4 * math.sin(q1) - c5 * math.sin(q1 + q2)
+    right2 = bend2 - h * v1 * v1 - c5 * math.sin(q1 + q2)
+    right1 += jx1 * force[0] + jy1 * force[1]
+    right2 += jx2 * force[0] + jy2 * force[1]
+    determinant = m11 * c3 - m12 * m12
+    out[0], out[1], out[2], out[3] = x[4], x[5], v1, v2
+    for j in range(2):
+        v = x[4 + j]
+        slip = a[15 + j] + (a[17 + j] - a[15 + j]) * math.exp(-((v / a[19]) ** 2))
+        bend = bend1 if j == 0 else bend2
+        out[4 + j] = (torque[j] - bend - a[13 + j] * v - slip * math.tanh(v / a[20])) / a[11 + j]
+    out[6] = (c3 * right1 - m12 * right2) / determinant
+    out[7] = (m11 * right2 - m12 * right1) / determinant
+
+
+@njit
+def advance(x, torque, force_ends, a, step, count):
+    """Advance x by `count` Runge-Kutta steps; the force goes in a line between its ends (2, 2)."""
+    k1, k2, k3, k4, force = np.empty(8), np.empty(8), np.empty(8), np.empty(8), np.empty(2)
+    for n in range(count):
+        force[:] = force_ends[0] + (n + 0.5) / count * (force_ends[1] - force_ends[0])
+        rate(x, torque, force, a, k1)
+        rate(x + 0.5 * step * k1, torque, force, a, k2)
+        rate(x + 0.5 * step * k2, torque, force, a, k3)
+        rate(x + step * k3, torque, force, a, k4)
+        x += step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def numbers(payload: float) -> np.ndarray:
+    """Return the numbers that `rate` takes, with a payload [kg] at the tip."""
+    (l1, l2), (m1, m2), (r1, r2), (i1, i2) = ARM.length, ARM.mass, ARM.mass_center, ARM.inertia
+    c3 = m2 * r2**2 + i2 + payload * l2**2
+    inertia = [m1 * r1**2 + i1 + (m2 + payload) * l1**2 + c3, l1 * (m2 * r2 + payload * l2), c3]
+    gravity = [ARM.gravity * (m1 * r1 + (m2 + payload) * l1), ARM.gravity * (m2 * r2 + payload * l2)]
+    drives = [*ARM.stiffness, *ARM.damping, *ARM.motor_inertia, *ARM.viscous_friction]
+    friction = [*ARM.coulomb_friction, *ARM.static_friction, ARM.stribeck_velocity, SMOOTHING]
+    return np.array([l1, l2, *inertia, *gravity, *drives, *friction])
+
+
+def machining(time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Return the force (n, 2) of Case 2 at times (n,) for tip velocities (n, 2) of the reference."""
+    size = 138.0 + 80.0 * np.sin(np.pi * time / 1.5)
+    return -(size / np.maximum(np.linalg.norm(velocity, axis=1), 0.01))[:, np.newaxis] * velocity
+
+
+def tip(q: np.ndarray) -> np.ndarray:
+    """Return the tip [m]."""
+    (l1, l2), both = ARM.length, q[0] + q[1]
+    return np.array([l1 * math.cos(q[0]) + l2 * math.cos(both), l1 * math.sin(q[0]) + l2 * math.sin(both)])
+
+
+def follow(name: str, share: float, payload: float) -> np.ndarray:
+    """Return the tip errors [mm] of one episode."""
+    reference, policy, a = JointReference(parameters=ARM), load_policy(name), numbers(payload)
+    time = PERIOD * np.arange(round(reference.duration / PERIOD) + 1)
+    motion, path = reference.sample(time), reference.tip(time)
+    force = share * machining(time, path.velocity)
+    gravity = numbers(0.0)
+    q = motion.q[0]
+    held2 = gravity[6] * math.sin(q[0] + q[1])
+    bent = np.array([gravity[5] * math.sin(q[0]) + held2, held2]) / ARM.stiffness
+    x, state, errors = np.concatenate([q + bent, q + BEGIN, np.zeros(4)]), None, []
+    for k in range(len(time) - 1):
+        seen = np.concatenate([x[:2], x[4:6], motion.q[k], motion.dq[k], motion.ddq[k]])
+        torque, state = policy.predict(seen, state)
+        advance(x, torque, force[k : k + 2], a, STEP, round(PERIOD / STEP))
+        errors.append(1e3 * np.linalg.norm(tip(x[2:4]) - path.position[k + 1]))
+    return np.array(errors)
+
+
+def main() -> None:
+    """Run, print and optionally write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
+    options = parser.parse_args()
+    rows, ends = [], round(ENDS / PERIOD)
+    for name in POLICIES:
+        for case, load in CASES.items():
+            errors = follow(name, *load)
+            row = {
+                "policy": name,
+                "case": case,
+                "max_mm": float(errors.max()),
+                "max_but_ends_mm": float(errors[ends:-ends].max()),
+                "rms_mm": float(np.sqrt(np.mean(errors**2))),
+            }
+            rows.append(row)
+            print("{policy:18} {case:10} {max_mm:8.4f} {max_but_ends_mm:8.4f} {rms_mm:8.4f}".format(**row), flush=True)
+    if options.json:
+        document = {"command": "python benchmarks/adaptive_plant.py", **current_provenance(), "rows": rows}
+        write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,287 @@
+"""One sample of the adaptive observer in every lane, compiled: correct, act, predict; the law is in `policy`."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.envs.observation import Observation, observed
+from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import (
+    FORCE_ROWS,
+    drive_constants,
+    dry_friction,
+    hold,
+    link_torque,
+    schedule,
+    tip_direction,
+)
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, FORCES, SPACE
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
+    Lanes,
+    confine,
+    constants_at,
+    correct,
+    lanes_of,
+    predict,
+    read_noise,
+)
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+
+__all__ = ["act_on_estimate", "begin_or_follow", "estimate_and_act", "room_for"]
+
+STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
+NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders
+SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
+DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
+_PAYLOAD = BELIEF.payload.start
+
+
+class _Room(NamedTuple):
+    """Room for what is computed for one lane; n joints."""
+
+    lanes: Lanes
+    one: Any  # a state, torques, a force line and constants, each (rows, 1)
+    constants: Any
+    column: Any
+    measured: Any  # (2 n,), θ and θ̇
+    silent: Any  # (2 n,)
+    link_torque: Any  # τ_d of each kept reference (KEPT, n)
+    travel: Any  # direction of travel of each, then the next one (KEPT + 1, space)
+    directions: Any  # force line of each unit force (FORCE_ROWS, FORCES)
+    joints: Any  # (4, n), for short use
+    error: Any  # (4 n,)
+    gain: Any  # K (n, 4 n)
+
+
+@kernel
+def estimate_and_act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, settings: Settings) -> None:
+    """Fill `torque` (lanes, n), not clipped, and advance `memory` in place; nan for lanes whose filter has diverged."""
+    joints, s = torque.shape[1], settings
+    room = room_for(joints, len(s.spread), len(s.base))
+    o = observed(observation)
+    for lane in range(len(observation)):
+        m = remembered(memory[lane], joints, len(s.guess))
+        torque[lane] = np.nan
+        if m.flags[FLAG.lost] == 0.0:
+            _correct(lane, o, m, s, room)
+            if m.flags[FLAG.lost] == 0.0:
+                act_on_estimate(m, s, room, torque[lane])
+                _predict(m, s, room)
+                if not np.isfinite(np.sum(torque[lane])):
+                    m.flags[FLAG.lost] = 1.0
+
+
+@register_jitable
+def room_for(joints: int, size: int, constants: int) -> _Room:
+    """Return room for one lane of an arm of n joints, `size` numbers of z and as many constants."""
+    one = np.empty((4 * joints, 1)), np.empty((joints, 1)), np.empty((FORCE_ROWS, 1)), np.empty((constants, 1))
+    directions = np.zeros((FORCE_ROWS, FORCES))
+    for i in range(SPACE):
+        directions[i, 1 + i] = 1.0
+    return _Room(
+        lanes_of(joints, size, constants),
+        one,
+        np.empty(constants),
+        np.empty(size),
+        np.empty(2 * joints),
+        np.empty(2 * joints),
+        np.empty((KEPT, joints)),
+        np.empty((KEPT + 1, SPACE)),
+        directions,
+        np.empty((4, joints)),
+        np.empty(4 * joints),
+        np.empty((joints, 4 * joints)),
+    )
+
+
+@register_jitable
+def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
+    """Take in what is measured and asked for, and begin if this is the first sample."""
+    joints = len(m.noise)
+    room.measured[:joints], room.measured[joints:] = o.q_motor[lane], o.dq_motor[lane]
+    for k in range(KEPT - 1, 0, -1):
+        m.references[k] = m.references[k - 1]
+    m.references[0, 0], m.references[0, 1] = o.q_reference[lane], o.dq_reference[lane]
+    m.references[0, 2] = o.ddq_reference[lane]
+    if m.flags[FLAG.started] == 0.0:
+        m.flags[FLAG.started] = 1.0
+        _begin(m, s, room)
+
+
+@register_jitable
+def act_on_estimate(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
+    """Fill the torque for z, and what of it the next step needs."""
+    _desire(m, s, room)
+    _command(m, s, room, torque)
+
+
+@register_jitable
+def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
+    """Correct z by what is measured, and note how well that fitted."""
+    joints, measured = len(m.noise), room.measured
+    begin_or_follow(lane, o, m, s, room)
+    read_noise(measured[:joints], m.read, m.noise, NOISE_SHARE)
+    for j in range(joints):
+        room.silent[j] = s.dead_zone * m.noise[j]
+        room.silent[joints + j] = room.silent[j] * s.variances[joints + j] / s.variances[j]
+    surprise = correct(m.z, m.P, measured, s.variances, room.silent, s.cautious, s.gate, room.column)
+    m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
+    confine(m.z, m.P, s.low, s.high)
+    total = np.sum(m.z) + np.sum(m.P)
+    if not (m.flags[FLAG.surprise] < DIVERGED and np.isfinite(total)):
+        m.flags[FLAG.lost] = 1.0
+
+
+@register_jitable
+def _begin(m: Memory, s: Settings, room: _Room) -> None:
+    """Fill the first z and P: K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0."""
+    joints = len(m.noise)
+    states = 4 * joints
+    for k in range(1, KEPT):
+        m.references[k] = m.references[0]
+    m.P[:] = 0.0
+    for i in range(len(m.z)):
+        m.P[i, i] = s.spread[i] * s.spread[i]
+    m.z[states:] = s.guess
+    still, bent, link, force = room.joints[0], room.joints[1], m.z[joints : 2 * joints], room.travel[0]
+    still[:], force[:] = 0.0, 0.0
+    for j in range(joints):
+        m.z[j] = link[j] = room.measured[j]
+        m.z[2 * joints + j] = m.z[3 * joints + j] = room.measured[joints + j]
+        m.noise[j] = s.variances[j]
+        m.read[:, j] = room.measured[j]
+    for _ in range(STATICS_STEPS):
+        link_torque(link, still, still, force, s.base, bent)
+        for j in range(joints):
+            link[j] = room.measured[j] - bent[j] / drive_constants(s.base, j)[2]
+    for k in range(len(m.commands)):
+        m.commands[k] = bent
+
+
+@register_jitable
+def _desire(m: Memory, s: Settings, room: _Room) -> None:
+    """Fill the constants of p, the directions of travel, their force lines, and τ_d of the kept references."""
+    joints, period = len(m.noise), s.substep * s.substeps
+    p = m.z[4 * joints :]
+    constants_at(p, s.guess, s.base, s.slopes, room.constants)
+    force, next_q, next_dq = room.column[:SPACE], room.joints[0], room.joints[1]
+    for k in range(KEPT):
+        q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
+        tip_direction(q, dq, room.constants, room.travel[k])
+        for i in range(SPACE):
+            force[i] = p[0] * room.travel[k, i] + p[1 + i]
+        link_torque(q, dq, ddq, force, room.constants, room.link_torque[k])
+    for j in range(joints):
+        dq, ddq = m.references[0, 1, j], m.references[0, 2, j]
+        next_q[j] = m.references[0, 0, j] + period * (dq + 0.5 * period * ddq)
+        next_dq[j] = dq + period * ddq
+    tip_direction(next_q, next_dq, room.constants, room.travel[KEPT])
+    for i in range(SPACE):
+        now, then = room.travel[0, i], room.travel[KEPT, i]
+        room.directions[i, 0], room.directions[SPACE + i, 0] = 0.5 * (now + then), then - now
+
+
+@register_jitable
+def _command(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
+    """Fill the torque that the motors shall apply when it reaches them."""
+    joints, period = len(m.noise), s.substep * s.substeps
+    p = m.z[4 * joints :]
+    lateness = p[len(p) - 1]
+    later, error = lateness * period, room.error
+    _advance(m, s, room, lateness)
+    state = room.one[0]
+    for j in range(joints):
+        q, dq, ddq = m.references[0, 0, j], m.references[0, 1, j], m.references[0, 2, j]
+        theta, dtheta, ddtheta, smooth = _target(m, room, period, 0, j)
+        before = _target(m, room, period, 1, j)[3]
+        middle = dtheta + (0.5 * period + later) * ddtheta
+        torque[j] = smooth + (0.5 + lateness) * (smooth - before) + dry_friction(middle, room.constants, j)
+        torque[j] -= p[len(p) - 1 - joints + j]
+        error[j] = state[j, 0] - (theta + later * (dtheta + 0.5 * later * ddtheta))
+        error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
+        error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
+        error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
+    feedback_at(s.feedback, schedule(m.references[0, 0]), p[_PAYLOAD] / s.mass, room.gain)
+    for k in range(LONGEST_LATENESS + 1, 0, -1):
+        m.commands[k] = m.commands[k - 1]
+    for j in range(joints):
+        for i in range(len(error)):
+            torque[j] -= room.gain[j, i] * error[i]
+        m.commands[0, j] = min(max(torque[j], -s.limit[j]), s.limit[j])
+
+
+@register_jitable
+def _target(m: Memory, room: _Room, period: float, back: int, joint: int) -> tuple[float, float, float, float]:
+    """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction, `back` samples ago with today's p; see `elastic_target`."""
+    inertia, viscous, stiffness, damping = drive_constants(room.constants, joint)
+    now, last = room.link_torque[back, joint], room.link_torque[back + 1, joint]
+    second, third = room.link_torque[back + 2, joint], room.link_torque[back + 3, joint]
+    rate = (11.0 * now - 18.0 * last + 9.0 * second - 2.0 * third) / (6.0 * period)
+    curvature = (2.0 * now - 5.0 * last + 4.0 * second - third) / (period * period)
+    b = damping / stiffness
+    q, dq, ddq = m.references[back, 0, joint], m.references[back, 1, joint], m.references[back, 2, joint]
+    velocity, acceleration = dq + (rate - b * curvature) / stiffness, ddq + curvature / stiffness
+    angle = q + (now - b * (rate - b * curvature)) / stiffness
+    return angle, velocity, acceleration, inertia * acceleration + viscous * velocity + now
+
+
+@register_jitable
+def _advance(m: Memory, s: Settings, room: _Room, lateness: float) -> None:
+    """Fill the first of `room.one` with x when the next command acts: x under the commands on their way."""
+    state, torque, line, constants = room.one
+    joints = len(torque)
+    state[:, 0], constants[:, 0] = m.z[: len(state)], room.constants
+    for i in range(FORCE_ROWS):
+        line[i, 0] = 0.0
+        for j in range(FORCES):
+            line[i, 0] += room.directions[i, j] * m.z[len(state) + j]
+    whole = int(lateness)
+    rest = lateness - whole
+    for step in range(whole):
+        for j in range(joints):
+            sent = (1.0 - rest) * m.commands[whole - step - 1, j] + rest * m.commands[whole - step, j]
+            torque[j, 0] = sent + m.z[len(m.z) - 1 - joints + j]
+        hold(state, torque, line, constants, s.substep, s.substeps)
+    if rest > 0.0:
+        torque[:, 0] = m.commands[0] + m.z[len(m.z) - 1 - joints : len(m.z) - 1]
+        hold(state, torque, line, constants, rest * s.substep, s.substeps)
+
+
+@register_jitable
+def _predict(m: Memory, s: Settings, room: _Room) -> None:
+    """Step z and P to the next sample, under the commands that reach the motors until then."""
+    joints, size = len(m.noise), len(m.z)
+    lateness, wide = m.z[size - 1], np.sqrt(max(m.P[size - 1, size - 1], 0.0))
+    early, late = max(lateness - wide, 0.0), min(lateness + wide, float(LONGEST_LATENESS))
+    applied, slope = room.joints[0], room.joints[1]
+    for j in range(joints):
+        applied[j] = _applied(m.commands, lateness, j)
+        slope[j] = (_applied(m.commands, late, j) - _applied(m.commands, early, j)) / max(late - early, 1e-9)
+    predict(
+        m.z,
+        m.P,
+        applied,
+        slope,
+        room.directions,
+        room.constants,
+        s.slopes,
+        s.steps,
+        s.noise,
+        s.substep,
+        s.substeps,
+        room.lanes,
+    )
+
+
+@register_jitable
+def _applied(commands: np.ndarray, lateness: float, joint: int) -> float:
+    """Return the mean torque over the coming control period if commands act `lateness` periods late."""
+    whole = int(lateness)
+    rest = lateness - whole
+    torque: float = (1.0 - rest) * commands[whole, joint] + rest * commands[whole + 1, joint]
+    return torque

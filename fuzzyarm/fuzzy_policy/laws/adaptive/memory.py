@@ -1,0 +1,97 @@
+"""What the adaptive observer remembers of one lane from one sample to the next, in a fixed number of numbers."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.common.slices import consecutive
+
+__all__ = ["FLAG", "KEPT", "LONGEST_LATENESS", "Flags", "Memory", "layout", "remembered"]
+
+LONGEST_LATENESS = 3
+"""Longest time from a command to the motors that the filter considers [control periods]."""
+KEPT = 5
+"""References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
+the feedforward's change takes one more."""
+ANGLES = 3  # measured angles kept for their third difference
+
+
+class Flags(NamedTuple):
+    """Single numbers of a memory, or where they stand among them.
+
+    Attributes:
+        started: 1 once there has been a sample, else 0.
+        surprise: ν²/s of the last samples, on average; about 1 where the filter is right.
+        lost: 1 once the filter has diverged, else 0.
+    """
+
+    started: Any
+    surprise: Any
+    lost: Any
+
+
+FLAG = Flags(0, 1, 2)
+"""Where they stand."""
+_FLAGS = len(FLAG)
+
+
+class Memory(NamedTuple):
+    """The parts of one lane's memory as arrays; zeros when an episode begins. n joints, N numbers of z.
+
+    Attributes:
+        flags: see `Flags`.
+        z: prediction of (x, p) for this sample, (N,).
+        P: its covariance, (N, N).
+        commands: torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n).
+        references: q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n).
+        read: measured angles [rad], newest first, (3, n).
+        noise: variance of the noise of the measured angles [rad²], (n,).
+    """
+
+    flags: Any
+    z: Any
+    P: Any
+    commands: Any
+    references: Any
+    read: Any
+    noise: Any
+
+
+def layout(joints: int, beliefs: int) -> Memory:
+    """Return where the parts lie, as slices; `beliefs` is how many numbers p has."""
+    size = 4 * joints + beliefs
+    return Memory(
+        *consecutive(
+            _FLAGS,
+            size,
+            size * size,
+            (LONGEST_LATENESS + 2) * joints,
+            KEPT * 3 * joints,
+            ANGLES * joints,
+            joints,
+        )
+    )
+
+
+@register_jitable
+def remembered(memory: np.ndarray, joints: int, beliefs: int) -> Memory:
+    """Return the parts of one lane's memory as views of it, each in its shape."""
+    size = 4 * joints + beliefs
+    z = _FLAGS
+    covariance = z + size
+    commands = covariance + size * size
+    references = commands + (LONGEST_LATENESS + 2) * joints
+    read = references + KEPT * 3 * joints
+    noise = read + ANGLES * joints
+    return Memory(
+        memory[:z],
+        memory[z:covariance],
+        memory[covariance:commands].reshape((size, size)),
+        memory[commands:references].reshape((LONGEST_LATENESS + 2, joints)),
+        memory[references:read].reshape((KEPT, 3, joints)),
+        memory[read:noise].reshape((ANGLES, joints)),
+        memory[noise : noise + joints],
+    )

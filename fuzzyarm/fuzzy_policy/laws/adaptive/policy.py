@@ -1,0 +1,205 @@
+"""The adaptive observer: it estimates arm, load and lateness while it moves, and acts on the estimate.
+
+    correct   z = (x, p) by the measured motors, see `filter`; p is load, constants and lateness, see `belief`,
+    act       u = u_ff(p) - K (x⁺ - x_d(p)⁺),
+    predict   z⁻ of the next sample: what the elastic arm of p does of x under the clipped commands.
+
+x_d = (θ_d, q_d, θ̇_d, q̇_d) and u_ff are those of `elastic_target` for the arm of p under the load of p: the torque
+that bends the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the reference with today's p. A ⁺ is d
+control periods ahead, when the command reaches the motors: x by the commands on their way, x_d by its derivatives. K is
+a linear quadratic regulator over posture and payload, see `regulator`.
+
+The estimated payload is no measurement of a payload: masses and forces share a load.
+
+A filter that has diverged says so (`Beliefs.diverged`), and `Policy.act` answers with the law `fallback` from then on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from fuzzyarm.common.checks import instance
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.periods import whole_substeps
+from fuzzyarm.envs.physics.dynamics import tip_jacobian
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
+    BELIEF,
+    BELIEFS,
+    CAUTIOUS,
+    FACTORS,
+    FORCES,
+    affine_constants,
+    allowed,
+    first_guess,
+    first_spread,
+    walks,
+)
+from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import estimate_and_act
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, layout
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
+
+__all__ = ["AdaptiveObserverPolicy", "Beliefs"]
+
+_STATES = 4 * JOINTS
+_MEMORY = layout(JOINTS, BELIEFS)
+_OWN = _MEMORY.noise.stop  # numbers that a lane of the filter remembers
+# Steps of the differences that make F, far above rounding and far below what bends the equations.
+_ANGLE_STEP, _VELOCITY_STEP, _LOAD_STEP, _FACTOR_STEP = 1e-7, 1e-6, 1e-2, 1e-4
+
+
+@dataclasses.dataclass(frozen=True)
+class Beliefs:
+    """What the adaptive observer believes, each with the standard deviation that it gives itself.
+
+    Masses and forces share a load: a payload may show up as a force, and the other way round.
+
+    Attributes:
+        force, force_deviation: at the tip [N], (..., 2).
+        payload, payload_deviation: at the tip [kg], (...).
+        factors, factors_deviation: of the known arm, by name, (..., 2): stiffness, damping, friction, mass,
+            motor_inertia.
+        offset, offset_deviation: torques beside the motors' [N m], (..., 2).
+        lateness, lateness_deviation: from a command to the motors [s], (...).
+        encoder_noise: standard deviation of the noise that is read in the angles [rad], (..., 2).
+        surprise: mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
+        diverged: whether the filter has diverged and the fallback acts, (...).
+    """
+
+    force: np.ndarray
+    force_deviation: np.ndarray
+    payload: np.ndarray
+    payload_deviation: np.ndarray
+    factors: dict[str, np.ndarray]
+    factors_deviation: dict[str, np.ndarray]
+    offset: np.ndarray
+    offset_deviation: np.ndarray
+    lateness: np.ndarray
+    lateness_deviation: np.ndarray
+    encoder_noise: np.ndarray
+    surprise: np.ndarray
+    diverged: np.ndarray
+
+
+class AdaptiveObserverPolicy(Policy):
+    """Identification, observer, regulator and elastic target; the law is in the module's docstring.
+
+    Attributes:
+        arm: the arm, as the controller knows it.
+        weights: of the filter and of the regulator.
+        fallback: what acts in lanes whose filter has diverged.
+        settings: what the compiled law takes.
+    """
+
+    def __init__(
+        self,
+        parameters: ArmParameters | None = None,
+        control_period: float = 1e-3,
+        weights: AdaptiveWeights | None = None,
+        fallback: Policy | None = None,
+    ) -> None:
+        """Design the regulator.
+
+        Args:
+            parameters: the arm, as the controller knows it.
+            control_period: T [s].
+            weights: of the filter and of the regulator.
+            fallback: what acts where the filter has diverged; computed torque at the tip, if not said otherwise.
+
+        Raises:
+            ValueError: the control period is out of range, or there are no gains for these arguments.
+        """
+        self.arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
+        super().__init__(self.arm, control_period)
+        self.weights = weights or AdaptiveWeights()
+        self.fallback = fallback or TipPolicy(ComputedTorquePolicy(self.parameters, control_period))
+        self.memory_size = _OWN + self.fallback.memory_size
+        self.settings = self._arranged()
+
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Evaluate the law, see `Policy`."""
+        estimate_and_act(observation, memory, torque, self.settings)
+        lost = memory[:, FLAG.lost] != 0.0
+        if lost.any():
+            seen, kept, answer = observation[lost], memory[lost, _OWN:], torque[lost]
+            self.fallback.act(seen, kept, answer)
+            memory[lost, _OWN:], torque[lost] = kept, answer
+
+    def without_dry_friction(self) -> FrozenObserver:
+        """Return this policy with its adaptation frozen, for the same arm without dry friction."""
+        return FrozenObserver(self, dry_friction=False)
+
+    def beliefs(self, state: np.ndarray) -> Beliefs:
+        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave."""
+        own = np.asarray(state)[..., :_OWN]
+        shape = own.shape[:-1]
+        size = _STATES + BELIEFS
+        p, P = own[..., _MEMORY.z][..., _STATES:], own[..., _MEMORY.P].reshape(*shape, size, size)
+        covariance = P[..., _STATES:, _STATES:]
+        deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
+        # F = H (f_t, F_x, F_y), with the direction of travel and the unit vectors as columns
+        reference = own[..., _MEMORY.references].reshape(*shape, -1, 3, JOINTS)[..., 0, :, :]
+        q, dq = reference[..., 0, :], reference[..., 1, :]
+        velocity = (tip_jacobian(q, self.arm.length) @ dq[..., np.newaxis])[..., 0]
+        speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
+        travel = np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
+        H = np.concatenate([travel[..., np.newaxis], np.broadcast_to(np.eye(2), (*shape, 2, 2))], axis=-1)
+        force_covariance = H @ covariance[..., :FORCES, :FORCES] @ np.swapaxes(H, -1, -2)
+        return Beliefs(
+            force=(H @ p[..., :FORCES, np.newaxis])[..., 0],
+            force_deviation=np.sqrt(np.maximum(np.diagonal(force_covariance, axis1=-2, axis2=-1), 0.0)),
+            payload=p[..., BELIEF.payload][..., 0],
+            payload_deviation=deviation[..., BELIEF.payload][..., 0],
+            factors={name: p[..., getattr(BELIEF, name)] for name in FACTORS},
+            factors_deviation={name: deviation[..., getattr(BELIEF, name)] for name in FACTORS},
+            offset=p[..., BELIEF.offset],
+            offset_deviation=deviation[..., BELIEF.offset],
+            lateness=self.control_period * p[..., BELIEF.lateness][..., 0],
+            lateness_deviation=self.control_period * deviation[..., BELIEF.lateness][..., 0],
+            encoder_noise=np.sqrt(own[..., _MEMORY.noise]),
+            surprise=own[..., FLAG.surprise],
+            diverged=own[..., FLAG.lost] != 0.0,
+        )
+
+    def _arranged(self) -> Settings:
+        """Return what the kernel takes."""
+        arm, weights, period = self.arm, self.weights, self.control_period
+        base, slopes = affine_constants(arm)
+        low, high = allowed(arm, float(LONGEST_LATENESS))
+        shake = weights.motor_torque * self._torque_limit / np.array(arm.motor_inertia)
+        still, substeps = np.zeros(JOINTS), whole_substeps(period, None)
+        encoder = np.repeat([weights.encoder_angle, weights.encoder_velocity], JOINTS)
+        first_state = (weights.encoder_angle, weights.first_link_angle, *[weights.encoder_velocity] * 2)
+        load_steps = np.full(BELIEF.payload.stop, _LOAD_STEP)
+        factor_steps = np.full(BELIEFS - BELIEF.payload.stop, _FACTOR_STEP)
+        state_steps = np.repeat([_ANGLE_STEP, _VELOCITY_STEP], 2 * JOINTS)
+        cautious = np.zeros(_STATES + BELIEFS, dtype=np.bool_)
+        for name in CAUTIOUS:
+            cautious[_STATES:][getattr(BELIEF, name)] = True
+        return Settings(
+            feedback=feedback_table(arm, period, weights),
+            base=base,
+            slopes=slopes,
+            guess=first_guess(),
+            spread=np.concatenate([np.repeat(first_state, JOINTS), first_spread(arm, weights)]),
+            low=low,
+            high=high,
+            noise=np.concatenate([still, still, shake, still, walks(arm, weights)]) ** 2 * period,
+            steps=np.concatenate([state_steps, load_steps, factor_steps]),
+            variances=encoder**2,
+            cautious=cautious,
+            gate=weights.gate,
+            dead_zone=weights.dead_zone,
+            limit=self._torque_limit,
+            mass=sum(arm.mass),
+            substep=period / substeps,
+            substeps=substeps,
+        )

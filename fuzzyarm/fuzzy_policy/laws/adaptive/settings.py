@@ -1,0 +1,49 @@
+"""What the compiled law of the adaptive observer takes, arranged as arrays and numbers."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+__all__ = ["Settings"]
+
+
+class Settings(NamedTuple):
+    """What the kernel takes, as arrays and numbers.
+
+    Attributes:
+        feedback: K, see `feedback_table`.
+        base: a_0 of `affine_constants`.
+        slopes: S of `affine_constants`.
+        guess: p_0.
+        spread: standard deviations of z when an episode begins.
+        low: lowest p.
+        high: highest p.
+        noise: diagonal of Q.
+        steps: of the differences that make F.
+        variances: of the measured numbers.
+        cautious: which numbers of z learn only beyond the dead zone.
+        gate: see `AdaptiveWeights`.
+        dead_zone: see `AdaptiveWeights`.
+        limit: torque limits [N m].
+        mass: of all links [kg].
+        substep: h [s].
+        substeps: in a control period.
+    """
+
+    feedback: Any
+    base: Any
+    slopes: Any
+    guess: Any
+    spread: Any
+    low: Any
+    high: Any
+    noise: Any
+    steps: Any
+    variances: Any
+    cautious: Any
+    gate: Any
+    dead_zone: Any
+    limit: Any
+    mass: Any
+    substep: Any
+    substeps: Any

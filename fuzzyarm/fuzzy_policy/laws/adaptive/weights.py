@@ -1,0 +1,75 @@
+"""The numbers of the adaptive observer: how fast a load may change, how wrong the known arm may be, what errors cost.
+
+Torques are shares of the arm's `torque_limit`, joint by joint, and forces shares of `unit_force`, so that the same
+numbers fit arms of another size.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from fuzzyarm.common.checks import real
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE
+
+__all__ = ["AdaptiveWeights", "unit_force"]
+
+
+def unit_force(parameters: ArmParameters) -> float:
+    """Return the force [N] at the tip of the stretched arm that takes the whole torque of the first motor."""
+    return parameters.torque_limit[0] / sum(parameters.length)
+
+
+@dataclasses.dataclass(frozen=True)
+class AdaptiveWeights:
+    """What the filter expects and what the regulator weighs.
+
+    Attributes:
+        link_angle: link error [rad] that costs as much as the whole torque.
+        link_velocity: link velocity error [rad/s] that costs as much as the whole torque.
+        motor_torque: white noise of the motor torque, share of the torque limit times √s.
+        travel_walk: random walk of the force along the path, share of the unit force per √s.
+        force_walk: random walk of each component of the free force, likewise.
+        encoder_angle: standard deviation of a measured angle [rad].
+        encoder_velocity: standard deviation of a measured velocity [rad/s].
+        first_force: standard deviation of each force when an episode begins, share of the unit force.
+        first_payload: of the payload at the tip, share of the mass of all links.
+        first_stiffness: of the factors of joint stiffness.
+        first_damping: of the factors of joint damping.
+        first_friction: of the factors of dry friction.
+        first_inertia: of the factors of link masses and of motor inertias.
+        first_offset: of the torques beside the motors', share of the torque limit.
+        first_lateness: of the lateness [control periods].
+        first_link_angle: of the link angles [rad].
+        gate: squared standardised innovation above which a sample counts less.
+        dead_zone: squared innovation, in variances of the noise that is read, below which constants do not learn.
+
+    Raises:
+        TypeError: a weight is no number.
+        ValueError: a weight lies outside `WEIGHT_RANGE`.
+    """
+
+    link_angle: float = 0.005
+    link_velocity: float = 1.57
+    motor_torque: float = 6e-4
+    travel_walk: float = 1.0
+    force_walk: float = 0.2
+    encoder_angle: float = 2e-5
+    encoder_velocity: float = 2e-3
+    first_force: float = 2e-3
+    first_payload: float = 0.125
+    first_stiffness: float = 0.12
+    first_damping: float = 0.3
+    first_friction: float = 0.3
+    first_inertia: float = 0.06
+    first_offset: float = 0.01
+    first_lateness: float = 1.5
+    first_link_angle: float = 1e-3
+    gate: float = 4.0
+    dead_zone: float = 12.0
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        low, high = WEIGHT_RANGE
+        for field in dataclasses.fields(self):
+            real(f"AdaptiveWeights.{field.name}", getattr(self, field.name), low=low, high=high)

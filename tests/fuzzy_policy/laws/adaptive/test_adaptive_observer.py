@@ -1,0 +1,127 @@
+"""The adaptive observer on the environment: tip errors, beliefs against the truth, lateness, divergence, batches."""
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+
+ARM = ArmParameters()
+NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
+POLICY = AdaptiveObserverPolicy()
+
+
+def follow(policy, disturbances, steps=1499, arms=None, late=0):
+    """Tip errors [mm] (steps, lanes) and the state after the last sample; commands `late` periods late."""
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=len(disturbances), disturbance=disturbances, parameters=arms)
+    observation, _ = envs.reset(seed=0)
+    state, errors, sent = None, [], []
+    for _ in range(steps):
+        torque, state = policy.predict(observation, state)
+        sent.append(torque)
+        observation, _, terminated, _, info = envs.step(sent[max(len(sent) - 1 - late, 0)])
+        assert not terminated.any()
+        errors.append(1e3 * info["tip_error"])
+    return np.array(errors), state
+
+
+@pytest.fixture(scope="module")
+def paper_cases():
+    cases = [Disturbance(), Disturbance(tip_force=MachiningForce()), Disturbance(payload=Payload(5.0))]
+    return follow(POLICY, cases + [dataclasses.replace(case, encoder_noise=NOISE) for case in cases])
+
+
+def rms(errors):
+    return np.sqrt(np.mean(errors**2, axis=0))
+
+
+def test_tip_errors_of_the_papers_cases(paper_cases):
+    errors = paper_cases[0]
+    assert errors[:, 0].max() < 0.003
+    assert np.all(rms(errors)[[1, 2]] < (0.40, 0.20))
+    assert np.all(rms(errors)[[4, 5]] < (0.45, 0.25))
+    assert np.all(errors.max(axis=0)[[1, 2]] < (2.6, 1.4))
+
+
+def test_it_errs_several_times_less_than_the_elastic_observer(paper_cases):
+    other = follow(load_policy("elastic-observer"), [Disturbance(tip_force=MachiningForce())])[0]
+    assert 4.0 * rms(paper_cases[0])[1] < rms(other)[0]
+
+
+def test_it_finds_force_payload_and_stiffness():
+    push = Disturbance(tip_force=ConstantForce((60.0, -40.0), 0.2))
+    softer = dataclasses.replace(ARM, stiffness=(0.85 * ARM.stiffness[0], 1.15 * ARM.stiffness[1]))
+    _, state = follow(POLICY, [push, Disturbance(payload=Payload(4.0)), Disturbance()], 900, [ARM, ARM, softer])
+    beliefs = POLICY.beliefs(state)
+    np.testing.assert_allclose(beliefs.force[0], (60.0, -40.0), atol=10.0)
+    assert 1.5 < beliefs.payload[1] < 5.0  # a force and the links' masses share it
+    stiffness, deviation = beliefs.factors["stiffness"][2], beliefs.factors_deviation["stiffness"][2]
+    assert stiffness[0] == pytest.approx(0.85, abs=0.05) and stiffness[1] > 1.0
+    assert np.all(np.abs(stiffness - (0.85, 1.15)) < 2.5 * deviation)
+    assert np.all(np.abs(beliefs.force[0] - (60.0, -40.0)) < 3.0 * beliefs.force_deviation[0])
+    assert not beliefs.diverged.any()
+
+
+def test_noise_alone_teaches_the_constants_nothing(paper_cases):
+    factors = POLICY.beliefs(paper_cases[1]).factors
+    for name, values in factors.items():
+        np.testing.assert_allclose(values[3], 1.0, atol=0.1, err_msg=name)
+
+
+def test_it_finds_an_untold_lateness_and_stays_stable():
+    errors, state = follow(POLICY, [Disturbance()], 700, late=2)
+    assert POLICY.beliefs(state).lateness[0] == pytest.approx(2e-3, abs=5e-4)
+    assert errors[300:].max() < 0.5
+
+
+def test_single_and_batch_are_equal_bit_for_bit():
+    rng = np.random.default_rng(0)
+    observation = np.hstack([rng.uniform(0.2, 1.2, (5, 2)), 0.1 * rng.normal(size=(5, 8))])
+    state, states = None, [None] * 5
+    for _ in range(3):
+        torque, state = POLICY.predict(observation, state)
+        for lane in range(5):
+            alone, states[lane] = POLICY.predict(observation[lane], states[lane])
+            np.testing.assert_array_equal(torque[lane], alone)
+            np.testing.assert_array_equal(state[lane], states[lane])
+        observation = observation + 1e-4 * rng.normal(size=observation.shape)
+
+
+def test_a_diverged_filter_says_so_and_the_certified_law_acts():
+    policy = load_policy("adaptive-observer")
+    env = gym.make("FuzzyArm-v0")
+    observation, _ = env.reset(seed=0)
+    _, state = policy.predict(observation)
+    assert not policy.beliefs(state).diverged
+    broken = state.copy()
+    broken[20] = np.nan
+    for _ in range(300):
+        torque, broken = policy.predict(observation, broken)
+        observation, _, terminated, _, info = env.step(torque)
+        assert np.isfinite(torque).all() and not terminated
+    assert policy.beliefs(broken).diverged and 1e3 * info["tip_error"] < 1.0
+    certified, kept = load_policy("fuzzy-4-tip"), broken[-policy.fallback.memory_size :]
+    np.testing.assert_array_equal(certified.predict(observation, kept)[0], policy.predict(observation, broken)[0])
+
+
+def test_readings_that_no_arm_gives_count_as_divergence():
+    observation = np.zeros(10)
+    state = None
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        observation[:4] = rng.normal(size=4)
+        _, state = POLICY.predict(observation, state)
+    assert POLICY.beliefs(state).diverged and state[FLAG.lost] == 1.0
+
+
+def test_for_another_arm_the_fallback_is_computed_torque():
+    lighter = dataclasses.replace(ARM, mass=(14.0, 8.0))
+    policy = load_policy("adaptive-observer", robot=lighter)
+    assert policy.fallback.parameters == lighter and policy.parameters == lighter

@@ -1,0 +1,160 @@
+"""The filter's two steps against textbook formulas in NumPy, and the law's functions of the arm against the physics."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.laws.adaptive import filter as parts
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import hold, link_torque, tip_direction
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, BELIEFS, FORCES, affine_constants, first_guess
+
+ARM = ArmParameters()
+STATES, SIZE = 8, 8 + BELIEFS
+MEASURED = [0, 1, 4, 5]
+NO_GATE, NOTHING_SILENT = 1e300, np.zeros(4)
+
+correct, confine, predict, lanes_of = (
+    njit(parts.correct),
+    njit(parts.confine),
+    njit(parts.predict),
+    njit(parts.lanes_of),
+)
+read_noise = njit(parts.read_noise)
+
+
+def covariance(rng, scale=1.0):
+    root = scale * rng.normal(size=(SIZE, SIZE))
+    return root @ root.T / SIZE
+
+
+def corrected(z, P, measured, variances, silent=NOTHING_SILENT, cautious=None, gate=NO_GATE):
+    """z and P after a correction, the arguments left alone."""
+    z, P = z.copy(), P.copy()
+    cautious = np.zeros(SIZE, dtype=bool) if cautious is None else cautious
+    surprise = correct(z, P, measured, variances, silent, cautious, gate, np.empty(SIZE))
+    return z, P, surprise
+
+
+def test_whole_correction_is_the_joint_kalman_update():
+    rng = np.random.default_rng(1)
+    z, P, measured = rng.normal(size=SIZE), covariance(rng), rng.normal(size=4)
+    variances = rng.uniform(0.1, 1.0, 4)
+    C = np.eye(SIZE)[MEASURED]
+    gain = P @ C.T @ np.linalg.inv(C @ P @ C.T + np.diag(variances))
+    found, left, _ = corrected(z, P, measured, variances)
+    np.testing.assert_allclose(found, z + gain @ (measured - C @ z), atol=1e-12)
+    np.testing.assert_allclose(left, P - gain @ C @ P, atol=1e-12)
+
+
+def test_constants_do_not_learn_within_the_dead_zone_and_states_do():
+    rng = np.random.default_rng(2)
+    z, P, cautious = rng.normal(size=SIZE), covariance(rng), np.arange(SIZE) >= STATES
+    measured, variances = z[MEASURED] + 0.01, np.full(4, 0.1)
+    found, left, _ = corrected(z, P, measured, variances, np.full(4, 1.0), cautious)
+    np.testing.assert_array_equal(found[STATES:], z[STATES:])
+    np.testing.assert_array_equal(left[STATES:, STATES:], P[STATES:, STATES:])
+    whole, smaller, _ = corrected(z, P, measured, variances)
+    np.testing.assert_allclose(found[0], whole[0], rtol=0.2)
+    assert np.all(np.linalg.eigvalsh(left) > -1e-12)
+    assert np.trace(smaller) < np.trace(left) < np.trace(P)
+
+
+def test_partial_correction_lies_between_none_and_a_whole_one():
+    rng = np.random.default_rng(3)
+    z, P, cautious = rng.normal(size=SIZE), covariance(rng), np.arange(SIZE) >= STATES
+    measured, silent = z[MEASURED].copy(), np.full(4, 0.5)
+    measured[0] += 1.0  # the dead zone takes half of this correction
+    silent[1:] = 0.0
+    only_first = np.array([0.1, 1e30, 1e30, 1e30])
+    found, left, _ = corrected(z, P, measured, only_first, silent, cautious)
+    whole, smaller, _ = corrected(z, P, measured, only_first)
+    np.testing.assert_allclose(found[STATES:] - z[STATES:], 0.5 * (whole - z)[STATES:], rtol=1e-9)
+    shrunk, shrink = (P - left)[STATES:, STATES:], (P - smaller)[STATES:, STATES:]
+    np.testing.assert_allclose(shrunk, 0.75 * shrink, rtol=1e-9)
+    assert np.all(np.linalg.eigvalsh(left) > -1e-12)
+
+
+def test_gate_bounds_what_a_sample_may_do():
+    rng = np.random.default_rng(4)
+    z, P = rng.normal(size=SIZE), covariance(rng)
+    near, far = z[MEASURED].copy(), z[MEASURED].copy()
+    near[0], far[0] = near[0] + 100.0, far[0] + 200.0
+    variances = np.array([0.1, 1e30, 1e30, 1e30])
+    moved, moved_more = (corrected(z, P, y, variances, gate=4.0)[0] - z for y in (near, far))
+    np.testing.assert_allclose(moved_more, 0.5 * moved, rtol=1e-6)  # 4/ν instead of ν/s
+
+
+def test_confining_a_number_moves_the_others_as_their_covariance_says():
+    rng = np.random.default_rng(5)
+    P = covariance(rng)
+    z = np.zeros(SIZE)
+    low, high = np.full(BELIEFS, -1e3), np.full(BELIEFS, 1e3)
+    z[-1], low[-1] = -1.0, 0.0
+    expected = z + P[:, -1] / P[-1, -1]
+    confine(z, P, low, high)
+    np.testing.assert_allclose(z, expected, atol=1e-12)
+
+
+def test_read_noise_converges_to_the_variance_and_ignores_a_smooth_motion():
+    rng = np.random.default_rng(6)
+    time = 1e-3 * np.arange(3000)
+    angle = 0.5 * np.sin(6.0 * time)
+    for sigma in (1e-5, 3e-5):
+        read, noise, found = np.full((3, 2), angle[0]), np.zeros(2), []
+        for value in angle:
+            read_noise(value + sigma * rng.normal(size=2), read, noise, 0.03)
+            found.append(noise.copy())
+        assert np.mean(found[500:]) == pytest.approx(sigma**2, rel=0.1)
+
+
+def moved(z, torque, directions, base, slopes):
+    """x after a control period by the compiled plant, for one z."""
+    state = z[:STATES, np.newaxis].copy()
+    force = np.ascontiguousarray((directions @ z[STATES : STATES + FORCES])[:, np.newaxis])
+    constants = np.ascontiguousarray((base + slopes @ (z[STATES:] - first_guess()))[:, np.newaxis])
+    hold(state, np.ascontiguousarray(torque[:, np.newaxis]), force, constants, 2e-4, 5)
+    return state[:, 0]
+
+
+def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
+    rng = np.random.default_rng(7)
+    base, slopes = affine_constants(ARM)
+    z = np.concatenate([[0.3, 1.0, 0.299, 0.998, 1.0, -1.5, 1.01, -1.49], first_guess()])
+    z[STATES:][BELIEF.payload], z[STATES : STATES + FORCES] = 2.0, (20.0, -5.0, 7.0)
+    P, noise, torque, slope = covariance(rng, 1e-4), rng.uniform(0.0, 1e-8, SIZE), np.array([90.0, -20.0]), np.ones(2)
+    directions = np.zeros((4, FORCES))
+    directions[0, 1] = directions[1, 2] = 1.0
+    directions[:2, 0] = 0.6, 0.8
+    steps = np.concatenate([np.full(4, 1e-7), np.full(4, 1e-6), np.full(BELIEFS, 1e-4)])
+    F = np.zeros((STATES, SIZE))
+    for j in range(SIZE - 1):
+        step = np.zeros(SIZE)
+        step[j] = 1e-5
+        ahead, behind = (moved(z + sign * step, torque, directions, base, slopes) for sign in (1.0, -1.0))
+        F[:, j] = (ahead - behind) / 2e-5
+    late = (moved(z, torque + sign * slope, directions, base, slopes) for sign in (1.0, -1.0))
+    F[:, -1] = (next(late) - next(late)) / 2.0
+    whole = np.vstack([F, np.eye(SIZE)[STATES:]])
+    expected = whole @ P @ whole.T + np.diag(noise)
+    found, left = z.copy(), P.copy()
+    constants = base + slopes @ (z[STATES:] - first_guess())
+    lanes = lanes_of(2, SIZE, len(base))
+    predict(found, left, torque, slope, directions, constants, slopes, steps, noise, 2e-4, 5, lanes)
+    np.testing.assert_array_equal(found[:STATES], moved(z, torque, directions, base, slopes))
+    np.testing.assert_array_equal(found[STATES:], z[STATES:])
+    np.testing.assert_allclose(left, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+
+
+def test_link_torque_is_the_rigid_arms_less_the_forces():
+    rng = np.random.default_rng(8)
+    q, dq, ddq, force = rng.normal(size=(4, 2))
+    torque, direction, constants = np.empty(2), np.empty(2), np.array(arm_constants(ARM))
+    njit(link_torque)(q, dq, ddq, force, constants, torque)
+    J = tip_jacobian(q, ARM.length)
+    np.testing.assert_allclose(torque, rigid_inverse_dynamics(q, dq, ddq, arm_constants(ARM)) - J.T @ force, rtol=1e-12)
+    njit(tip_direction)(q, dq, constants, direction)
+    np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), rtol=1e-12)
+    njit(tip_direction)(q, np.zeros(2), constants, direction)
+    np.testing.assert_array_equal(direction, 0.0)
