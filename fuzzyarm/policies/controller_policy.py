@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError
@@ -66,9 +67,9 @@ def _check_robot(path: Path, controller: ScheduledController, arm: AnyArm) -> No
     designed, given = controller.robot, robot_of(arm)
     if designed.digest != given.digest:
         raise ControllerFileError(
-            f"{path} was designed for the robot {designed.name} ({designed.digest[:_SHOWN]}), not for {given.name} "
-            f"({given.digest[:_SHOWN]}): pass robot= (--robot) {designed.name}, or design one for {given.name} with "
-            "fuzzyarm design --robot"
+            f"{path} was designed for the robot {shown(designed.name)} ({designed.digest[:_SHOWN]}), not for "
+            f"{shown(given.name)} ({given.digest[:_SHOWN]}): give the one that it was designed for (robot=, --robot), "
+            "or design one for the other with fuzzyarm design --robot"
         )
 
 

@@ -42,7 +42,9 @@ def controller_certificate(controller: Controller) -> PolicyCertificate:
     """Return what is proven of the policy that evaluates a controller's law as it stands."""
     # The proof of the paper's form includes the reference model, whose state must be the reference itself.
     any_reference = controller.form != "paper"
-    return PolicyCertificate(statement(controller), claimed_bounds(controller, controller.form), controller, any_reference)
+    return PolicyCertificate(
+        statement(controller), claimed_bounds(controller, controller.form), controller, any_reference
+    )
 
 
 def claimed_bounds(controller: Controller | ScheduledController, form: str) -> dict[str, Any]:
