@@ -191,7 +191,7 @@ def exact_errors(bound: TipBound) -> np.ndarray:
 def measured(claim: TipClaim, lanes: int) -> dict[str, Any]:
     """Return the row of a claim."""
     row = {"policy": claim.policy, "case": claim.case, "set": claim.set_name, "path": claim.path}
-    row |= {"duration": claim.duration, "plants": claim.plants.to_dict()}
+    row |= {"duration": claim.duration, "plants": claim.plants.to_dict(), "commit": current_provenance()["commit"]}
     begin = time.process_time()
     try:
         bound = find_bound(claim)

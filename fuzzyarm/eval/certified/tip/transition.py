@@ -24,7 +24,7 @@ STATES = 4 * JOINTS
 
 SIZE = STATES + JOINTS  # of ξ
 TERMS = 24
-PARTS = 4  # of a period, in each of which the first two moments of a disturbance are kept
+PARTS = 2  # of a period, in each of which the first two moments of a disturbance are kept
 
 THETA, LINK, D_THETA, D_LINK, HELD = (slice(i * JOINTS, (i + 1) * JOINTS) for i in range(5))
 
