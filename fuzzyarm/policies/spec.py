@@ -23,7 +23,6 @@ from fuzzyarm.policies.registry import POLICIES, TIP, Factory, Kind, known_names
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
-    from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.policy import Policy
     from fuzzyarm.learned_policy.policy import LearnedPolicy
     from fuzzyarm.policies.user_code import UserPolicy
@@ -138,9 +137,9 @@ class PolicySpec:
         if self._factory is not None:
             return self._factory(robot, control_period)
         if self.kind is Kind.CONTROLLER:
-            from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+            from fuzzyarm.policies.controller_policy import controller_policy
 
-            return FuzzyPolicy(_trusted_controller(self._location, robot, allow_unproven), control_period)
+            return controller_policy(self._location, robot, control_period, allow_unproven)
         if self._location.is_dir():
             return _learned_policy(self._location, control_period, robot)
         raise ValueError(
@@ -229,36 +228,6 @@ def _sha256(file: Path) -> str:
     from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
 
     return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
-
-
-def _trusted_controller(path: Path, robot: AnyArm, allow_unproven: bool) -> Controller:
-    """Load a controller file, check that it was designed for this robot, and prove every inequality anew."""
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError
-    from fuzzyarm.fuzzy_policy.proof.certificate import certify
-
-    controller = Controller.load(path)
-    if not isinstance(robot, ArmParameters):
-        raise ControllerFileError(
-            f"{path} was designed for the two-joint arm, not for {robot.name}: take computed-torque or "
-            "elastic-observer, or design one with fuzzyarm design --robot"
-        )
-    if controller.model.parameters != robot:
-        designed_for = controller.model.parameters.to_dict()
-        differing = [key for key, value in robot.to_dict().items() if designed_for[key] != value]
-        raise ControllerFileError(
-            f"{path} was designed for another robot ({', '.join(differing)} differ): pass robot=, or design it anew "
-            "with fuzzyarm design --robot FILE"
-        )
-    if allow_unproven:
-        return controller
-    failed = [claim.name for claim in certify(controller).claims if not claim.proven]
-    if failed:
-        raise ControllerFileError(
-            f"{path} is not proven ({len(failed)} inequalities fail, first: {failed[0]}): it was changed after "
-            "its design, or never held; load_policy(..., allow_unproven=True) takes it all the same"
-        )
-    return controller
 
 
 def _learned_policy(folder: Path, control_period: float, robot: AnyArm) -> LearnedPolicy:
