@@ -72,7 +72,8 @@ def test_the_elastic_target_is_the_exact_reference(name):
     np.testing.assert_allclose(found[late, n : 2 * n], exact[:, n : 2 * n], rtol=0, atol=5e-5)
 
 
-@pytest.mark.parametrize("name", [NAMES[0], pytest.param(NAMES[1], marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
 def test_the_compensation_and_the_observer_bring_the_tip_onto_the_path(name):
     plain, tip, observed = (tip_errors(policy, name) for policy in POLICIES)
     assert plain.max() > 0.3

@@ -1,7 +1,7 @@
 """A set of plants: which factors each constant of the arm may have, and what else may act.
 
 Every factor is constant during the motion and independent of the others; masses count with the inertia of their link,
-as in `randomisation.varied`. What may vary with time, in any measurable way: the friction torque of a set with ``any``
+as in `DomainRandomisation`. What may vary with time, in any measurable way: the friction torque of a set with ``any``
 friction, and the tip force within `force_swing` and `force_course`; and at every sample the errors within `noise`.
 """
 
