@@ -11,7 +11,7 @@ import numpy as np
 from fuzzyarm.common.checks import array_of, real_entries
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.periods import checked_period
-from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.envs.physics.compiled import kernel, without_kernels
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 
@@ -67,6 +67,10 @@ class Policy(abc.ABC):
     def memory_size(self) -> int:
         """Numbers that a lane remembers."""
         return self.joints
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the compiled functions."""
+        return without_kernels(self.__dict__)
 
     def without_dry_friction(self) -> Policy:
         """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""

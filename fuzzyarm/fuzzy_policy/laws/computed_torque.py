@@ -51,12 +51,15 @@ class ComputedTorquePolicy(Policy):
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.bandwidth = real("bandwidth", bandwidth, "rad/s", above=0.0)
-        self._law = _law_of(equations_of(self.parameters))
         self._arm = constants_of(self.parameters), drives_of(self.parameters)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
         self._law(observation, memory, torque, *self._arm, self.bandwidth, self.control_period)
+
+    @functools.cached_property
+    def _law(self) -> Any:
+        return _law_of(equations_of(self.parameters))
 
 
 @functools.cache

@@ -104,11 +104,14 @@ class ElasticObserverPolicy(Policy):
         self._target.advance(observation, memory[:, self._target_part], target, torque)
         self._law(observation, target, memory, torque, *self._arguments)
 
+    @functools.cached_property
+    def _law(self) -> Any:
+        return _law_of(equations_of(self.parameters))
+
     def _know(self, parameters: AnyArm) -> None:
         """Take `parameters` for the arm that is predicted; the gains stay."""
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
-        self._law = _law_of(equations_of(parameters))
         schedule = self._schedule.kept, self._schedule.cosine, self._schedule.points
         arm, substep = constants_of(parameters), self.control_period / self._substeps
         stiffness = per_joint_of(parameters, "stiffness")

@@ -25,7 +25,7 @@ import numpy as np
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.physics.compiled import kernel_for, without_kernels
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.physics import Physics
@@ -100,7 +100,7 @@ class ElasticTarget:
         """
         period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
         self.memory_size, self.size = memory_size(physics.joints), target_parts(physics.joints).ddq.stop
-        self._advance = _advance_of(physics)
+        self._parameters = parameters
         arm = constants_of(parameters), drives_of(parameters)
         self._arguments = (*arm, period, float(friction), 0.5 * float(average))
 
@@ -114,6 +114,14 @@ class ElasticTarget:
             feedforward: (lanes, n), becomes u_ff [N m], not clipped.
         """
         self._advance(observation, memory, target, feedforward, *self._arguments)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the compiled function."""
+        return without_kernels(self.__dict__)
+
+    @functools.cached_property
+    def _advance(self) -> Any:
+        return _advance_of(equations_of(self._parameters))
 
 
 @functools.cache

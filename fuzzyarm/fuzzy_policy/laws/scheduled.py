@@ -48,7 +48,6 @@ class ScheduledPolicy(Policy):
         super().__init__(instance("controller", controller, ScheduledController).robot, control_period)
         self.controller = controller
         premises = controller.premises
-        self._law = _law_of(equations_of(controller.robot))
         self._arguments = (
             constants_of(controller.robot),
             drives_of(controller.robot),
@@ -67,6 +66,10 @@ class ScheduledPolicy(Policy):
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
         self._law(observation, memory, torque, *self._arguments)
+
+    @functools.cached_property
+    def _law(self) -> Any:
+        return _law_of(equations_of(self.controller.robot))
 
 
 @functools.cache
