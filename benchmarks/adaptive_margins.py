@@ -9,8 +9,8 @@ Adapting: of `LANES` random plants in each of the paper's cases, how many are lo
 is once more than `LOST_MM` off) with lateness, a factor on the torque of both motors, or encoder noise.
 
 Front: the same weights with the regulator and the walks of the forces slowed down together, from those in use to those
-of a loop that bears a loop gain of 0.8 to 1.25 and half a sample. For each, the range of the frozen loop's gain, and the
-mean over random arms (`adaptive_tuning`, other seeds) of the largest tip error.
+of a loop that bears a loop gain of 0.8 to 1.25 and half a sample. For each, the range of the frozen loop's gain, and
+the mean over random arms (`adaptive_tuning`, another seed) of the largest tip error.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from readme_abuse import abuse_table
-from readme_design import bounds_table, complexity_table, gains_table, margins_table, synthesis_table
+from readme_design import bounds_table, complexity_table, gains_table, margins_table, synthesis_table, tip_bound_table
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
@@ -52,6 +52,7 @@ SCRIPTS: dict[str, list[str]] = {
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
+    "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
 
@@ -134,6 +135,7 @@ def sections() -> dict[str, str]:
         "complexity": complexity_table(stored["complexity"]),
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
+        "tip-bound": tip_bound_table(stored["tip_bound"]),
         "abuse": abuse_table(stored["abuse"]),
         "robots": robots_table(),
     }

@@ -33,7 +33,8 @@ GROUPS = {
     },
     "Design controllers": {
         "design": "Design a fuzzy controller by linear matrix inequalities.",
-        "verify": "Prove controller files again in exact arithmetic.",
+        "verify": "Prove controller files, and files of bounds, again.",
+        "prove": "Prove a bound of the tip error on the elastic arm.",
         "margins": "Measure how far policies are from instability.",
     },
     "Learn policies": {

@@ -11,8 +11,6 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import UsageError, output_file
 
 if TYPE_CHECKING:
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.envs.physics.robot import Robot
     from fuzzyarm.fuzzy_policy.scheduled import Premise
     from fuzzyarm.synthesis import ScheduledSpecification, Specification
 
@@ -61,10 +59,11 @@ class Options:
 def run(options: Options) -> int:
     """Design, prove and write the controller; return 1 if there is none with these requirements."""
     from fuzzyarm.common.console import say, status
+    from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.robot import Robot
     from fuzzyarm.synthesis import DesignFailed, describe, describe_scheduled, design, design_scheduled
 
-    arm = _arm(options.robot)
+    arm = chosen_arm(options.robot, None)
     scheduled = options.theorem == "semidefinite" or (options.theorem is None and isinstance(arm, Robot))
     if isinstance(arm, Robot) and not scheduled:
         raise UsageError(f"--theorem {options.theorem} is for the two-joint arm; {arm.name} needs semidefinite")
@@ -88,24 +87,6 @@ def run(options: Options) -> int:
     say(text)
     say(f"\nwritten to {options.out}")
     return 0
-
-
-def _arm(name: str | None) -> ArmParameters | Robot:
-    """Return the robot of a name, or of a TOML file: one with joints is a robot, any other a two-joint arm."""
-    from fuzzyarm.common.documents import read_toml
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
-
-    if name is None:
-        return ArmParameters()
-    if name == "paper":  # the two-joint arm, which has forms of its own
-        return ArmParameters()
-    if name in shipped_robots():
-        return robot_named(name)
-    path = Path(name)
-    if path.suffix != ".toml":
-        raise UsageError(f"--robot {name} is unknown; choose from: {', '.join(shipped_robots())}, or give a .toml file")
-    return Robot.from_toml(path) if "joints" in read_toml(path) else ArmParameters.from_toml(path)
 
 
 def _scheduled_specification(options: Options) -> ScheduledSpecification:

@@ -87,10 +87,10 @@ def configured(options: Options) -> SweepConfig:
 
 def _given(options: Options) -> dict[str, Any]:
     """Return the fields of the configuration that the command line gave."""
-    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.envs.physics.equations import two_joint_arm
 
     values = given(options, SweepConfig)
-    return values if options.robot is None else values | {"robot": ArmParameters.from_toml(options.robot)}
+    return values if options.robot is None else values | {"robot": two_joint_arm(options.robot)}
 
 
 def _run(sweep: Sweep, engine: Engine) -> None:

@@ -1,4 +1,4 @@
-"""`fuzzyarm verify`: prove controller files again in exact arithmetic."""
+"""`fuzzyarm verify`: prove controller files again in exact arithmetic, and files of bounds in ball arithmetic."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ class Options:
     """Form every matrix inequality of controller files from the stored gains; prove it in exact rational arithmetic.
 
     In the semidefinite form the bounds of the robot's inertia are proven on covers of boxes, in balls with outward
-    rounding. The exit code is 0 only if everything is proven.
+    rounding. A file of `fuzzyarm prove` is checked period by period, in ball arithmetic. The exit code is 0 only if
+    everything is proven.
     """
 
     arguments: ClassVar[str] = "FILE..."
 
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
-    """Controller file (.json)"""
+    """Controller file, or file of a bound (.json)"""
     _: KW_ONLY
     json: bool = False
     """Print the claims as JSON"""
@@ -33,15 +34,17 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import progress, say
-    from fuzzyarm.eval.certified.verification import verify_file
+    from fuzzyarm.eval.certified.scheduled_verification import ScheduledVerification
+    from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
+    from fuzzyarm.eval.certified.verification import Verification, verify_file
 
-    reports = []
+    reports: list[Verification | ScheduledVerification | BoundCheck] = []
     with progress("verifying", len(options.files)) as advance:
         for path in options.files:
-            reports.append(verify_file(path))
+            reports.append(check_bound(path) if is_bound(path) else verify_file(path))
             advance()
     if options.json:
         say(json.dumps([report.to_dict() for report in reports], indent=1))
     else:
         say("\n\n".join(report.to_text() for report in reports))
-    return 0 if all(report.certificate.proven for report in reports) else 1
+    return 0 if all(report.proven for report in reports) else 1

@@ -17,7 +17,7 @@ import os
 import stat
 import tomllib
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar, get_type_hints
+from typing import Any, BinaryIO, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -140,8 +140,17 @@ def record(content: Any, kind: type[Record]) -> Record:
 
 def _refuse_unknown(content: Any, kind: Any) -> None:
     """Raise ValueError for a mapping with a key that the dataclass has no field for, also in dataclasses within it."""
-    if not (isinstance(content, dict) and dataclasses.is_dataclass(kind) and isinstance(kind, type)):
-        return
+    if isinstance(content, list) and get_origin(kind) in (list, tuple):
+        for value in content:
+            _refuse_unknown(value, get_args(kind)[0])
+    elif isinstance(content, dict) and get_origin(kind) is dict:
+        for value in content.values():
+            _refuse_unknown(value, get_args(kind)[-1])
+    elif isinstance(content, dict) and dataclasses.is_dataclass(kind) and isinstance(kind, type):
+        _refuse_unknown_fields(content, kind)
+
+
+def _refuse_unknown_fields(content: dict[Any, Any], kind: type) -> None:
     known = get_type_hints(kind)
     unknown = sorted(map(str, set(content) - {field.name for field in dataclasses.fields(kind)}))
     if unknown:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import abc
+import functools
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fuzzyarm.common.checks import array_of, instance, real_entries
-from fuzzyarm.envs.observation import JOINTS, SIZE
+from fuzzyarm.common.checks import array_of, real_entries
+from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.periods import checked_period
-from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.compiled import kernel, without_kernels
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 
 if TYPE_CHECKING:
-    from fuzzyarm.envs.scenario.reference import JointReference
+    from fuzzyarm.envs.scenario.reference import Reference
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
 __all__ = ["Policy", "Predictor", "Repeated"]
@@ -30,7 +32,7 @@ class Predictor(Protocol):
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Return the action (2,) or (lanes, 2) [N m] and the next state."""
+        """Return the action (n,) or (lanes, n) [N m], n the number of joints, and the next state."""
         ...
 
 
@@ -45,29 +47,38 @@ class Repeated(Predictor, Protocol):
 class Policy(abc.ABC):
     """A feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
 
-    Torques are clipped to the robot's limits.
+    Torques are clipped to the robot's limits. For n joints an observation has 5 n numbers and an action n.
 
     Attributes:
-        parameters: the arm, as the policy knows it.
+        parameters: the two-joint arm or the robot, as the policy knows it.
+        joints: how many joints it has, n.
         control_period: T, time between two calls of `predict` [s].
         memory_size: numbers that a lane remembers, all zero when an episode begins. By default one for each joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
         action_period: time for which an action is held [s]; the control period, if not said otherwise.
     """
 
-    memory_size = JOINTS
-
-    def __init__(self, parameters: ArmParameters, control_period: float) -> None:
+    def __init__(self, parameters: AnyArm, control_period: float) -> None:
         """Keep the robot and the control period T [s].
 
         Raises:
             TypeError: the robot is none, or the control period is no number.
             ValueError: the control period is out of range.
         """
-        self.parameters = instance("parameters", parameters, ArmParameters)
+        self.parameters = checked_arm("parameters", parameters)
+        self.joints = joints_of(parameters)
         self.control_period = checked_period("control_period", control_period)
         self.action_period = self.control_period
-        self._torque_limit = np.array(parameters.torque_limit)
+        self._torque_limit = per_joint_of(parameters, "torque_limit")
+
+    @functools.cached_property
+    def memory_size(self) -> int:
+        """Numbers that a lane remembers."""
+        return self.joints
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the compiled functions."""
+        return without_kernels(self.__dict__)
 
     def without_dry_friction(self) -> Policy:
         """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""
@@ -75,14 +86,18 @@ class Policy(abc.ABC):
 
     @abc.abstractmethod
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Fill `torque` (lanes, 2), unclipped, and advance `memory` (lanes, memory_size), both in place.
+        """Fill `torque` (lanes, n), unclipped, and advance `memory` (lanes, memory_size), both in place.
 
-        For `observation` (lanes, 10); nothing is checked, see `predict`.
+        For `observation` (lanes, 5 n); nothing is checked, see `predict`.
         """
 
-    def certificate(self, reference: JointReference) -> PolicyCertificate | None:
+    def certificate(self, reference: Reference) -> PolicyCertificate | None:
         """Return what is proven of this policy along a reference; None where nothing is."""
         return None
+
+    def clipped(self, torque: np.ndarray) -> np.ndarray:
+        """Return torques (..., n) [N m] within the robot's limits."""
+        return np.asarray(np.clip(torque, -self._torque_limit, self._torque_limit))
 
     def repeated(self) -> Repeated | None:
         """Return this policy for passes over one path again and again; None where it learns nothing from them."""
@@ -98,13 +113,13 @@ class Policy(abc.ABC):
         """Return motor torques [N m] and the next state.
 
         Args:
-            observation: (10,) or (lanes, 10), as `FuzzyArmEnv` gives it.
+            observation: (5 n,) or (lanes, 5 n), as `FuzzyArmEnv` gives it.
             state: what the last call returned; None begins an episode.
             episode_start: (lanes,) booleans; True resets that lane's state.
             deterministic: ignored, the law is deterministic.
 
         Returns:
-            Torques, (2,) or (lanes, 2), and the state, (memory_size,) or (lanes, memory_size).
+            Torques, (n,) or (lanes, n), and the state, (memory_size,) or (lanes, memory_size).
 
         Raises:
             TypeError: an argument holds something else than real numbers.
@@ -113,8 +128,9 @@ class Policy(abc.ABC):
         seen = array_of("observation", observation)
         real_entries("observation", seen)
         single = seen.ndim == 1
-        if not (single or seen.ndim == 2) or seen.shape[-1] != SIZE:
-            raise ValueError(f"observation has shape {seen.shape}; allowed: ({SIZE},) or (lanes, {SIZE})")
+        size = PARTS * self.joints
+        if not (single or seen.ndim == 2) or seen.shape[-1] != size:
+            raise ValueError(f"observation has shape {seen.shape}; allowed: ({size},) or (lanes, {size})")
         given = np.asarray(seen, dtype=np.float64, order="C")
         batch = given[np.newaxis] if single else given
         lanes = len(batch)
@@ -134,7 +150,7 @@ class Policy(abc.ABC):
                 if starts.shape != (lanes,):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0
-        action = np.empty((lanes, JOINTS))
+        action = np.empty((lanes, self.joints))
         self.act(batch, memory, action)
         if not _clip(action, self._torque_limit) and np.isfinite(batch).all():
             largest = np.abs(batch).max()
@@ -144,10 +160,10 @@ class Policy(abc.ABC):
 
 @kernel
 def _clip(torque: np.ndarray, limit: np.ndarray) -> bool:
-    """Bring torques (lanes, 2) within ±limit (2,), in place; return whether all are numbers."""
+    """Bring torques (lanes, n) within ±limit (n,), in place; return whether all are numbers."""
     numbers = True
     for lane in range(len(torque)):
-        for joint in range(JOINTS):
+        for joint in range(len(limit)):
             torque[lane, joint] = min(max(torque[lane, joint], -limit[joint]), limit[joint])
             numbers &= not np.isnan(torque[lane, joint])
     return numbers

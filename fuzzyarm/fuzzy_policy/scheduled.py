@@ -30,6 +30,7 @@ from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 
 __all__ = ["FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights"]
 
+# Name of the form, schema of its files, and the premises that there are
 FORM = "semidefinite"
 SCHEMA = "fuzzyarm-semidefinite/1"
 FUNCTIONS = ("cos q", "sin q", "cos 2q", "sin 2q")

@@ -28,7 +28,6 @@ from fuzzyarm.common.checks import instance, real
 from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.laws import elastic_target
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.learned_policy.definition import FeatureDefinition
 
@@ -89,7 +88,7 @@ class Features:
         self._excess = slice(excess, excess + JOINTS * d.past_excesses)
         self._feedforward = slice(self._excess.stop, self._excess.stop + JOINTS)
         self._target = ElasticTarget(parameters, period, friction=friction) if d.elastic_target else None
-        self.memory_size = excess if self._target is None else self._feedforward.stop + elastic_target.MEMORY_SIZE
+        self.memory_size = excess if self._target is None else self._feedforward.stop + self._target.memory_size
         self._limit = np.array(parameters.torque_limit)
         integral_scale = d.integral_scale if d.integral_time > 0.0 else 0.0
         scales = d.error_scale, d.rate_scale, d.velocity_scale, d.acceleration_scale, integral_scale

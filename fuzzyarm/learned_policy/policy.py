@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import JOINTS, START
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -58,7 +59,8 @@ class LearnedPolicy(Policy):
         Raises:
             ValueError: the periods do not fit, or the base is missing, not asked for, or for another period.
         """
-        super().__init__(ArmParameters() if parameters is None else parameters, control_period)
+        self._arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
+        super().__init__(self._arm, control_period)
         self.bundle, self.base = bundle, base
         self.action_period = bundle.action.period
         self.calls_per_action = bundle.action.calls(control_period)
@@ -67,7 +69,7 @@ class LearnedPolicy(Policy):
             raise ValueError(f"this policy was trained on the base {bundle.action.base}; base = {given} was given")
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
-        self._features = Features(bundle.features, bundle.action.period, self.parameters, friction=friction)
+        self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
         self._base_memory = _FEATURES + self._features.memory_size
         self._smoothing = bundle.action.smoothing
         self._scale = np.array(bundle.action.scale)
@@ -76,7 +78,7 @@ class LearnedPolicy(Policy):
     def without_dry_friction(self) -> LearnedPolicy:
         """Return this policy for an arm without dry friction: base and features omit it, the network stays."""
         base = None if self.base is None else self.base.without_dry_friction()
-        return LearnedPolicy(self.bundle, self.control_period, self.parameters, base, friction=False)
+        return LearnedPolicy(self.bundle, self.control_period, self._arm, base, friction=False)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy.act`.

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
-    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["COMPARED", "LEARNED", "NAMES", "POLICIES", "TIP", "Kind", "NamedPolicy", "add_policy", "known_names"]
@@ -18,7 +18,7 @@ TIP = "-tip"
 """Ending of a policy's name that wraps its law in `fuzzy_policy.laws.tip.TipPolicy`, which leads the tip along the
 reference instead of the motors."""
 
-Factory: TypeAlias = "Callable[[ArmParameters, float], Policy]"
+Factory: TypeAlias = "Callable[[AnyArm, float], Policy]"
 """Makes a law from the arm it is for and the control period [s]."""
 
 
@@ -52,26 +52,28 @@ class NamedPolicy:
     has_tip: bool = False
 
 
-def _computed_torque(robot: ArmParameters, control_period: float) -> Policy:
+def _computed_torque(robot: AnyArm, control_period: float) -> Policy:
     # The laws are imported when one is made: `import fuzzyarm` compiles and loads nothing.
     from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 
     return ComputedTorquePolicy(robot, control_period)
 
 
-def _elastic_observer(robot: ArmParameters, control_period: float) -> Policy:
+def _elastic_observer(robot: AnyArm, control_period: float) -> Policy:
     from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 
     return ElasticObserverPolicy(robot, control_period)
 
 
-def _adaptive_observer(robot: ArmParameters, control_period: float) -> Policy:
+def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
     from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
+    if not isinstance(robot, ArmParameters):
+        raise ValueError(f"adaptive-observer is for two-joint arms, not for {robot.name}: take elastic-observer")
     # The certified law is designed for Table 1; for another arm the policy falls back to computed torque.
     certified = None
     if robot == ArmParameters():

@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING
 from fuzzyarm.policies.registry import POLICIES, TIP, Factory, Kind, known_names
 
 if TYPE_CHECKING:
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.fuzzy_policy.controller import Controller
+    from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
     from fuzzyarm.learned_policy.policy import LearnedPolicy
     from fuzzyarm.policies.user_code import UserPolicy
@@ -86,14 +85,15 @@ class PolicySpec:
         return {}
 
     def load(
-        self, control_period: float = 1e-3, robot: ArmParameters | None = None, allow_unproven: bool = False
+        self, control_period: float = 1e-3, robot: AnyArm | str | None = None, allow_unproven: bool = False
     ) -> Policy | UserPolicy:
         """Return the policy.
 
         Args:
             control_period: time between two calls of `predict` [s].
-            robot: the arm the policy is for, default Table 1. A controller file must have been designed for it, and
-                learned policies know none but Table 1.
+            robot: the arm the policy is for, default Table 1: parameters of the two-joint arm, a `Robot`, the name of a
+                shipped one, or a TOML file. A controller file must have been designed for it, and learned policies know
+                none but Table 1.
             allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
 
         Raises:
@@ -102,16 +102,17 @@ class PolicySpec:
             OSError: the file cannot be read.
         """
         from fuzzyarm.common import checks
+        from fuzzyarm.envs.physics.equations import chosen_arm
         from fuzzyarm.envs.physics.parameters import ArmParameters
 
-        robot = ArmParameters() if robot is None else checks.instance("robot", robot, ArmParameters)
+        arm = robot if isinstance(robot, ArmParameters) else chosen_arm(robot, None)
         checks.truth("allow_unproven", allow_unproven)
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import load_code
 
             self._check_code()
-            return load_code(self.name, control_period, robot)
-        law = self._law(control_period, robot, allow_unproven)
+            return load_code(self.name, control_period, arm)
+        law = self._law(control_period, arm, allow_unproven)
         if self.tip:
             from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
@@ -131,14 +132,14 @@ class PolicySpec:
                 "--policy"
             )
 
-    def _law(self, control_period: float, robot: ArmParameters, allow_unproven: bool) -> Policy:
+    def _law(self, control_period: float, robot: AnyArm, allow_unproven: bool) -> Policy:
         """Return the policy without the wrapping of `tip`."""
         if self._factory is not None:
             return self._factory(robot, control_period)
         if self.kind is Kind.CONTROLLER:
-            from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+            from fuzzyarm.policies.controller_policy import controller_policy
 
-            return FuzzyPolicy(_trusted_controller(self._location, robot, allow_unproven), control_period)
+            return controller_policy(self._location, robot, control_period, allow_unproven)
         if self._location.is_dir():
             return _learned_policy(self._location, control_period, robot)
         raise ValueError(
@@ -186,7 +187,7 @@ def load_policy(
     name: str | Path,
     *,
     control_period: float = 1e-3,
-    robot: ArmParameters | None = None,
+    robot: AnyArm | str | None = None,
     allow_unproven: bool = False,
 ) -> Policy:
     """Return a policy by name, or from the path of a controller file or of a learned policy's folder.
@@ -229,37 +230,13 @@ def _sha256(file: Path) -> str:
     return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
 
 
-def _trusted_controller(path: Path, robot: ArmParameters, allow_unproven: bool) -> Controller:
-    """Load a controller file, check that it was designed for this robot, and prove every inequality anew."""
-    from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError
-    from fuzzyarm.fuzzy_policy.proof.certificate import certify
-
-    controller = Controller.load(path)
-    if controller.model.parameters != robot:
-        designed_for = controller.model.parameters.to_dict()
-        differing = [key for key, value in robot.to_dict().items() if designed_for[key] != value]
-        raise ControllerFileError(
-            f"{path} was designed for another robot ({', '.join(differing)} differ): pass robot=, or design it anew "
-            "with fuzzyarm design --robot FILE"
-        )
-    if allow_unproven:
-        return controller
-    failed = [claim.name for claim in certify(controller).claims if not claim.proven]
-    if failed:
-        raise ControllerFileError(
-            f"{path} is not proven ({len(failed)} inequalities fail, first: {failed[0]}): it was changed after "
-            "its design, or never held; load_policy(..., allow_unproven=True) takes it all the same"
-        )
-    return controller
-
-
-def _learned_policy(folder: Path, control_period: float, robot: ArmParameters) -> LearnedPolicy:
+def _learned_policy(folder: Path, control_period: float, robot: AnyArm) -> LearnedPolicy:
     """Load a learned policy, with the policy that it is based on if there is one."""
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.learned_policy.bundle import PolicyBundle
     from fuzzyarm.learned_policy.policy import LearnedPolicy
 
-    if robot != ArmParameters():
+    if not isinstance(robot, ArmParameters) or robot != ArmParameters():
         raise ValueError(
             f"{folder.name} was trained on the arm of Table 1 and knows no other; take computed-torque, or design a "
             "controller with fuzzyarm design --robot FILE"

@@ -33,15 +33,15 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.scenario.reference import Reference
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
 
 _PASSED_BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
-def load_code(name: str, control_period: float, robot: ArmParameters) -> UserPolicy:
+def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
     """Import a module, call the factory in it, and return the policy.
 
     Args:
@@ -115,7 +115,7 @@ class UserPolicy:
         method = getattr(self._policy, "without_dry_friction", None)
         return self if method is None else UserPolicy(self.name, method(), self.control_period)
 
-    def certificate(self, reference: JointReference) -> None:
+    def certificate(self, reference: Reference) -> None:
         """Return None: nothing is proven of the user's own code."""
         return
 

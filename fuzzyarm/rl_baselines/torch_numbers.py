@@ -52,8 +52,8 @@ class Angle:
     def __abs__(self) -> Tensor:
         return abs(self.value)
 
-    def __mul__(self, factor: float) -> Tensor:
-        return self.value * factor
+    def __mul__(self, factor: Any) -> Any:
+        return self.value * factor if isinstance(factor, float) else NotImplemented
 
     __rmul__ = __mul__
 

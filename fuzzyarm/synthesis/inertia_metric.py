@@ -21,11 +21,13 @@ from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights
 from fuzzyarm.synthesis.extremes import smallest_value
 from fuzzyarm.synthesis.inertia_samples import InertiaSamples
 from fuzzyarm.synthesis.metric_search import MetricSearch, relative
+from fuzzyarm.synthesis.scalar_design import smallest_pole
 
-__all__ = ["Metric", "fitted_metric", "split_of"]
+__all__ = ["Metric", "fitted_metric", "ranked_premises", "split_of"]
 
 UNSPLIT = 4  # joints of a robot whose chain needs no split
 FAR = 3  # most angles beyond the split
+STEP = 1e-5  # rad, of central differences
 SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
 
@@ -101,6 +103,42 @@ def fitted_metric(robot: Robot, premises: tuple[Premise, ...], split: int, *, co
     floor = smallest_value(lambda q: np.linalg.eigvalsh(scheduled.at(q))[:, 0], near)
     rates = [_rate(scheduled, premise, near) for premise in premises]
     return Metric(premises, split, share * inertia, low, high, kappa / share, share * floor, np.array(rates))
+
+
+def ranked_premises(
+    robot: Robot, kept: tuple[Premise, ...], candidates: Sequence[Premise], *, alpha: float, count: int, seed: int = 0
+) -> list[tuple[float, Premise]]:
+    """Return candidates for one more premise, the best first, each with its (3κ - 2)(α + μ) [1/s] at samples.
+
+    Args:
+        robot: the robot, whose chain is not split here.
+        kept: the premises there are.
+        candidates: premises of other joints.
+        alpha: α [1/s].
+        count: samples.
+        seed: of the samples.
+    """
+    n, samples = len(robot), InertiaSamples.of(robot, len(robot), count, seed)
+    constant = MetricSearch(samples)
+    constant.run()
+    ranked = []
+    for candidate in candidates:
+        premises, search = (*kept, candidate), constant.copy()
+        weights = rule_weights(premises, samples.q)
+        search.schedule(weights)
+        search.run()
+        inertia, *_ = search.found()
+        hat = np.tensordot(weights, inertia, axes=1)
+        shares = relative(samples.inertia(), hat)
+        kappa = float(shares[:, -1].max() / shares[:, 0].min())
+        rate = 0.0
+        for premise in premises:
+            step = STEP * np.eye(n)[premise.joint]
+            change = rule_weights(premises, samples.q + step) - rule_weights(premises, samples.q - step)
+            slope = relative(np.tensordot(change / (2.0 * STEP), inertia, axes=1), hat)
+            rate += 0.5 * float(np.abs(slope).max()) * robot.joints[premise.joint].velocity_limit
+        ranked.append((smallest_pole(kappa, alpha + rate), candidate))
+    return sorted(ranked, key=lambda entry: entry[0])
 
 
 def _rate(scheduled: TrigMatrix, premise: Premise, ranges: np.ndarray) -> float:

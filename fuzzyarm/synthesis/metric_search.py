@@ -10,6 +10,7 @@ Nothing of this is a proof.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 
 import numpy as np
@@ -52,6 +53,12 @@ class MetricSearch:
         self.low, self.high = np.zeros((self.distal, self.distal)), 10.0 * np.eye(self.distal)
         self.kappa = FIRST_KAPPA
         self.near, self.far = set(range(FIRST)), set(range(FIRST)) if self.distal else set()
+
+    def copy(self) -> MetricSearch:
+        """Return a search that goes on from here on its own."""
+        other = copy.copy(self)
+        other.near, other.far = set(self.near), set(self.far)
+        return other
 
     def schedule(self, weights: np.ndarray) -> None:
         """Go on with rules of weights (B, N) from the constant inertia found before; D_low and D_high are settled."""

@@ -17,7 +17,7 @@ from fuzzyarm.fuzzy_policy.proof.certificate import Certificate
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController
 from fuzzyarm.synthesis.designer import DesignFailed
-from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, split_of
+from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, ranked_premises, split_of
 from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 
 __all__ = ["MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_premise", "design_scheduled"]
@@ -28,7 +28,7 @@ MOST_JOINTS = 7
 POLE_FACTOR = 1.5
 """Fastest pole over the smallest one where neither it nor γ is asked for."""
 
-SAMPLES, SEARCH_SAMPLES = 2000, 600
+SAMPLES, SEARCH_SAMPLES = 2000, 400
 WIDENINGS = (2e-3, 1e-2, 4e-2)
 """Shares by which the bounds of the samples are widened, one after the other, until the proof goes through."""
 
@@ -133,16 +133,14 @@ def best_premise(robot: Robot, kept: tuple[Premise, ...], alpha: float) -> Premi
     Raises:
         DesignFailed: no angle is left.
     """
-    n, taken = len(robot), {premise.joint for premise in kept}
-    ranked: list[tuple[float, Premise]] = []
-    for joint in (joint for joint in range(1, n) if joint not in taken):
-        for function in FUNCTIONS:
-            added = Premise(joint, function)
-            metric = fitted_metric(robot, (*kept, added), n, count=SEARCH_SAMPLES)
-            ranked.append((smallest_pole(metric.kappa, alpha + metric.rate(robot)), added))
-    if not ranked:
-        raise DesignFailed(f"{robot.name} has {n} joints, of which no angle is left to keep: ask for fewer rules")
-    return min(ranked, key=lambda entry: entry[0])[1]
+    taken = {premise.joint for premise in kept}
+    left = [joint for joint in range(1, len(robot)) if joint not in taken]
+    if not left:
+        raise DesignFailed(
+            f"{robot.name} has {len(robot)} joints, of which no angle is left to keep: ask for fewer rules"
+        )
+    candidates = [Premise(joint, function) for joint in left for function in FUNCTIONS]
+    return ranked_premises(robot, kept, candidates, alpha=alpha, count=SEARCH_SAMPLES)[0][1]
 
 
 def _check_premises(robot: Robot, premises: tuple[Premise, ...]) -> None:

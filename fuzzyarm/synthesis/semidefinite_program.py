@@ -27,7 +27,7 @@ class Family:
 
 
 def symmetric_units(size: int) -> np.ndarray:
-    """Return a basis (s(s + 1)/2, s, s) of the symmetric matrices: one entry and its mirror image are 1."""
+    """Return a basis of the symmetric matrices (s, s): one entry and its mirror image are the number 1."""
     row, column = np.tril_indices(size)
     units = np.zeros((len(row), size, size))
     every = np.arange(len(row))
@@ -39,9 +39,9 @@ def minimise(q: np.ndarray, families: list[Family], tolerance: float = 1e-7) -> 
     """Return the point where Clarabel ends and its status, which proves nothing.
 
     Args:
-        q: (variables,).
+        q: weights of the variables, (variables,).
         families: the constraints.
-        tolerance: of the solver.
+        tolerance: of the solver, relative.
     """
     rows = [-np.swapaxes(svec(family.linear), 1, 2).reshape(-1, len(q)) for family in families]
     A = sparse.csc_matrix(np.concatenate(rows))

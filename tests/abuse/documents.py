@@ -28,7 +28,8 @@ from fuzzyarm.eval.paper.drift import EXPECTED, load_expected
 from fuzzyarm.eval.report.stored import read_evaluation
 from fuzzyarm.eval.sweep.identity import digest_of_identity
 from fuzzyarm.eval.sweep.run import Sweep
-from fuzzyarm.fuzzy_policy.controller import Controller, _digest
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
 from fuzzyarm.rl_baselines.training import Training
 
 from .arguments import driven
@@ -124,7 +125,7 @@ def _controller(name: str) -> Path:
 
 def _signed_controller(document: dict[str, Any]) -> dict[str, Any]:
     document.pop("digest", None)
-    return document | {"digest": _digest(document)}
+    return document | {"digest": digest_of(document)}
 
 
 def _verified(folder: Path) -> None:

@@ -36,7 +36,7 @@ EVERY_RUN = [
     *(pytest.param(words, id=name) for name, words in RUNS.items()),
     *(pytest.param(words, id=name, marks=pytest.mark.slow) for name, words in LONG_RUNS.items()),
 ]
-BAD = [["verify", "missing.json"], ["fly"]]
+BAD = [["fly"]]
 
 
 @pytest.fixture(scope="module")

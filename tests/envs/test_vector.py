@@ -917,6 +917,7 @@ def test_the_mask_all_keys_share_is_read_only():
 # --- scale -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_lane_needs_less_than_a_thousand_bytes():
     def taken(lanes):
         gc.collect()

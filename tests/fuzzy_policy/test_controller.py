@@ -11,7 +11,8 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller, ControllerFileError, _digest
+from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller, ControllerFileError
+from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
 from fuzzyarm.synthesis import Specification, design
 
 
@@ -40,7 +41,7 @@ def write(tmp_path, content):
     path = tmp_path / "controller.json"
     if isinstance(content, dict) and "digest" in content:
         content = {key: value for key, value in content.items() if key != "digest"}
-        content["digest"] = _digest(content)
+        content["digest"] = digest_of(content)
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
 

@@ -2,10 +2,12 @@
 
 import hashlib
 import json
+import pickle
 import shutil
 import sys
 from pathlib import Path
 
+import cloudpickle
 import numpy as np
 import pytest
 
@@ -149,3 +151,13 @@ class TestAddedPolicy:
     def test_a_name_that_is_taken_is_refused(self):
         with pytest.raises(ValueError, match="there is a policy 'fuzzy-4' already"):
             add_policy("fuzzy-4", ComputedTorquePolicy)
+
+
+@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer", "fuzzy-4-tip"])
+def test_a_policy_is_pickled_without_its_machine_code_and_acts_the_same(name):
+    """Also by cloudpickle, which would take a compiled function apart; workers of a sweep get policies that way."""
+    policy, observation = load_policy(name), np.linspace(0.1, 1.0, 10)
+    first, state = policy.predict(observation)
+    for there in (pickle.loads(pickle.dumps(policy)), cloudpickle.loads(cloudpickle.dumps(policy))):
+        np.testing.assert_array_equal(there.predict(observation)[0], first)
+        np.testing.assert_array_equal(there.predict(observation, state)[0], policy.predict(observation, state)[0])

@@ -543,7 +543,7 @@ def test_without_a_compiler_one_line_says_what_to_do(program, printed, tmp_path)
         ({"dtype": torch.float16}, "torch.float16 is unknown; choose torch.float32 or torch.float64"),
         ({"case": "drilling"}, "unknown case 'drilling'"),
         ({"case": "payload", "disturbance": Disturbance()}, "not both"),
-        ({"reference": "circle"}, "must be a fuzzyarm.envs.scenario.reference.JointReference"),
+        ({"reference": "circle"}, "must be a fuzzyarm.envs.scenario.reference.Reference"),
         ({"reference": JointReference(), "randomisation": "robust"}, "not both"),
         ({"parameters": ArmParameters(length=(0.6, 0.5)), "reference": JointReference()}, "build it with parameters"),
         ({"substep": 3e-4}, "is no multiple of substep"),

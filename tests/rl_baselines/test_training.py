@@ -145,7 +145,7 @@ def equal(first, second):
     return first == second or (first != first and second != second)
 
 
-@pytest.mark.parametrize("distribution", ["nominal", "robust"])
+@pytest.mark.parametrize("distribution", ["nominal", pytest.param("robust", marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distribution, tmp_path):
     config = replace(SMALL, distribution=distribution, circles=1)
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):

@@ -93,8 +93,14 @@ class Schedule:
         return self.table[:-1, self.columns.bias]
 
     @classmethod
-    def build(cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int) -> Schedule:
-        """Sample a reference and a disturbance every `control_period` [s], in so many coordinates of the tip."""
+    def build(
+        cls, reference: Reference, disturbance: Disturbance, control_period: float, axes: int | None = None
+    ) -> Schedule:
+        """Sample a reference and a disturbance every `control_period` [s].
+
+        The tip has so many coordinates, None: those that the reference gives.
+        """
+        axes = reference.tip(0.0).position.shape[-1] if axes is None else axes
         # The last step may pass the end of the reference, which rests there.
         steps = math.ceil(reference.duration / control_period - 1e-9)
         if steps > MOST_STEPS:

@@ -7,14 +7,15 @@ import functools
 import hashlib
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from numba import njit
 from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
 
-__all__ = ["announced_compilation", "kernel", "kernel_for"]
+__all__ = ["announced_compilation", "kernel", "kernel_for", "without_kernels"]
 
 _PACKAGE = Path(__file__).parents[2]
 
@@ -44,6 +45,15 @@ def kernel_for(made_for: str) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return compiled
+
+
+def without_kernels(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the attributes of an object without its kernels, as they are pickled.
+
+    A kernel that was made for some equations is not pickled: its parts were made by functions, too. The object holds it
+    in a cached property, which makes it again in the other process.
+    """
+    return {name: value for name, value in attributes.items() if not isinstance(value, Dispatcher)}
 
 
 class _CacheByName(FunctionCache):  # type: ignore[misc]

@@ -27,7 +27,7 @@ from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip, stribeck_magnitude
 from fuzzyarm.envs.physics.records import PerJoint, Point, State
 
-__all__ = ["drifted", "kick", "kick_twice", "step"]
+__all__ = ["drifted", "kick", "kick_twice", "loaded_step", "step"]
 
 
 @register_jitable(forceinline=True)
@@ -112,6 +112,20 @@ def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> Stat
     force1, force2 = tip_force_torque(sin1, cos1, sin12, cos12, force.x, force.y, arm)
     gravity1, gravity2 = gravity_torque(sin1, sin12, arm)
     outer = PerJoint(force1 - gravity1, force2 - gravity2)
+    middle = State(motor, link, state.motor_velocity, state.link_velocity)
+    after: State = kick_twice(state, middle, torque, outer, sin2, cos2, arm, h)
+    return after
+
+
+@register_jitable(forceinline=True)
+def loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: Any) -> State:
+    """Do what `step` does, with torques `load` [N m] on the links in place of a tip force."""
+    half = 0.5 * h
+    motor, link = drifted(state.motor, state.motor_velocity, half), drifted(state.link, state.link_velocity, half)
+    sin1, cos1 = sine_cosine(link.joint1)
+    sin2, cos2 = sine_cosine(link.joint2)
+    gravity1, gravity2 = gravity_torque(sin1, sin1 * cos2 + cos1 * sin2, arm)
+    outer = PerJoint(load.joint1 - gravity1, load.joint2 - gravity2)
     middle = State(motor, link, state.motor_velocity, state.link_velocity)
     after: State = kick_twice(state, middle, torque, outer, sin2, cos2, arm, h)
     return after

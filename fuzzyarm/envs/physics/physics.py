@@ -31,6 +31,7 @@ class Physics:
         Limits: record of the limits of angles [rad], velocities [rad/s] and torques [N m].
         plant_of: returns the `Plant` (floats) of an arm's parameters.
         step: ``step(state, torque, force, arm, h)``, the `State` a sub-step h [s] later.
+        loaded_step: ``loaded_step(state, torque, load, arm, h)``, the same with torques on the links for the tip force.
         tip: ``tip(angles, arm)``, the `Point` of the tip [m].
         gravity: ``gravity(angles, arm)``, g(q).
         motor_friction: ``motor_friction(state, torque, bias, arm)``, Γ_f of the motors.
@@ -57,6 +58,7 @@ class Physics:
     Limits: Any
     plant_of: Callable[..., Any]
     step: Callable[..., Any]
+    loaded_step: Callable[..., Any]
     tip: Callable[..., Any]
     gravity: Callable[..., Any]
     motor_friction: Callable[..., Any]

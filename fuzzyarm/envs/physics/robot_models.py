@@ -32,7 +32,7 @@ from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = ["JointOverlay", "Overlay", "read_robot"]
 
-ROUNDING = 1e-9  # of rotations and axes in models: 1.5707963 is meant to be a right angle
+ROUNDING = 1e-9  # of rotations and axes in models: 1.570796327 is meant to be a right angle
 NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such angles leave of a zero
 
 Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and inertia [kg m²]

@@ -76,9 +76,19 @@ class Model:
 
 
 def _step(model: Model) -> list[Any]:
+    """Return the state a sub-step later under a tip force."""
+    return _advanced(model, model.force(), [0.0] * len(model.structure.rotations))
+
+
+def _loaded_step(model: Model) -> list[Any]:
+    """Return the state a sub-step later under torques on the links."""
+    return _advanced(model, (0.0, 0.0, 0.0), model.inputs("load"))
+
+
+def _advanced(model: Model, force: tuple[Any, Any, Any], load: Sequence[Any]) -> list[Any]:
     """Return the state a sub-step later: motor and link angles, motor and link velocities."""
     motor, link, motor_velocity, link_velocity = (model.inputs(f"state.{name}") for name in STATE)
-    torque, force, h = model.inputs("torque"), model.force(), model.tracer.input("h")
+    torque, h = model.inputs("torque"), model.tracer.input("h")
     half = 0.5 * h
     motor_middle = [q + half * v for q, v in zip(motor, motor_velocity, strict=True)]
     middle = [q + half * v for q, v in zip(link, link_velocity, strict=True)]
@@ -90,7 +100,7 @@ def _step(model: Model) -> list[Any]:
         """Return the velocities a duration after the start, and the angles the motors travelled."""
         spring = model.spring(motor_middle, middle, motor_rate, link_rate)
         outer = model.torques(turns, link_rate, still, force)
-        acceleration = solution(below, inverse, [a - b for a, b in zip(spring, outer, strict=True)])
+        acceleration = solution(below, inverse, [a - b + c for a, b, c in zip(spring, outer, load, strict=True)])
         moved = [
             _motor_kick(model, k, v, rate, torque[i] - spring[i], duration)
             for i, (k, v, rate) in enumerate(zip(model.structure.joints, motor_velocity, motor_rate, strict=True))
@@ -149,6 +159,7 @@ def _mass_matrix(model: Model) -> list[Any]:
 
 FUNCTIONS: dict[str, tuple[str, Callable[[Model], list[Any]]]] = {
     "step": ("state, torque, force, arm, h", _step),
+    "loaded_step": ("state, torque, load, arm, h", _loaded_step),
     "tip": ("angles, arm", _tip),
     "gravity": ("angles, arm", _gravity),
     "inverse_dynamics": ("angles, rates, accelerations, arm", _inverse_dynamics),

@@ -9,7 +9,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, Plant, loaded, lump, plant_of
-from fuzzyarm.envs.physics.integrator import step
+from fuzzyarm.envs.physics.integrator import loaded_step, step
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.readings import (
@@ -45,6 +45,7 @@ def two_joints() -> Physics:
         Limits=Limits,
         plant_of=plant_of,
         step=step,
+        loaded_step=loaded_step,
         tip=tip_point,
         gravity=gravity_at,
         motor_friction=motor_friction,

@@ -6,27 +6,34 @@ with b = B_t/K_t,
 
     δ(t) = 1/K_t ∫_0^∞ e⁻ˣ τ_d(t - b x) dx,      δ̇ = (τ_d - K_t δ)/B_t,      δ̈ = (τ̇_d - K_t δ̇)/B_t,
 
-and δ = τ_d/K_t where B_t = 0. The integral is a Gauss quadrature whose panels end at the corners of q̈_d.
+and δ = τ_d/K_t where B_t = 0. The integral is a Gauss-Laguerre quadrature; where a corner of q̈_d is near,
+Gauss quadratures over panels that end at the corners.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev, legendre
+from numpy.polynomial import chebyshev, laguerre, legendre
 from numpy.typing import ArrayLike
 
 from fuzzyarm.common.checks import instance
-from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, rigid_inverse_dynamics
-from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.kinematics import angle_ranges, velocity_limits
+from fuzzyarm.envs.scenario.reference import JointReference, Reference, ReferenceSample
 
 __all__ = ["CHECKED_INSTANTS", "ElasticReference"]
 
 CHECKED_INSTANTS = 501  # evenly spaced instants at which a new reference is checked against the box
 PANELS = np.linspace(0.0, 36.0, 19)  # end of the integral over x; e⁻³⁶ is at the level of rounding errors
-NODES = 10  # of each panel
+NODES = 10  # of each panel, and of the Gauss-Laguerre quadrature of a smooth torque
+SMOOTH = 1e-3  # time constants up to this share of the duration see a smooth torque between its corners
 STENCIL, REACH = 9, 2e-3  # Chebyshev points within ± this share of the duration, for τ̇_d and τ̈_d
 
 
@@ -37,29 +44,30 @@ class ElasticReference:
     As for the reference itself, every value depends on its own t alone; before t = 0 and long after T the arm rests.
 
     Attributes:
-        reference: the motion of the links; its `parameters` are the arm.
+        reference: the motion of the links of an arm or a robot.
 
     Raises:
-        TypeError: `reference` is no `JointReference`.
-        ValueError: θ_d or θ̇_d leaves the box (25), on which the certificates hold.
+        TypeError: `reference` is no `Reference`.
+        ValueError: θ_d or θ̇_d leaves the box (25), on which the certificates hold, or the ranges of a robot's joints.
     """
 
-    reference: JointReference
+    reference: Reference
 
     def __post_init__(self) -> None:
         """Check θ_d against the box at `CHECKED_INSTANTS` instants."""
-        instance("reference", self.reference, JointReference)
-        t, limits = np.linspace(0.0, self.duration, CHECKED_INSTANTS), self.reference.parameters
+        instance("reference", self.reference, Reference)  # type: ignore[type-abstract]
+        t = np.linspace(0.0, self.duration, CHECKED_INSTANTS)
         motion = self.sample(t)
-        for name, unit, values, limit in (
-            ("theta", "rad", np.unwrap(motion.q, axis=0), limits.joint_limit),
-            ("dtheta", "rad/s", motion.dq, limits.velocity_limit),
+        for name, unit, values, (low, high) in (
+            ("theta", "rad", np.unwrap(motion.q, axis=0), self._arm.angles),
+            ("dtheta", "rad/s", motion.dq, self._arm.velocities),
         ):
-            k, joint = np.unravel_index(np.argmax(np.abs(values) / limit), values.shape)
-            if abs(values[k, joint]) > limit[joint]:
+            share = _box_share(values, low, high)
+            k, joint = np.unravel_index(np.argmax(share), values.shape)
+            if share[k, joint] > 1.0:
                 raise ValueError(
                     f"{name}_d{joint + 1} = {values[k, joint]:.6g} {unit} at t = {t[k]:.4g} s, where the motor must be "
-                    f"for the links to follow, leaves the box; allowed: [-{limit[joint]:g}, {limit[joint]:g}] {unit}. "
+                    f"for the links to follow, leaves the box; allowed: [{low[joint]:g}, {high[joint]:g}] {unit}. "
                     "Move the path, raise its duration, or stiffen the joints"
                 )
 
@@ -71,16 +79,19 @@ class ElasticReference:
     @property
     def box_use(self) -> float:
         """Largest share of the box (25) that θ_d and θ̇_d use; 1 is at its border."""
-        motion, limits = self.sample(np.linspace(0.0, self.duration, CHECKED_INSTANTS)), self.reference.parameters
-        shares = [np.abs(motion.q) / limits.joint_limit, np.abs(motion.dq) / limits.velocity_limit]
-        return float(np.max(shares))
+        motion = self.sample(np.linspace(0.0, self.duration, CHECKED_INSTANTS))
+        return float(np.max([_box_share(motion.q, *self._arm.angles), _box_share(motion.dq, *self._arm.velocities)]))
 
     def torque(self, t: ArrayLike) -> np.ndarray:
-        """Return τ_d [N m], shape (..., 2), at times t [s] of shape (...,)."""
-        return rigid_inverse_dynamics(*self.reference.sample(t), self._arm)
+        """Return τ_d [N m], shape (..., n), at times t [s] of shape (...,)."""
+        return self.links_torque(self.reference.sample(t))
+
+    def links_torque(self, motion: ReferenceSample) -> np.ndarray:
+        """Return M_b q̈ + C q̇ + g [N m], shape (..., n), that the links need for a motion with shapes (..., n)."""
+        return self._arm.torque(motion)
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
-        """Return θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], shapes (..., 2), at times t [s] of shape (...,).
+        """Return θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], shapes (..., n), at times t [s] of shape (...,).
 
         θ̈_d jumps where q̈_d has a corner, without damping θ̇_d too; there it is the value on the right.
         """
@@ -88,20 +99,35 @@ class ElasticReference:
         flat = times.ravel()
         motion, torque = self.reference.sample(flat), self.torque(flat)
         rate, curvature = self._torque_rates(flat)
-        stiffness, damping = np.array(self.reference.parameters.stiffness), np.array(self.reference.parameters.damping)
+        stiffness, damping = self._arm.stiffness, self._arm.damping
         delta, velocity, acceleration = torque / stiffness, rate / stiffness, curvature / stiffness
-        for joint in np.flatnonzero(damping > 0.0):
-            k, b = stiffness[joint], damping[joint]
-            delta[:, joint] = self._relaxed(flat, b / k)[:, joint] / k
-            velocity[:, joint] = (torque[:, joint] - k * delta[:, joint]) / b
-            acceleration[:, joint] = (rate[:, joint] - k * velocity[:, joint]) / b
-        shape = (*np.shape(t), 2)
+        time_constants = damping / stiffness
+        for time_constant in np.unique(time_constants[damping > 0.0]):  # joints that share one are relaxed together
+            relaxed = self._relaxed(flat, time_constant)
+            for joint in np.flatnonzero(time_constants == time_constant):
+                k, b = stiffness[joint], damping[joint]
+                delta[:, joint] = relaxed[:, joint] / k
+                velocity[:, joint] = (torque[:, joint] - k * delta[:, joint]) / b
+                acceleration[:, joint] = (rate[:, joint] - k * velocity[:, joint]) / b
+        shape = (*np.shape(t), self.reference.joints)
         parts = (motion.q + delta, motion.dq + velocity, motion.ddq + acceleration)
         return ReferenceSample(*(part.reshape(shape) for part in parts))
 
     def _relaxed(self, t: np.ndarray, time_constant: float) -> np.ndarray:
-        """Return ∫_0^∞ e⁻ˣ τ_d(t - b x) dx [N m], (n, 2)."""
+        """Return ∫_0^∞ e⁻ˣ τ_d(t - b x) dx [N m], (times, n)."""
         corners = (t[:, np.newaxis] - self._corners) / time_constant
+        near = ((corners > PANELS[0]) & (corners < PANELS[-1])).any(axis=1)
+        if time_constant > SMOOTH * self.duration:
+            near[:] = True
+        relaxed = np.empty((len(t), self.reference.joints))
+        relaxed[near] = self._by_panels(t[near], corners[near], time_constant)
+        nodes, weights = laguerre.laggauss(NODES)
+        torque = self.torque(t[~near, np.newaxis] - time_constant * nodes)
+        relaxed[~near] = np.einsum("n,tnj->tj", weights, torque)
+        return relaxed
+
+    def _by_panels(self, t: np.ndarray, corners: np.ndarray, time_constant: float) -> np.ndarray:
+        """Return the integral (times, n) for times whose corners, as values of x, are (times, corners)."""
         inside = np.clip(corners, PANELS[0], PANELS[-1])  # a corner out of reach makes an empty panel
         edges = np.sort(np.concatenate([np.tile(PANELS, (len(t), 1)), inside], axis=1), axis=1)
         nodes, weights = legendre.leggauss(NODES)
@@ -113,7 +139,7 @@ class ElasticReference:
         return np.asarray(np.einsum("tpn,tpnj->tj", weight, torque) / np.sum(weight, axis=(1, 2))[:, np.newaxis])
 
     def _torque_rates(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return τ̇_d [N m/s] and τ̈_d [N m/s²], (n, 2), from a polynomial through points between two corners."""
+        """Return τ̇_d [N m/s] and τ̈_d [N m/s²], (times, n), from a polynomial through points between two corners."""
         corners = np.concatenate([[-np.inf], self._corners, [np.inf]])
         piece = np.searchsorted(corners, t, side="right")
         reach = REACH * self.duration
@@ -128,7 +154,7 @@ class ElasticReference:
             np.stack(
                 [
                     chebyshev.chebval(place[:, 0], chebyshev.chebder(coefficients[..., joint], order), tensor=False)
-                    for joint in range(2)
+                    for joint in range(self.reference.joints)
                 ],
                 axis=1,
             )
@@ -141,5 +167,30 @@ class ElasticReference:
         return self.reference.corners()
 
     @cached_property
-    def _arm(self) -> Arm:
-        return arm_constants(self.reference.parameters)
+    def _arm(self) -> _Arm:
+        reference = self.reference
+        if isinstance(reference, JointReference):
+            p, arm = reference.parameters, arm_constants(reference.parameters)
+            limits = ((-np.array(limit), np.array(limit)) for limit in (p.joint_limit, p.velocity_limit))
+            springs = np.array(p.stiffness), np.array(p.damping)
+            return _Arm(lambda motion: rigid_inverse_dynamics(*motion, arm), *springs, *limits)
+        robot = instance("reference.robot", getattr(reference, "robot", None), Robot)
+        low, high = angle_ranges(robot)
+        fastest = velocity_limits(robot)
+        springs = robot.drive("stiffness"), robot.drive("damping")
+        return _Arm(lambda motion: inverse_dynamics(robot, *motion), *springs, (low, high), (-fastest, fastest))
+
+
+class _Arm(NamedTuple):
+    """What is asked of an arm or a robot: the torque that its links need, its springs, its limits, each (n,)."""
+
+    torque: Callable[[ReferenceSample], np.ndarray]
+    stiffness: np.ndarray  # [N m/rad]
+    damping: np.ndarray  # [N m s/rad]
+    angles: tuple[np.ndarray, np.ndarray]  # [rad]
+    velocities: tuple[np.ndarray, np.ndarray]  # [rad/s]
+
+
+def _box_share(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return how far values (..., n) are from the middle of their ranges, in half ranges (..., n)."""
+    return np.asarray(np.abs(values - 0.5 * (low + high)) / (0.5 * (high - low)))

@@ -32,6 +32,11 @@ class ScheduledVerification:
     certificate: Certificate
     seconds: float
 
+    @property
+    def proven(self) -> bool:
+        """Whether every claim is proven."""
+        return self.certificate.proven
+
     def to_text(self) -> str:
         """Return the report as text: a line for each claim, a summary, and the certificate in words."""
         claims, c = self.certificate.claims, self.controller

@@ -44,6 +44,11 @@ class Verification:
     tip: str | None
     seconds: float
 
+    @property
+    def proven(self) -> bool:
+        """Whether every claim is proven."""
+        return self.certificate.proven
+
     def to_text(self) -> str:
         """Return the report as text: a line for each claim that fails, a summary, and the certificate in words."""
         claims, c = self.certificate.claims, self.controller

@@ -179,7 +179,7 @@ def _cells(board: Leaderboard) -> tuple[list[str], list[list[str]]]:
             _score(standing),
             *("lost" if value is None else f"{value:#.3g}" for value in standing.rms.values()),
             f"{standing.worst:#.3g}",
-            "yes" if standing.certified else "no",
+            "rigid arm" if standing.certified else "no",
             standing.source,
         ]
         for rank, standing in zip(board.ranks, board.standings, strict=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -93,7 +93,7 @@ def _controller(
     certificate = policy.certificate(reference)
     if certificate is None or certificate.bounds != claimed:
         return "the controller file has changed since the evaluation"
-    return certificate.controller
+    return cast("Controller", certificate.controller)  # as the form says
 
 
 def _largest_gain(loop: RigidLoop, motion: Motion, duration: float) -> tuple[float, str]:

@@ -22,6 +22,7 @@ from fuzzyarm.common.checks import distinct, instance
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.equations import two_joint_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import current_provenance
@@ -145,7 +146,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         ValueError: a policy is unknown or does not fit the robot, or the path does not fit it.
         OSError: a file cannot be read.
     """
-    parameters = ArmParameters.from_toml(config.robot) if config.robot else ArmParameters()
+    parameters = two_joint_arm(config.robot) if config.robot else ArmParameters()
     # An arm that cannot follow the path is a usage error, for which the table has no row
     JointReference(parameters=parameters)
     specs = resolve_all(config.policies, run_code=True)

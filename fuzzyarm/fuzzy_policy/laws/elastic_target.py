@@ -17,24 +17,26 @@ Any policy may use it, because it reads only the observation.
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.envs.observation import JOINTS, observed
-from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.dynamics import arm_constants, arm_in, coriolis_torque, gravity_torque, mass_matrix
+from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.physics.compiled import kernel_for, without_kernels
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import in_columns, in_list, reader
+from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
 
-__all__ = ["MEMORY_SIZE", "TARGET", "TARGET_SIZE", "ElasticTarget"]
+__all__ = ["ElasticTarget", "TargetParts", "memory_size", "target_parts"]
 
 
 class _Memory(NamedTuple):
-    """What a lane remembers from one sample to the next, or where it lies in the memory's array.
+    """Where what a lane remembers from one sample to the next lies in the memory's array.
 
     Attributes:
         started: 1 once there has been a sample, else 0.
@@ -44,44 +46,50 @@ class _Memory(NamedTuple):
         smooth: u_ff of the last sample, less its friction [N m].
     """
 
-    started: Any
-    latest: Any
-    second: Any
-    third: Any
-    smooth: Any
+    started: slice
+    latest: slice
+    second: slice
+    third: slice
+    smooth: slice
 
 
-_PARTS = _Memory(*consecutive(1, JOINTS, JOINTS, JOINTS, JOINTS))
-
-MEMORY_SIZE = _PARTS.smooth.stop
-"""Numbers that a lane remembers."""
-
-
-class _Target(NamedTuple):
-    """Where the parts of a target lie: θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²]."""
+class TargetParts(NamedTuple):
+    """Where the parts of a target lie: θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²]; `REFERENCE` has the same order."""
 
     q: slice
     dq: slice
     ddq: slice
 
 
-TARGET = _Target(*consecutive(JOINTS, JOINTS, JOINTS))
-"""Where θ_d, θ̇_d and θ̈_d lie in a target (lanes, `TARGET_SIZE`); `REFERENCE` of the observation has the same order."""
+def memory_size(joints: int) -> int:
+    """Return how many numbers a lane remembers for an arm with n joints."""
+    return int(_memory_parts(joints).smooth.stop)
 
-TARGET_SIZE: int = TARGET.ddq.stop
-"""How many numbers a target has."""
+
+def target_parts(joints: int) -> TargetParts:
+    """Return where θ_d, θ̇_d and θ̈_d lie in a target (lanes, 3 n) of an arm with n joints."""
+    return TargetParts(*consecutive(joints, joints, joints))
+
+
+def _memory_parts(joints: int) -> _Memory:
+    return _Memory(*consecutive(1, joints, joints, joints, joints))
 
 
 class ElasticTarget:
-    """θ_d, its derivatives and u_ff, sample by sample; the equations are in the module's docstring."""
+    """θ_d, its derivatives and u_ff, sample by sample; the equations are in the module's docstring.
+
+    Attributes:
+        memory_size: numbers that a lane remembers.
+        size: numbers of a target, 3 n.
+    """
 
     def __init__(
-        self, parameters: ArmParameters, control_period: float, *, friction: bool = True, average: bool = True
+        self, parameters: AnyArm, control_period: float, *, friction: bool = True, average: bool = True
     ) -> None:
         """Keep the arm and the control period.
 
         Args:
-            parameters: the arm, as the controller knows it.
+            parameters: the arm or the robot, as the controller knows it.
             control_period: T [s].
             friction: whether u_ff holds the dry friction.
             average: whether u_ff is that of the middle of the coming hold rather than that of its start.
@@ -90,82 +98,84 @@ class ElasticTarget:
             TypeError: the control period is no number.
             ValueError: the control period is not positive.
         """
-        period = real("control_period", control_period, "s", above=0.0)
-        self._arguments = (np.array(arm_constants(parameters)), period, float(friction), 0.5 * float(average))
+        period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
+        self.memory_size, self.size = memory_size(physics.joints), target_parts(physics.joints).ddq.stop
+        self._parameters = parameters
+        arm = constants_of(parameters), drives_of(parameters)
+        self._arguments = (*arm, period, float(friction), 0.5 * float(average))
 
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
         """Fill target and feedforward and advance the memory, in place.
 
         Args:
-            observation: (lanes, 10), of which the reference (q_d, q̇_d, q̈_d) is read.
-            memory: (lanes, `MEMORY_SIZE`), zeros when an episode begins, which means that the arm was at rest before.
-            target: (lanes, 6), becomes θ_d [rad], θ̇_d [rad/s], θ̈_d [rad/s²].
-            feedforward: (lanes, 2), becomes u_ff [N m], not clipped.
+            observation: (lanes, 5 n), of which the reference (q_d, q̇_d, q̈_d) is read.
+            memory: (lanes, `memory_size`), zeros when an episode begins, which means that the arm was at rest before.
+            target: (lanes, 3 n), becomes θ_d [rad], θ̇_d [rad/s], θ̈_d [rad/s²].
+            feedforward: (lanes, n), becomes u_ff [N m], not clipped.
         """
-        _advance(observation, memory, target, feedforward, *self._arguments)
+        self._advance(observation, memory, target, feedforward, *self._arguments)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the compiled function."""
+        return without_kernels(self.__dict__)
+
+    @functools.cached_property
+    def _advance(self) -> Any:
+        return _advance_of(equations_of(self._parameters))
 
 
-@kernel
-def _advance(
-    observation: np.ndarray,
-    memory: np.ndarray,
-    target: np.ndarray,
-    feedforward: np.ndarray,
-    constants: np.ndarray,
-    period: float,
-    friction: float,
-    ahead: float,
-) -> None:
-    """See `ElasticTarget`; `friction` is 1 or 0, `ahead` the share of a period that u_ff is extrapolated."""
-    arm = arm_in(constants, 0)
-    stiffness, damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
-    inertia, viscous = (arm.motor_inertia1, arm.motor_inertia2), (arm.viscous1, arm.viscous2)
-    coulomb, static = (arm.coulomb1, arm.coulomb2), (arm.static1, arm.static2)
-    o, past = observed(observation), _remembered(memory)
-    theta, dtheta, ddtheta = target[:, TARGET.q], target[:, TARGET.dq], target[:, TARGET.ddq]
-    for lane in range(len(observation)):
-        q1, q2, dq1, dq2 = (
-            o.q_reference[lane, 0], o.q_reference[lane, 1], o.dq_reference[lane, 0], o.dq_reference[lane, 1]
-        )  # fmt: skip
-        ddq1, ddq2 = o.ddq_reference[lane, 0], o.ddq_reference[lane, 1]
-        m11, m12, m22 = mass_matrix(np.cos(q2), arm)
-        coriolis1, coriolis2 = coriolis_torque(np.sin(q2), dq1, dq2, arm)
-        gravity1, gravity2 = gravity_torque(np.sin(q1), np.sin(q1 + q2), arm)
-        torque = (
-            m11 * ddq1 + m12 * ddq2 + coriolis1 + gravity1,
-            m12 * ddq1 + m22 * ddq2 + coriolis2 + gravity2,
-        )
-        begins = past.started[lane, 0] == 0.0
-        past.started[lane, 0] = 1.0
-        for joint in range(JOINTS):
-            now = torque[joint]
-            if begins:
-                past.latest[lane, joint] = past.second[lane, joint] = past.third[lane, joint] = now
-            latest, second, third = past.latest[lane, joint], past.second[lane, joint], past.third[lane, joint]
-            # Backward differences of third order for τ̇_d and of second order for τ̈_d.
-            rate = (11.0 * now - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * period)
-            curvature = (2.0 * now - 5.0 * latest + 4.0 * second - third) / (period * period)
-            past.latest[lane, joint], past.second[lane, joint], past.third[lane, joint] = now, latest, second
-            k, b = stiffness[joint], damping[joint] / stiffness[joint]
-            velocity = o.dq_reference[lane, joint] + (rate - b * curvature) / k
-            acceleration = o.ddq_reference[lane, joint] + curvature / k
-            theta[lane, joint] = o.q_reference[lane, joint] + (now - b * (rate - b * curvature)) / k
-            dtheta[lane, joint], ddtheta[lane, joint] = velocity, acceleration
-            smooth = inertia[joint] * acceleration + viscous[joint] * velocity + now
-            before = smooth if begins else past.smooth[lane, joint]
-            past.smooth[lane, joint] = smooth
-            middle = velocity + ahead * period * acceleration
-            slip = stribeck_magnitude(middle, coulomb[joint], static[joint], arm.stribeck_velocity) * np.sign(middle)
-            feedforward[lane, joint] = smooth + ahead * (smooth - before) + friction * slip
+@functools.cache
+def _advance_of(physics: Physics) -> Any:
+    """Return the compiled `ElasticTarget.advance` for arms with these equations."""
+    joints, inverse_dynamics = physics.joints, physics.inverse_dynamics
+    started, latest_part, second_part, third_part, smooth_part = _memory_parts(joints)
+    q_part, dq_part, ddq_part = target_parts(joints)
+    arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
 
+    @kernel_for(physics.digest)
+    def advance(
+        observation: np.ndarray,
+        memory: np.ndarray,
+        target: np.ndarray,
+        feedforward: np.ndarray,
+        constants: np.ndarray,
+        drives: np.ndarray,
+        period: float,
+        friction: float,
+        ahead: float,
+    ) -> None:
+        """See `ElasticTarget`; `friction` is 1 or 0, `ahead` the share of a period that u_ff is extrapolated."""
+        arm, drive, o = arm_in(constants, 0), drives_in(drives), observed(observation)
+        past, second_past, third_past = memory[:, latest_part], memory[:, second_part], memory[:, third_part]
+        past_smooth, begun = memory[:, smooth_part], memory[:, started]
+        theta, dtheta, ddtheta = target[:, q_part], target[:, dq_part], target[:, ddq_part]
+        for lane in range(len(observation)):
+            q, dq, ddq = (
+                per_joint(o.q_reference, lane), per_joint(o.dq_reference, lane), per_joint(o.ddq_reference, lane)
+            )  # fmt: skip
+            torque = inverse_dynamics(q, dq, ddq, arm)
+            begins = begun[lane, 0] == 0.0
+            begun[lane, 0] = 1.0
+            for joint in range(joints):
+                now = torque[joint]
+                if begins:
+                    past[lane, joint] = second_past[lane, joint] = third_past[lane, joint] = now
+                latest, second, third = past[lane, joint], second_past[lane, joint], third_past[lane, joint]
+                # Backward differences of third order for τ̇_d and of second order for τ̈_d.
+                rate = (11.0 * now - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * period)
+                curvature = (2.0 * now - 5.0 * latest + 4.0 * second - third) / (period * period)
+                past[lane, joint], second_past[lane, joint], third_past[lane, joint] = now, latest, second
+                k, b = drive.stiffness[joint], drive.damping[joint] / drive.stiffness[joint]
+                velocity = o.dq_reference[lane, joint] + (rate - b * curvature) / k
+                acceleration = o.ddq_reference[lane, joint] + curvature / k
+                theta[lane, joint] = o.q_reference[lane, joint] + (now - b * (rate - b * curvature)) / k
+                dtheta[lane, joint], ddtheta[lane, joint] = velocity, acceleration
+                smooth = drive.motor_inertia[joint] * acceleration + drive.viscous_friction[joint] * velocity + now
+                before = smooth if begins else past_smooth[lane, joint]
+                past_smooth[lane, joint] = smooth
+                middle = velocity + ahead * period * acceleration
+                dry = drive.coulomb_friction[joint], drive.static_friction[joint], drive.stribeck_velocity[joint]
+                slip = stribeck_magnitude(middle, *dry) * np.sign(middle)
+                feedforward[lane, joint] = smooth + ahead * (smooth - before) + friction * slip
 
-@register_jitable
-def _remembered(memory: np.ndarray) -> _Memory:
-    """Return the parts of memories (lanes, `MEMORY_SIZE`) as views of them."""
-    return _Memory(
-        memory[:, _PARTS.started],
-        memory[:, _PARTS.latest],
-        memory[:, _PARTS.second],
-        memory[:, _PARTS.third],
-        memory[:, _PARTS.smooth],
-    )
+    return advance

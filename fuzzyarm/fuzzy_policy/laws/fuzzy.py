@@ -14,7 +14,7 @@ from numba.extending import register_jitable
 from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, controller_certificate
@@ -49,7 +49,7 @@ class FuzzyPolicy(Policy):
             self.control_period,
         )
 
-    def certificate(self, reference: JointReference) -> PolicyCertificate:
+    def certificate(self, reference: Reference) -> PolicyCertificate:
         """Return what is proven of the controller, which is the same for every reference."""
         return controller_certificate(self.controller)
 

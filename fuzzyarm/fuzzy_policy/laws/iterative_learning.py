@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.observation import PARTS
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
@@ -34,8 +34,8 @@ class LearnedTorque:
 
     Attributes:
         memory: of the policy, (lanes, memory_size).
-        learned: w of this pass [N m], (samples, lanes, 2); empty: none.
-        added: w + v of each sample so far, (lanes, 2).
+        learned: w of this pass [N m], (samples, lanes, n); empty: none.
+        added: w + v of each sample so far, (lanes, n).
     """
 
     memory: np.ndarray
@@ -64,20 +64,21 @@ class TorqueLearning:
         """Return the torques [N m] and the next state; None begins a first pass, `begin_pass` a further one.
 
         Args:
-            observation: (10,) or (lanes, 10).
+            observation: (numbers,) or (lanes, numbers), as the policy takes it.
             state: None, or what the last call or `begin_pass` returned; it goes on in place.
             episode_start: ignored; a pass begins with its state.
             deterministic: ignored.
         """
         seen = np.array(observation, dtype=np.float64, ndmin=2)
         if state is None:
-            state = _first(np.zeros((len(seen), self.policy.memory_size)), np.empty((0, len(seen), JOINTS)))
+            state = _first(
+                np.zeros((len(seen), self.policy.memory_size)), np.empty((0, len(seen), seen.shape[1] // PARTS))
+            )
         feedback, feedforward = self.policy.feedback_and_feedforward(seen, state.memory)
         sample = min(len(state.added), len(state.learned) - 1)
         added = feedback if sample < 0 else feedback + state.learned[sample]
         state.added.append(added)
-        limit = np.array(self.policy.parameters.torque_limit)
-        torque = np.clip(feedforward + added, -limit, limit)
+        torque = self.policy.clipped(feedforward + added)
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 
     def begin_pass(self, state: LearnedTorque) -> LearnedTorque:

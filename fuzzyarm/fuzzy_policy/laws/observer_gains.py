@@ -1,13 +1,14 @@
 """The gains of the elastic observer: K and L from the Riccati equations of the linearised arm.
 
 The arm, motors and links with a load d on the links, is linearised at rest and held over a control period. Gravity's
-slope, the Coriolis torques and dry friction are left out, so it depends on cos q2 alone; the gains are tabulated over
-it. How they are used is in `elastic_observer`.
+slope, the Coriolis torques and dry friction are left out, so it depends on the mass matrix M alone; the gains are
+tabulated over the angles that M depends on most, see `gain_schedule`. How they are used is in `elastic_observer`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,27 +16,22 @@ from scipy.linalg import expm, solve_discrete_are
 
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, schedule_of
 
 __all__ = [
-    "ESTIMATE",
-    "ESTIMATES",
-    "GRID",
-    "LOAD",
-    "MEASURED",
-    "STATE",
-    "STATES",
     "Estimate",
+    "GainTables",
     "ObserverWeights",
+    "estimate_parts",
     "feedback_gain",
     "gain_tables",
     "observer_gain",
     "sampled_arm",
+    "state_part",
 ]
 
-GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the gain tables
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
 
 
@@ -57,12 +53,28 @@ class Estimate(NamedTuple):
     load: Any
 
 
-*_SIZES, _INPUT = consecutive(*[JOINTS] * (len(Estimate._fields) + 1))
-# Where the parts of (x, d) lie, and which of its numbers are measured.
-ESTIMATE = Estimate(*_SIZES)
-STATE, LOAD = slice(0, ESTIMATE.load.start), ESTIMATE.load  # x in the order of `State`, and d
-STATES, ESTIMATES = STATE.stop, LOAD.stop  # how many numbers x and (x, d) are
-MEASURED = [index for part in (ESTIMATE.q_motor, ESTIMATE.dq_motor) for index in range(part.start, part.stop)]
+class GainTables(NamedTuple):
+    """The gains at the points of a schedule.
+
+    Attributes:
+        schedule: over which angles, and at which points.
+        feedback: K (points, n, 4 n).
+        observer: L (points, 5 n, 2 n).
+    """
+
+    schedule: GainSchedule
+    feedback: np.ndarray
+    observer: np.ndarray
+
+
+def estimate_parts(joints: int) -> Estimate:
+    """Return where the parts of (x, d), 5 n numbers, lie in an array, for n joints."""
+    return Estimate(*consecutive(*[joints] * len(Estimate._fields)))
+
+
+def state_part(joints: int) -> slice:
+    """Return where x, 4 n numbers in the order of `State`, lies in (x, d)."""
+    return slice(0, estimate_parts(joints).load.start)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,36 +114,37 @@ class ObserverWeights:
             real(f"ObserverWeights.{field.name}", getattr(self, field.name), low=low, high=high)
 
 
-def sampled_arm(
-    parameters: ArmParameters, control_period: float, cos2: float, payload: Payload | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (10, 10) and B (10, 2) of (x, d)⁺ = A (x, d) + B u over one control period [s], u held, d constant.
+def sampled_arm(arm: AnyArm, control_period: float, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return A (5 n, 5 n) and B (5 n, n) of (x, d)⁺ = A (x, d) + B u over one control period [s], u held, d constant.
 
-    At rest, without gravity and dry friction, at cos q2 = `cos2`, with a payload if there is one:
+    At rest, without gravity and dry friction, with M_b = `inertia` (n, n) [kg m²]:
     I_a θ̈ = u - Γ_t - f_v θ̇,  M_b q̈ = Γ_t + d,  Γ_t = K_t (θ - q) + B_t (θ̇ - q̇).
     """
-    m11, m12, m22 = mass_matrix(cos2, arm_constants(parameters, payload))
-    links = np.linalg.inv([[m11, m12], [m12, m22]])
-    motors = np.diag(1.0 / np.array(parameters.motor_inertia))
-    stiffness, damping = np.diag(parameters.stiffness), np.diag(parameters.damping)
+    joints = joints_of(arm)
+    part, state, load = estimate_parts(joints), state_part(joints), estimate_parts(joints).load
+    links = np.linalg.inv(inertia)
+    motors = np.diag(1.0 / per_joint_of(arm, "motor_inertia"))
+    stiffness, damping = np.diag(per_joint_of(arm, "stiffness")), np.diag(per_joint_of(arm, "damping"))
     joint_torque = np.hstack([stiffness, -stiffness, damping, -damping])
-    motor_rows, link_rows = ESTIMATE.dq_motor, ESTIMATE.dq_link
-    rate = np.zeros((_INPUT.stop, _INPUT.stop))  # of (x, d, u)
-    rate[ESTIMATE.q_motor, ESTIMATE.dq_motor] = rate[ESTIMATE.q_link, ESTIMATE.dq_link] = np.eye(JOINTS)
-    rate[motor_rows, STATE], rate[motor_rows, _INPUT] = -motors @ joint_torque, motors
-    rate[motor_rows, motor_rows] -= motors @ np.diag(parameters.viscous_friction)
-    rate[link_rows, STATE], rate[link_rows, LOAD] = links @ joint_torque, links
+    given = slice(load.stop, load.stop + joints)  # u
+    rate = np.zeros((given.stop, given.stop))  # of (x, d, u)
+    rate[part.q_motor, part.dq_motor] = rate[part.q_link, part.dq_link] = np.eye(joints)
+    rate[part.dq_motor, state], rate[part.dq_motor, given] = -motors @ joint_torque, motors
+    rate[part.dq_motor, part.dq_motor] -= motors @ np.diag(per_joint_of(arm, "viscous_friction"))
+    rate[part.dq_link, state], rate[part.dq_link, load] = links @ joint_torque, links
     moved = expm(rate * control_period)
-    return moved[:ESTIMATES, :ESTIMATES], moved[:ESTIMATES, _INPUT]
+    return moved[: load.stop, : load.stop], moved[: load.stop, given]
 
 
 def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weights: ObserverWeights) -> np.ndarray:
-    """Return K (2, 8) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² of `sampled_arm`, d = 0.
+    """Return K (n, 4 n) that minimises Σ |q/link_angle|² + |q̇/link_velocity|² + |u/Γ_max|² of `sampled_arm`, d = 0.
 
-    Γ_max is `torque_limit` (2,) [N m].
+    Γ_max is `torque_limit` (n,) [N m].
     """
-    a, b = A[STATE, STATE], B[STATE]
-    Q = np.diag(np.repeat([0.0, weights.link_angle**-2, 0.0, weights.link_velocity**-2], JOINTS))
+    joints = len(torque_limit)
+    state = state_part(joints)
+    a, b = A[state, state], B[state]
+    Q = np.diag(np.repeat([0.0, weights.link_angle**-2, 0.0, weights.link_velocity**-2], joints))
     R = np.diag(torque_limit**-2)
     P = solve_discrete_are(a, b, Q, R)
     gain: np.ndarray = np.linalg.solve(R + b.T @ P @ b, b.T @ P @ a)
@@ -141,37 +154,38 @@ def feedback_gain(A: np.ndarray, B: np.ndarray, torque_limit: np.ndarray, weight
 def observer_gain(
     A: np.ndarray, B: np.ndarray, control_period: float, torque_limit: np.ndarray, weights: ObserverWeights
 ) -> np.ndarray:
-    """Return L (10, 4), the stationary Kalman gain of `sampled_arm` that corrects (x̂, d̂) by what is measured now.
+    """Return L (5 n, 2 n), the stationary Kalman gain of `sampled_arm` that corrects (x̂, d̂) by what is measured now.
 
-    `torque_limit` (2,) [N m] and `control_period` [s] scale the weights.
+    `torque_limit` (n,) [N m] and `control_period` [s] scale the weights.
     """
-    C = np.eye(ESTIMATES)[MEASURED]
+    joints = len(torque_limit)
+    part = estimate_parts(joints)
+    C = np.concatenate([np.eye(len(A))[part.q_motor], np.eye(len(A))[part.dq_motor]])
     Q = B @ np.diag((weights.motor_torque * torque_limit) ** 2) @ B.T / control_period
-    Q[LOAD, LOAD] += np.diag((weights.load_walk * torque_limit) ** 2) * control_period
-    R = np.diag(np.repeat([weights.encoder_angle**2, weights.encoder_velocity**2], JOINTS))
+    Q[part.load, part.load] += np.diag((weights.load_walk * torque_limit) ** 2) * control_period
+    R = np.diag(np.repeat([weights.encoder_angle**2, weights.encoder_velocity**2], joints))
     P = solve_discrete_are(A.T, C.T, Q, R)
     gain: np.ndarray = np.linalg.solve(C @ P @ C.T + R, C @ P).T
     return gain
 
 
-def gain_tables(
-    parameters: ArmParameters, control_period: float, weights: ObserverWeights
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return K (9, 2, 8) and L (9, 10, 4) at cos q2 = `GRID`, for a control period [s].
+@functools.lru_cache(maxsize=32)
+def gain_tables(arm: AnyArm, control_period: float, weights: ObserverWeights) -> GainTables:
+    """Return K and L at the points of the arm's schedule, for a control period [s].
 
     Raises:
         ValueError: a Riccati equation has no solution in double precision.
     """
-    limit = np.array(parameters.torque_limit)
+    limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
     feedback, observer = [], []
-    for cos2 in GRID:
-        A, B = sampled_arm(parameters, control_period, float(cos2))
+    for place, inertia in zip(schedule.places, schedule.inertia, strict=True):
+        A, B = sampled_arm(arm, control_period, inertia)
         try:
             feedback.append(feedback_gain(A, B, limit, weights))
             observer.append(observer_gain(A, B, control_period, limit, weights))
         except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either
             raise ValueError(
-                f"no gains at cos q2 = {cos2:g} for control_period = {control_period!r} s, {weights} and this arm "
+                f"no gains at {place} for control_period = {control_period!r} s, {weights} and this arm "
                 f"({error}): take a shorter period, or other weights"
             ) from None
-    return np.array(feedback), np.array(observer)
+    return GainTables(schedule, np.array(feedback), np.array(observer))

@@ -19,18 +19,15 @@ import math
 import numpy as np
 
 from fuzzyarm.common.rounding import at_most
-from fuzzyarm.envs.observation import JOINTS, MEASURED, REFERENCE, START
-from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
-from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
+from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.iterative_learning import TorqueLearning
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
 __all__ = ["TipPolicy", "tip_statement"]
-
-DESIRED = slice(START.q_reference, START.dq_reference + JOINTS)  # (q_d, q̇_d) in an observation, as `MEASURED` is (q, q̇)
 
 
 class TipPolicy(Policy):
@@ -52,14 +49,18 @@ class TipPolicy(Policy):
         """
         super().__init__(law.parameters, law.control_period)
         self.law, self.friction, self.average = law, friction, average
-        self.memory_size = law.memory_size + MEMORY_SIZE
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
+        self.memory_size = law.memory_size + self._target.memory_size
+        start, end = starts(law.joints), PARTS * law.joints
+        self._measured = slice(start.q_motor, start.q_reference)  # (q, q̇) in an observation
+        self._desired = slice(start.q_reference, start.ddq_reference)  # (q_d, q̇_d)
+        self._reference = slice(start.q_reference, end)
 
     def without_dry_friction(self) -> TipPolicy:
         """Return this policy for an arm without dry friction, which needs no friction feedforward."""
         return TipPolicy(self.law, friction=False, average=self.average)
 
-    def certificate(self, reference: JointReference) -> PolicyCertificate | None:
+    def certificate(self, reference: Reference) -> PolicyCertificate | None:
         """Return what is proven of the law, for the error from θ_d; None where its proof is of the reference alone."""
         law = self.law.certificate(reference)
         if law is None or not law.any_reference:
@@ -75,7 +76,7 @@ class TipPolicy(Policy):
 
     def feedback_and_feedforward(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the two parts of the torque, (lanes, 2) each [N m], not clipped, and advance the memory in place."""
-        torque = np.empty((len(observation), JOINTS))
+        torque = np.empty((len(observation), observation.shape[1] // PARTS))
         own_feedforward, feedforward = self._act(observation, memory, torque)
         return torque - own_feedforward, feedforward
 
@@ -88,17 +89,17 @@ class TipPolicy(Policy):
         law_memory, target_memory = memory[:, : self.law.memory_size], memory[:, self.law.memory_size :]
         seen, resting = np.empty_like(observation), np.empty_like(observation)
         own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
-        self._target.advance(observation, target_memory, seen[:, REFERENCE], feedforward)
-        seen[:, MEASURED] = observation[:, MEASURED]
+        self._target.advance(observation, target_memory, seen[:, self._reference], feedforward)
+        seen[:, self._measured] = observation[:, self._measured]
         # What the law answers where the motors are on θ_d and its memory is empty: its own feedforward.
-        resting[:, REFERENCE] = seen[:, REFERENCE]
-        resting[:, MEASURED] = seen[:, DESIRED]
+        resting[:, self._reference] = seen[:, self._reference]
+        resting[:, self._measured] = seen[:, self._desired]
         self.law.act(resting, np.zeros(law_memory.shape), own_feedforward)
         self.law.act(seen, law_memory, torque)
         return own_feedforward, feedforward
 
 
-def _motors_stay_in_box(reference: JointReference) -> bool:
+def _motors_stay_in_box(reference: Reference) -> bool:
     """Return whether θ_d of a reference stays in the box; otherwise the certificate is void."""
     try:
         ElasticReference(reference)
@@ -107,7 +108,7 @@ def _motors_stay_in_box(reference: JointReference) -> bool:
     return True
 
 
-def tip_statement(reference: JointReference) -> str:
+def tip_statement(reference: Reference) -> str:
     """Return what a controller's certificate says of the law that tracks θ_d of `reference`, with the box re-checked.
 
     The inequality of the certificate holds for the error from any reference, with w = d + ρ. For θ_d, ρ is what the
@@ -120,14 +121,13 @@ def tip_statement(reference: JointReference) -> str:
     except ValueError as error:
         return f"Told to bring the tip to this reference it has no certificate: {error}."
     t = np.linspace(0.0, reference.duration, CHECKED_INSTANTS)
-    links_at_target = rigid_inverse_dynamics(*elastic.sample(t), arm_constants(reference.parameters))
-    known = np.abs(elastic.torque(t) - links_at_target).max(axis=0)
+    known = np.abs(elastic.torque(t) - elastic.links_torque(elastic.sample(t))).max(axis=0)
     return (
         "Told to bring the tip to the reference, it tracks theta_d = q_d + delta, where the motors must be for the "
         "bent joints to put the links on q_d. theta_d is a twice differentiable reference like any other (its second "
         "derivative jumps where that of q_d has a corner), so the same inequalities hold for the error from theta_d; d "
         "then also holds what the feedforward adds for the elastic joints, and friction only as far as the feedforward "
         f"misses it. Sampled at {CHECKED_INSTANTS} instants of this reference and not bounded between them, what it "
-        f"adds reaches ({at_most(known[0], 2)}, {at_most(known[1], 2)}) N m, and theta_d takes "
+        f"adds reaches ({', '.join(at_most(torque, 2) for torque in known)}) N m, and theta_d takes "
         f"{math.ceil(100.0 * elastic.box_use)} % of the box. That the tip then follows is measured, not proven."
     )

@@ -31,7 +31,7 @@ MOST_BOXES = 400_000
 CHUNK = 256  # boxes at a time
 UNIT = 2.0**-53
 LIBRARY = 4
-WIDENING = 2.0**-48  # rad, above the rounding of an interval's middle and half width
+WIDENING = 2.0**-44  # rad, above the rounding of an interval's middle and half width up to 100 rad
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +75,7 @@ def cover(matrix: TrigMatrix, ranges: np.ndarray, most: int = MOST_BOXES) -> Cov
 
     Args:
         matrix: of d angles.
-        ranges: lowest and highest angle, within ±7 rad.
+        ranges: lowest and highest angle, within ±100 rad.
         most: boxes after which the proof is given up.
     """
     scale = _scale(matrix, ranges)

@@ -121,5 +121,5 @@ def exact_vertices(controller: Controller) -> Vertices:
 
 
 def claim(name: str, matrix: np.ndarray) -> Claim:
-    """Return the claim that a matrix of exact rationals is positive definite, and the outcome of its proof."""
+    """Return the claim that a matrix (s, s) of exact rational numbers is positive definite, and its outcome."""
     return Claim(name, is_positive_definite(matrix), smallest_eigenvalue(matrix))

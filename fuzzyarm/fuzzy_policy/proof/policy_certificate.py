@@ -7,8 +7,9 @@ from typing import Any
 
 from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
-__all__ = ["NOT_COVERED", "PolicyCertificate", "controller_certificate", "statement"]
+__all__ = ["NOT_COVERED", "PolicyCertificate", "claimed_bounds", "controller_certificate", "statement"]
 
 # What every certificate says of its limits.
 NOT_COVERED = (
@@ -24,8 +25,8 @@ class PolicyCertificate:
     Attributes:
         text: what is proven and what is not, in words.
         bounds: the numbers of the claim, ready for JSON: ``form``, ``alpha`` [1/s], ``gamma`` ([rad/(N m)] in the
-            consistent form) and ``controller_digest``, the digest of the controller file. None where the policy leaves
-            the box along the reference, so that the claim is void.
+            consistent form, [s²] in the semidefinite one) and ``controller_digest``, the digest of the controller file.
+            None where the policy leaves the box along the reference, so that the claim is void.
         controller: the controller whose inequalities are proven.
         any_reference: whether the claim holds for the error from every twice differentiable reference, not only from
             the one in the observation.
@@ -33,20 +34,27 @@ class PolicyCertificate:
 
     text: str
     bounds: dict[str, Any] | None
-    controller: Controller
+    controller: Controller | ScheduledController
     any_reference: bool
 
 
 def controller_certificate(controller: Controller) -> PolicyCertificate:
     """Return what is proven of the policy that evaluates a controller's law as it stands."""
-    bounds = {
-        "form": controller.form,
+    # The proof of the paper's form includes the reference model, whose state must be the reference itself.
+    any_reference = controller.form != "paper"
+    return PolicyCertificate(
+        statement(controller), claimed_bounds(controller, controller.form), controller, any_reference
+    )
+
+
+def claimed_bounds(controller: Controller | ScheduledController, form: str) -> dict[str, Any]:
+    """Return the `PolicyCertificate.bounds` of a controller of a form."""
+    return {
+        "form": form,
         "alpha": controller.alpha,
         "gamma": controller.gamma,
         "controller_digest": controller.digest,
     }
-    # The proof of the paper's form includes the reference model, whose state must be the reference itself.
-    return PolicyCertificate(statement(controller), bounds, controller, any_reference=controller.form != "paper")
 
 
 def statement(controller: Controller) -> str:

@@ -22,11 +22,17 @@ from fuzzyarm.fuzzy_policy.proof.box_cover import cover
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, Claim, claim
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact, smallest_eigenvalue, stated
 from fuzzyarm.fuzzy_policy.proof.inertia_bounds import Bound, bounds
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED, PolicyCertificate, claimed_bounds
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest
-from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
 
-__all__ = ["certify_scheduled", "euclidean_gain", "schedule_rate", "scheduled_statement"]
+__all__ = [
+    "certify_scheduled",
+    "euclidean_gain",
+    "schedule_rate",
+    "scheduled_policy_certificate",
+    "scheduled_statement",
+]
 
 
 def certify_scheduled(
@@ -89,6 +95,12 @@ def _margin(bound: Bound, angles: np.ndarray) -> float:
     return min(smallest_eigenvalue(matrix) for matrix in matrices)
 
 
+def scheduled_policy_certificate(controller: ScheduledController) -> PolicyCertificate:
+    """Return what is proven of the policy that evaluates a controller's law as it stands."""
+    claimed = claimed_bounds(controller, FORM)
+    return PolicyCertificate(scheduled_statement(controller), claimed, controller, any_reference=True)
+
+
 def scheduled_statement(controller: ScheduledController) -> str:
     """Return what the certificate proves and what it does not, with the numbers of this controller."""
     robot, kept = controller.robot, controller.premises
@@ -105,9 +117,9 @@ def scheduled_statement(controller: ScheduledController) -> str:
         f"For the rigid arm of {len(robot)} joints in continuous time, as long as its angles lie in {ranges} rad"
         f"{' and ' + speeds if speeds else ', at any speed'}, and for every twice differentiable reference: without "
         f"disturbance the tracking error decays at least as exp(-{alpha} t), and the poles of the loop frozen at any "
-        f"such state have real parts below -{alpha} 1/s and moduli of at most {beta} 1/s. From zero error the L2 gain from the "
-        f"disturbance torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in the norms of the "
-        f"scheduled inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "
+        f"such state have real parts below -{alpha} 1/s and moduli of at most {beta} 1/s. From zero error the L2 "
+        f"gain from the disturbance torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in "
+        f"the norms of the scheduled inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "
         f"d holds friction other than viscous, tip forces and payload as joint torques. {NOT_COVERED}"
     )
 

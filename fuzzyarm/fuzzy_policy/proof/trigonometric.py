@@ -62,14 +62,18 @@ class TrigMatrix:
 
     def at(self, q: np.ndarray) -> np.ndarray:
         """Return the matrices (..., s, s) at angles (..., d) [rad], in floating point."""
-        values = np.broadcast_to(self.coefficients, (*q.shape[:-1], *self.coefficients.shape))
+        lanes = q.shape[:-1]
+        values = self.coefficients.reshape(1, -1)
         for k in range(self.angles):
-            c, s = np.cos(q[..., k]), np.sin(q[..., k])
+            c, s = np.cos(q[..., k]).ravel(), np.sin(q[..., k]).ravel()
             functions = np.stack([np.ones_like(c), c, s, c * c - s * s, 2.0 * c * s], axis=-1)
-            shape = (*q.shape[:-1], BASIS, -1)
-            rest = values.shape[q.ndim :]
-            values = (functions[..., np.newaxis, :] @ values.reshape(shape)).reshape(*q.shape[:-1], *rest)
-        return unpacked(values, self.size)
+            rows = values.reshape(len(values), BASIS, -1)
+            # The first angle is the same matrix for all: it is not copied for each of them.
+            values = functions @ rows[0] if k == 0 else (functions[:, np.newaxis] @ rows)[:, 0]
+        triangle = (self.coefficients.shape[-1],)
+        if self.angles == 0:
+            return unpacked(np.broadcast_to(self.coefficients, lanes + triangle), self.size)
+        return unpacked(values.reshape(lanes + triangle), self.size)
 
     def derivative(self, angle: int) -> TrigMatrix:
         """Return the derivative by one angle."""
@@ -89,13 +93,13 @@ class TrigMatrix:
 
 
 def packed(matrices: np.ndarray) -> np.ndarray:
-    """Return the lower triangles (..., s(s + 1)/2) of symmetric matrices, row by row."""
+    """Return the numbers of the lower triangles (..., s(s + 1)/2) of symmetric matrices (..., s, s), row by row."""
     row, column = np.tril_indices(matrices.shape[-1])
     return matrices[..., row, column]
 
 
 def unpacked(triangles: np.ndarray, size: int) -> np.ndarray:
-    """Return the symmetric matrices (..., s, s) of packed lower triangles."""
+    """Return the symmetric matrices (..., s, s) whose lower triangles hold the given numbers, see `packed`."""
     result = np.empty((*triangles.shape[:-1], size, size), dtype=triangles.dtype)
     row, column = np.tril_indices(size)
     result[..., row, column] = result[..., column, row] = triangles

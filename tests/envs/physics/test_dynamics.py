@@ -20,6 +20,7 @@ from fuzzyarm.envs.physics.dynamics import (
     tip_position,
 )
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.two_joints import two_joints
 
 SEEDS = range(6)
 STATES = 20
@@ -251,3 +252,19 @@ def test_bad_payload_mass_is_named(mass):
 def test_bad_payload_place_is_named():
     with pytest.raises(ValueError, match="payload at = 'elbow' is unknown; choose from: tip, link"):
         Payload(1.0, "elbow")
+
+
+def test_inverse_dynamics_and_mass_matrix_elementwise_are_those_of_arrays():
+    rng = np.random.default_rng(8)
+    arm = arm_constants(ArmParameters(), Payload(2.0))
+    q, dq, ddq = random_motion(rng)
+    physics = two_joints()
+    parts = (physics.PerJoint(*part.T) for part in (q, dq, ddq))
+    expected = rigid_inverse_dynamics(q, dq, ddq, arm)
+    np.testing.assert_allclose(np.stack(physics.inverse_dynamics(*parts, arm), axis=-1), expected, rtol=0.0, atol=1e-9)
+    (m11, m12), (m21, m22) = physics.mass_matrix(physics.PerJoint(*q.T), arm)
+    for column, unit in enumerate(np.eye(2)):
+        torque = rigid_inverse_dynamics(q, np.zeros_like(q), unit, arm)
+        column_of = np.stack([(m11, m12)[column], (m21, m22)[column]], axis=-1)
+        weight = np.stack(physics.gravity(physics.PerJoint(*q.T), arm), axis=-1)
+        np.testing.assert_allclose(column_of, torque - weight, rtol=0.0, atol=1e-9)

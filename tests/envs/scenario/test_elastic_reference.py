@@ -20,6 +20,9 @@ from fuzzyarm.envs.physics.dynamics import (
     tip_position,
 )
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.paths import Lemniscate, Line, Spline
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -200,3 +203,40 @@ def test_corners_of_a_reference_are_those_of_its_path_in_time():
     assert len(corners) == 4
     np.testing.assert_allclose(reference.tip(corners).position, WAYPOINTS, rtol=0.0, atol=1e-12)
     np.testing.assert_array_equal(JointReference().corners(), [0.0, 1.5])
+
+
+@pytest.mark.parametrize("name", ["planar-3r", "ur5"])
+def test_the_springs_of_a_robot_carry_what_its_links_need(name):
+    """B_t δ̇ + K_t δ = M q̈_d + C q̇_d + g, with derivatives that belong to the values."""
+    robot = robot_named(name)
+    reference = default_reference(robot)
+    elastic = ElasticReference(reference)
+    t = np.random.default_rng(0).uniform(0.05, reference.duration - 0.05, 20)
+    motion, links, h = elastic.sample(t), reference.sample(t), 1e-4
+    needed = inverse_dynamics(robot, *links)
+    bending, rate = motion.q - links.q, motion.dq - links.dq
+    given = robot.drive("damping") * rate + robot.drive("stiffness") * bending
+    np.testing.assert_allclose(given, needed, rtol=0, atol=1e-10)
+    differences = [
+        (after - before) / (2.0 * h) for after, before in zip(elastic.sample(t + h), elastic.sample(t - h), strict=True)
+    ]
+    np.testing.assert_allclose(differences[0], motion.dq, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(differences[1], motion.ddq, rtol=0, atol=1e-4)
+    assert np.abs(bending).max() > 1e-3
+    assert 0.0 < elastic.box_use < 1.0
+
+
+def test_a_robot_whose_motors_leave_their_range_says_so():
+    robot = robot_named("planar-3r")
+    reference = default_reference(robot)
+    motors = ElasticReference(reference).sample(np.linspace(0.0, reference.duration, 501)).q
+    links = reference.sample(np.linspace(0.0, reference.duration, 501)).q
+    k = int(np.argmax(motors.max(axis=0) - links.max(axis=0)))
+    highest, beyond = links[:, k].max(), motors[:, k].max()
+    assert beyond > highest + 1e-4
+    joints = list(robot.joints)
+    joints[k] = dataclasses.replace(robot.joints[k], angle_range=(-3.0, 0.5 * (highest + beyond)))
+    narrow = dataclasses.replace(robot, joints=tuple(joints))
+    same = dataclasses.replace(reference, robot=narrow)
+    with pytest.raises(ValueError, match=rf"theta_d{k + 1} = .* leaves the box; allowed: \[-3, "):
+        ElasticReference(same)

@@ -105,6 +105,7 @@ def test_files_are_pictures(written):
             assert min(picture.convert("L").getextrema()) < 128
 
 
+@pytest.mark.slow
 def test_a_second_run_gives_the_same_svg_whatever_the_global_settings_and_leaves_those_alone(written, tmp_path):
     _, folder, _ = written
     with matplotlib.rc_context({"font.size": 20.0, "xtick.direction": "in", "axes.labelpad": 30.0}):

@@ -7,21 +7,20 @@ import numpy as np
 import pytest
 from support.two_joints import hold
 
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, tip_jacobian
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, mass_matrix, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_target import MEMORY_SIZE, ElasticTarget
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import GRID
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
-    GRID,
-    LOAD,
-    MEASURED,
-    STATE,
     ObserverWeights,
+    estimate_parts,
     gain_tables,
     sampled_arm,
+    state_part,
 )
 
 ARM = ArmParameters()
@@ -39,6 +38,8 @@ LIGHT = ArmParameters(
     torque_limit=(60.0, 25.0),
 )
 PERIOD = 1e-3
+MEMORY_SIZE, STATE, LOAD = memory_size(2), state_part(2), estimate_parts(2).load
+MEASURED = [0, 1, 4, 5]  # motor angles and velocities, of x
 WEIGHTS = ObserverWeights()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 POSTURE = np.array([0.4, 1.1])
@@ -56,6 +57,12 @@ def move(states, torque, force, parameters, substeps=5):
     arm = np.repeat(np.array(arm_constants(parameters))[:, np.newaxis], len(states), axis=1)
     hold(moved, np.ascontiguousarray(np.transpose(torque)), held, arm, PERIOD / substeps, substeps)
     return moved.T
+
+
+def inertia_at(cos2, parameters):
+    """M_b at cos q2."""
+    m11, m12, m22 = mass_matrix(cos2, arm_constants(parameters))
+    return np.array([[m11, m12], [m12, m22]])
 
 
 def interpolated(table, cos2):
@@ -145,7 +152,7 @@ def test_the_sampled_arm_is_the_slope_of_the_compiled_plant(cos2):
     points = rest + np.vstack([np.diag(steps), -np.diag(steps)])
     ahead, behind = np.split(move(points[:, :8], points[:, 8:10], points[:, 10:], plant, substeps=200), 2)
     slope = np.transpose(ahead - behind) / (2 * steps)
-    A, B = sampled_arm(plant, PERIOD, cos2)
+    A, B = sampled_arm(plant, PERIOD, inertia_at(cos2, plant))
     expected = np.hstack([A[STATE, STATE], B[STATE], A[STATE, LOAD] @ tip_jacobian(q, plant.length).T])
     scale = np.abs(expected).max(axis=0)
     np.testing.assert_allclose(slope / scale, expected / scale, atol=2e-6)
@@ -155,8 +162,8 @@ def test_the_sampled_arm_is_the_slope_of_the_compiled_plant(cos2):
 def test_gains_are_the_limits_of_the_riccati_recursions():
     """Dynamic programming backwards for K, the Kalman filter forwards for L."""
     parameters, limit, place = LIGHT, np.array(LIGHT.torque_limit), 2
-    feedback, observer = gain_tables(parameters, PERIOD, WEIGHTS)
-    A, B = sampled_arm(parameters, PERIOD, GRID[place])
+    _, feedback, observer = gain_tables(parameters, PERIOD, WEIGHTS)
+    A, B = sampled_arm(parameters, PERIOD, inertia_at(GRID[place], parameters))
     a, b, C = A[STATE, STATE], B[STATE], np.eye(10)[MEASURED]
     Q, R = np.zeros((8, 8)), np.diag(1 / limit**2)
     Q[2:4, 2:4], Q[6:8, 6:8] = np.eye(2) / WEIGHTS.link_angle**2, np.eye(2) / WEIGHTS.link_velocity**2
@@ -177,10 +184,10 @@ def test_gains_are_the_limits_of_the_riccati_recursions():
 
 @pytest.mark.parametrize(("parameters", "period"), [(ARM, 1e-3), (ARM, 5e-3), (LIGHT, 5e-4)])
 def test_interpolated_gains_are_stable_between_the_grid_points(parameters, period):
-    feedback, observer = gain_tables(parameters, period, WEIGHTS)
+    _, feedback, observer = gain_tables(parameters, period, WEIGHTS)
     C = np.eye(10)[MEASURED]
     for cos2 in np.linspace(-1.0, 1.0, 49):
-        A, B = sampled_arm(parameters, period, cos2)
+        A, B = sampled_arm(parameters, period, inertia_at(cos2, parameters))
         K, L = interpolated(feedback, cos2), interpolated(observer, cos2)
         for matrix in (A[STATE, STATE] - B[STATE] @ K, A @ (np.eye(10) - L @ C)):
             assert np.abs(np.linalg.eigvals(matrix)).max() < 1.0

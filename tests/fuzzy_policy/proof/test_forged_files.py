@@ -17,7 +17,8 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.frozen import find_worst_point, gain_at, pole_rate
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.verification import verify_file
-from fuzzyarm.fuzzy_policy.controller import GAINS, LARGEST, RATES, Controller, ControllerFileError, _digest
+from fuzzyarm.fuzzy_policy.controller import GAINS, LARGEST, RATES, Controller, ControllerFileError
+from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
@@ -43,7 +44,7 @@ def signed(document, folder):
     """Write a document with a digest that fits it, as somebody would who knows the format."""
     content = {key: value for key, value in document.items() if key != "digest"}
     path = Path(folder) / "forged.json"
-    path.write_text(json.dumps({**content, "digest": _digest(content)}))
+    path.write_text(json.dumps({**content, "digest": digest_of(content)}))
     return path
 
 

@@ -53,7 +53,7 @@ class FrozenObserver(Policy):
         """
         super().__init__(policy.parameters, policy.control_period)
         self._postures, self._gains = _gains_along_path(policy)
-        arm = self.parameters
+        arm = policy.arm
         if not dry_friction:
             arm = dataclasses.replace(arm, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
         base, slopes = affine_constants(arm)
@@ -66,7 +66,7 @@ class FrozenObserver(Policy):
 
 def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.ndarray]:
     """Return postures (k, n) and the gains there (k, 4 n + components of a force, 2 n)."""
-    arm, period = policy.parameters, policy.control_period
+    arm, period = policy.arm, policy.control_period
     reference = JointReference(parameters=arm)
     steps = int(reference.duration / period)
     motion = reference.sample(period * np.arange(steps))

@@ -100,15 +100,14 @@ class AdaptivePasses:
             state.other_path |= np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH
         torque = np.empty((lanes, JOINTS))
         self.policy.act_with(seen, state.memory, torque, _window(state, sample))
-        jacobian = tip_jacobian(q, self.policy.parameters.length)
+        jacobian = tip_jacobian(q, self.policy.arm.length)
         velocity = (jacobian @ observed(seen).dq_reference[..., np.newaxis])[..., 0]
         speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
         state.references.append(q)
         state.forces.append(state.memory[:, _MEMORY.z][:, _STATES : _STATES + FORCES].copy())
         state.variances.append(state.memory[:, _DIAGONAL].copy())
         state.travels.append(np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0))
-        limit = np.array(self.policy.parameters.torque_limit)
-        torque = np.clip(torque, -limit, limit)
+        torque = self.policy.clipped(torque)
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 
     def begin_pass(self, state: PassState) -> PassState:

@@ -20,6 +20,7 @@ import dataclasses
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
@@ -94,6 +95,7 @@ class AdaptiveObserverPolicy(Policy):
     """Identification, observer, regulator and elastic target; the law is in the module's docstring.
 
     Attributes:
+        arm: the arm, as the controller knows it.
         weights: of the filter and of the regulator.
         fallback: what acts in lanes whose filter has diverged.
         settings: what the compiled law takes.
@@ -117,7 +119,8 @@ class AdaptiveObserverPolicy(Policy):
         Raises:
             ValueError: the control period is out of range, or there are no gains for these arguments.
         """
-        super().__init__(ArmParameters() if parameters is None else parameters, control_period)
+        self.arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
+        super().__init__(self.arm, control_period)
         self.weights = weights or AdaptiveWeights()
         self.fallback = fallback or TipPolicy(ComputedTorquePolicy(self.parameters, control_period))
         self.memory_size = _OWN + self.fallback.memory_size
@@ -155,7 +158,7 @@ class AdaptiveObserverPolicy(Policy):
         # F = H (f_t, F_x, F_y), with the direction of travel and the unit vectors as columns
         reference = own[..., _MEMORY.references].reshape(*shape, -1, 3, JOINTS)[..., 0, :, :]
         q, dq = reference[..., 0, :], reference[..., 1, :]
-        velocity = (tip_jacobian(q, self.parameters.length) @ dq[..., np.newaxis])[..., 0]
+        velocity = (tip_jacobian(q, self.arm.length) @ dq[..., np.newaxis])[..., 0]
         speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
         travel = np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
         H = np.concatenate([travel[..., np.newaxis], np.broadcast_to(np.eye(2), (*shape, 2, 2))], axis=-1)
@@ -178,7 +181,7 @@ class AdaptiveObserverPolicy(Policy):
 
     def _arranged(self) -> Settings:
         """Return what the kernel takes."""
-        arm, weights, period = self.parameters, self.weights, self.control_period
+        arm, weights, period = self.arm, self.weights, self.control_period
         base, slopes = affine_constants(arm)
         low, high = allowed(arm, float(LONGEST_LATENESS))
         shake = weights.motor_torque * self._torque_limit / np.array(arm.motor_inertia)

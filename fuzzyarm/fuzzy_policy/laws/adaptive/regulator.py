@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
-from fuzzyarm.fuzzy_policy.laws.observer_gains import GRID, ObserverWeights, feedback_gain, sampled_arm
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import GRID
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, feedback_gain, sampled_arm
 
 __all__ = ["feedback_at", "feedback_table"]
 
@@ -27,7 +28,8 @@ def feedback_table(parameters: ArmParameters, control_period: float, weights: Ad
     table = np.empty((PAYLOADS, len(GRID), len(limit), 4 * len(limit)))
     for row, mass in enumerate(np.linspace(0.0, HEAVIEST * sum(parameters.mass), PAYLOADS)):
         for column, cos2 in enumerate(GRID):
-            A, B = sampled_arm(parameters, control_period, float(cos2), Payload(mass))
+            m11, m12, m22 = mass_matrix(float(cos2), arm_constants(parameters, Payload(mass)))
+            A, B = sampled_arm(parameters, control_period, np.array([[m11, m12], [m12, m22]]))
             try:
                 table[row, column] = feedback_gain(A, B, limit, costs)
             except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either

@@ -68,7 +68,7 @@ class AdaptiveWeights:
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
     gate: float = 1.4
-    dead_zone: float = 8.9
+    dead_zone: float = 16.0
 
     def __post_init__(self) -> None:
         """Check the weights."""

@@ -1,0 +1,143 @@
+"""Speed of the generated equations of motion: ns a sub-step and lane, beside the hand-written ones and MuJoCo.
+
+    python benchmarks/robot_speed.py [--json FILE]
+
+One thread, 1,024 lanes in blocks of 32, float64, a tip force and every constant per lane. MuJoCo steps the same
+elastic robot, one environment in its C loop: each joint is two hinges of one body, the motor angle with the rotor as
+armature, and the twist with spring and damper. Passes that the arm has no use for are off; its dry friction is a soft
+constraint without a static peak. Times are processor times of the thread, alternating, the median of seven rounds.
+About two minutes, half of it compilation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+
+import mujoco
+import numpy as np
+
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.generated import physics_of
+from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.eval.provenance import current_provenance
+
+H = 2e-4  # s, a sub-step
+LANES, SUBSTEPS, PEER_STEPS, ROUNDS = 1024, 50, 2000, 7
+ROBOTS = ("paper", "planar-3r", "ur5", "panda")
+UNUSED = (
+    "contact equality limit actuation clampctrl warmstart filterparent sensor midphase nativeccd island refsafe "
+    "eulerdamp"
+)
+
+
+def elastic_mjcf(robot: Robot) -> str:
+    """Return the elastic robot as MJCF."""
+
+    def numbers(values: object) -> str:
+        return " ".join(repr(float(value)) for value in np.ravel(np.asarray(values)))
+
+    body = ""
+    for joint in reversed(robot.joints):
+        rotation, inertia, drive = np.array(joint.rotation), np.array(joint.link.inertia), joint.drive
+        moments = numbers([*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]])
+        axis = numbers(joint.axis)
+        body = f"""<body pos="{numbers(joint.position)}" xyaxes="{numbers(rotation[:, :2].T)}">
+          <inertial pos="{numbers(joint.link.center)}" mass="{joint.link.mass!r}" fullinertia="{moments}"/>
+          <joint axis="{axis}" armature="{drive.motor_inertia!r}" damping="{drive.viscous_friction!r}"
+            frictionloss="{drive.coulomb_friction!r}"/>
+          <joint axis="{axis}" stiffness="{drive.stiffness!r}" damping="{drive.damping!r}"/>{body}</body>"""
+    flags = " ".join(f'{name}="disable"' for name in UNUSED.split())
+    return f"""<mujoco><option timestep="{H!r}" integrator="Euler" gravity="{numbers(robot.gravity)}" solver="PGS"
+      iterations="1" tolerance="0" jacobian="dense"><flag {flags}/></option><worldbody>{body}</worldbody></mujoco>"""
+
+
+def ours(physics: Physics, constants: np.ndarray, robot: Robot) -> Callable[[], float]:
+    """Return a function that takes ns a sub-step and lane of our kernel."""
+    joints, generator = len(robot), np.random.default_rng(0)
+    state = np.zeros((4 * joints, LANES))
+    state[:joints] = state[joints : 2 * joints] = generator.uniform(-1.0, 1.0, (joints, LANES))
+    torque = 0.2 * robot.drive("torque_limit")[:, np.newaxis] * generator.uniform(-1.0, 1.0, (joints, LANES))
+    force = generator.uniform(-5.0, 5.0, (2 * physics.axes, LANES))
+    arm, hold = np.repeat(constants[:, np.newaxis], LANES, axis=1), hold_of(physics)
+
+    def measure() -> float:
+        lanes = state.copy()
+        start = time.thread_time()
+        hold(lanes, torque, force, arm, H, SUBSTEPS)
+        elapsed = time.thread_time() - start
+        if not np.isfinite(lanes).all():
+            raise RuntimeError(f"{robot.name}: the state is not finite")
+        return 1e9 * elapsed / (LANES * SUBSTEPS)
+
+    measure()
+    return measure
+
+
+def peer(robot: Robot) -> Callable[[], float]:
+    """Return a function that takes ns a time step of MuJoCo."""
+    model = mujoco.MjModel.from_xml_string(elastic_mjcf(robot))
+    data = mujoco.MjData(model)
+
+    def measure() -> float:
+        mujoco.mj_resetData(model, data)
+        data.qvel[:] = 0.5
+        start = time.thread_time()
+        mujoco.mj_step(model, data, nstep=PEER_STEPS)
+        elapsed = time.thread_time() - start
+        if not np.isfinite(data.qpos).all():
+            raise RuntimeError(f"{robot.name}: MuJoCo's state is not finite")
+        return 1e9 * elapsed / PEER_STEPS
+
+    measure()
+    return measure
+
+
+def main() -> None:
+    """Measure, print the table, and write it with `--json`."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="write the results to this file")
+    options = parser.parse_args()
+    entries = {"hand-written": ours(two_joints(), np.array(arm_constants(ArmParameters())), robot_named("paper"))}
+    for name in ROBOTS:
+        robot, physics = robot_named(name), physics_of(robot_named(name))
+        entries[name] = ours(physics, np.array(physics.constants(physics.plant_of(robot), 0.0, 0.0, 0.0)), robot)
+        entries[f"{name} MuJoCo"] = peer(robot)
+    times: dict[str, list[float]] = {name: [] for name in entries}
+    for _ in range(ROUNDS):
+        for name, measure in entries.items():
+            times[name].append(measure())
+    found = {name: median(values) for name, values in times.items()}
+    rows = [
+        {
+            "robot": name,
+            "joints": len(robot_named(name)),
+            "ns": found[name],
+            "mujoco_ns": found[f"{name} MuJoCo"],
+            "ratio": found[f"{name} MuJoCo"] / found[name],
+        }
+        for name in ROBOTS
+    ]
+    print(f"hand-written two joints: {found['hand-written']:.1f} ns a sub-step and lane")
+    for row in rows:
+        print(
+            f"{row['robot']} ({row['joints']} joints): {row['ns']:.1f} ns; "
+            f"MuJoCo {row['mujoco_ns']:.0f} ns, {row['ratio']:.0f} times that"
+        )
+    if options.json:
+        result = {"command": "python benchmarks/robot_speed.py", **current_provenance()}
+        result |= {"hand_written_ns": found["hand-written"], "rows": rows}
+        write_atomically(options.json, json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

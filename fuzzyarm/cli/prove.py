@@ -1,0 +1,111 @@
+"""`fuzzyarm prove`: a proven bound of the tip error of a policy on the elastic, sampled arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import UsageError, output_file
+
+if TYPE_CHECKING:
+    from fuzzyarm.eval.certified.tip.bound import TipClaim
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Prove a bound of the largest tip error at any sample of a motion, for every plant of a set.
+
+    The elastic joints, the held torque, the limits of the torque and the dry friction are part of what is proven. The
+    exit code is 1, with one line that says why, where no bound is found.
+    """
+
+    policy: Annotated[str, Parameter(metavar="NAME")] = "fuzzy-4-tip"
+    """Policy: fuzzy-4, computed-torque, ... with or without -tip, or a controller file (.json, .json-tip)"""
+    case: Annotated[str, Parameter(metavar="NAME")] = "nominal"
+    """Case: nominal, machining or payload"""
+    set: Annotated[str, Parameter(metavar="NAME|FILE")] = "table-1"
+    """Set of plants: table-1, any-friction, near, near-late, or a TOML file with ranges of factors"""
+    path: Literal["circle", "lemniscate"] = "circle"
+    """Path of the tip"""
+    duration: float = 1.5
+    """Of the motion [s]"""
+    steps: Annotated[int | None, Parameter(metavar="N")] = None
+    """Bound the first N control steps of the motion (default: all)"""
+    out: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """File of the bound to write (.json; default: none), which fuzzyarm verify checks again"""
+    cells: Annotated[tuple[str, int] | None, Parameter(metavar="FIELD N")] = None
+    """Divide the range of the payload or of the force into N cells, each with a tube of its own (default: one tube)"""
+    jobs: int = 1
+    """Processes that work on the cells"""
+    json: bool = False
+    """Print the result as JSON"""
+
+
+def run(options: Options) -> int:
+    """Print the bound, and write its file."""
+    import json
+
+    from fuzzyarm.common.console import escaped, progress, say
+    from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, problem_of
+    from fuzzyarm.eval.certified.tip.bound_file import save_bound
+    from fuzzyarm.eval.certified.tip.enclosures import NoBound
+    from fuzzyarm.eval.certified.tip.plant_set import find_set
+
+    if options.out is not None:
+        output_file(options.out, ".json")
+    plants = find_set(options.set)
+    claim = TipClaim(options.policy, options.case, options.set, plants, options.path, options.duration, options.steps)
+    try:
+        if options.cells is not None:
+            found, text = _by_cells(options, claim)
+        else:
+            with progress("proving", problem_of(claim).schedule.steps) as advance:
+                bound = find_bound(claim, advance)
+            if options.out is not None:
+                save_bound(bound, options.out)
+            found, text = bound.to_dict(), bound.to_text()
+    except NoBound as error:
+        named = {"policy": options.policy, "case": options.case, "set": options.set}
+        found = named | {"proven": False, "bound": None, "reason": str(error)}
+        if not options.json:
+            say(escaped(str(error)), error=True)
+            return 1
+    say(json.dumps(found, indent=1) if options.json else text)
+    return 0 if found["proven"] else 1
+
+
+def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
+    """Return the result by cells as plain data and as text; `NoBound` names the first cell without a bound."""
+    from fuzzyarm.common.checks import whole
+    from fuzzyarm.common.console import escaped, progress
+    from fuzzyarm.common.rounding import at_most
+    from fuzzyarm.eval.certified.tip.bound import problem_of
+    from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
+    from fuzzyarm.eval.certified.tip.enclosures import NoBound
+
+    if options.out is not None:
+        raise UsageError("--out takes one tube; give each cell a set of its own, or leave out --cells")
+    field, number = options.cells or ("", 1)
+    count, jobs = whole("--cells", number, low=1, high=1000), whole("--jobs", options.jobs, low=1, high=64)
+    problem_of(claim)
+    found: list[dict[str, Any]] = []
+    bounds = []
+    with progress("cells", count) as advance:
+        for cell in bounds_of_cells(claim, field, count, jobs):
+            if cell.bound is None:
+                raise NoBound(f"{field} from {getattr(cell.plants, field)[0]:g}: {cell.reason}")
+            found.append({field: list(getattr(cell.plants, field)), "bound": cell.bound})
+            bounds.append(cell.bound)
+            advance()
+    most = max(bounds)
+    named = {"policy": options.policy, "case": options.case, "set": options.set}
+    text = f"{options.policy}, {options.case}, set {options.set}, {count} cells of {field}"
+    return (
+        named | {"proven": True, "bound": most, "cells": found},
+        f"{escaped(text)}: the tip error is at most {at_most(1e3 * most, 4)} mm at every sample: PROVEN",
+    )

@@ -1,0 +1,168 @@
+"""A proven bound of the tip error: how it is found, what it says, its file, and how the file is checked again."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.checks import choice, whole
+from fuzzyarm.common.console import escaped
+from fuzzyarm.common.rounding import at_most
+from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, TipPath
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.certified.tip.centre import Segment
+from fuzzyarm.eval.certified.tip.enclosures import NoBound
+from fuzzyarm.eval.certified.tip.laws import asked, ball_law
+from fuzzyarm.eval.certified.tip.period import Claim
+from fuzzyarm.eval.certified.tip.plant import ball_plant
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
+from fuzzyarm.eval.certified.tip.zonotope import SOURCES
+from fuzzyarm.policies import load_policy
+
+__all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "problem_of"]
+
+PATHS: dict[str, TipPath] = {"circle": Circle(), "lemniscate": Lemniscate((0.4, 0.5), 0.2)}
+"""Paths of the tip by name: the paper's circle, and an eight of the same width."""
+
+PLANAR = 2  # coordinates of the tip
+PERIOD = 1e-3  # control period [s], the environment's own
+
+Claims = Sequence[Sequence[tuple[Segment, Claim]]]
+
+
+@dataclasses.dataclass(frozen=True)
+class TipClaim:
+    """What a bound is claimed for.
+
+    Attributes:
+        policy: name of the policy.
+        case: name of the case, whose payload and tip force act.
+        set_name: what the set is called.
+        plants: the set.
+        path: one of `PATHS`.
+        duration: of the motion [s].
+        steps: how many control steps of the motion are bounded; None: all.
+    """
+
+    policy: str
+    case: str
+    set_name: str
+    plants: PlantSet
+    path: str = "circle"
+    duration: float = 1.5
+    steps: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class TipBound:
+    """A bound that is proven.
+
+    Attributes:
+        claim: what it is proven for.
+        tip: bound of the tip error at the end of each control step [m].
+        sources: of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m].
+        steps: the tube; empty if it was not kept.
+        seconds: that the proof took.
+    """
+
+    claim: TipClaim
+    tip: np.ndarray
+    sources: np.ndarray
+    steps: tuple[Step, ...]
+    seconds: float
+
+    @property
+    def largest(self) -> float:
+        """The bound of the largest tip error at any sample [m]."""
+        return float(self.tip.max())
+
+    def spent(self) -> dict[str, float]:
+        """Return what the largest bound is made of, in metres by source."""
+        names = [*SOURCES, "uncertain constants", "centre"]
+        return dict(zip(names, self.sources[int(self.tip.argmax())].tolist(), strict=True))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        return {
+            "policy": self.claim.policy,
+            "case": self.claim.case,
+            "set": self.claim.set_name,
+            "path": self.claim.path,
+            "duration": self.claim.duration,
+            "proven": True,
+            "bound": self.largest,
+            "sample": int(self.tip.argmax()) + 1,
+            "samples": len(self.tip),
+            "spent": self.spent(),
+            "seconds": self.seconds,
+        }
+
+    def to_text(self) -> str:
+        """Return the result as text."""
+        c, spent = self.claim, self.spent()
+        parts = ", ".join(f"{name} {at_most(1e3 * x, 2)}" for name, x in spent.items() if x > 1e-3 * self.largest)
+        at = PERIOD * (int(self.tip.argmax()) + 1)
+        what = escaped(f"{c.policy}, {c.case}, set {c.set_name}")
+        return (
+            f"{what}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm\n"
+            f"  at every one of {len(self.tip)} samples of the {c.path} in {c.duration:g} s: PROVEN "
+            f"in {self.seconds:.0f} s\n"
+            f"  largest at t = {at:.3f} s; made of, in mm: {parts}"
+        )
+
+
+def problem_of(claim: TipClaim) -> Problem:
+    """Return the problem that a claim is about; ValueError for an unknown name, `NoBound` for a policy without law."""
+    case = find_case(claim.case)
+    parameters = ArmParameters()
+    path = PATHS[choice("path", claim.path, tuple(PATHS))]
+    reference = JointReference(path=path, duration=claim.duration, parameters=parameters)
+    policy = load_policy(claim.policy, control_period=PERIOD, robot=parameters)
+    schedule = Schedule.build(reference, case.disturbance, PERIOD, PLANAR)
+    if claim.steps is not None:
+        steps = whole("steps", claim.steps, low=1, high=schedule.steps)
+        schedule = dataclasses.replace(schedule, table=schedule.table[: steps + 1])
+    if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
+        raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
+    plant = ball_plant(parameters, case.disturbance, claim.plants)
+    law = ball_law(policy)
+    _, info = FuzzyArmEnv(claim.case, reference=reference).reset()
+    start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
+    return Problem(parameters, start, schedule, PERIOD, law, asked(policy, schedule.references), claim.plants, plant)
+
+
+def find_bound(claim: TipClaim, advance: Callable[[], object] = lambda: None, claims: Claims | None = None) -> TipBound:
+    """Return a proven bound for a claim.
+
+    Args:
+        claim: what is to be proven.
+        advance: called after each control step.
+        claims: tubes to be confirmed, as a file has them; None: they are searched.
+
+    Raises:
+        NoBound: there is none; the message says when and what stands in its way.
+        ValueError: a name is unknown, or the case's tip force or payload does not go with the arm.
+    """
+    begin = time.perf_counter()
+    problem = problem_of(claim)
+    steps: list[Step] = []
+    try:
+        for step in Tube(problem, claims):
+            steps.append(step)
+            advance()
+    except ValueError as error:
+        raise NoBound(
+            f"{claim.policy}, {claim.case}, set {claim.set_name}: "
+            f"no bound beyond t = {PERIOD * len(steps):.3f} s: {error}"
+        ) from None
+    tip, sources = np.array([s.tip for s in steps]), np.array([s.sources for s in steps])
+    return TipBound(claim, tip, sources, tuple(steps), time.perf_counter() - begin)

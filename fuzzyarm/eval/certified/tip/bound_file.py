@@ -1,0 +1,181 @@
+"""The file of a proven bound: the claim, and the centre and the radii of the tube, from which it can be checked again.
+
+It holds numbers only. Every float is the shortest decimal that identifies it, so it is read back exactly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.checks import finite_array, real
+from fuzzyarm.common.console import escaped
+from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.rounding import at_most
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.eval.certified.tip.bound import Claims, TipBound, TipClaim, find_bound
+from fuzzyarm.eval.certified.tip.centre import DEGREE, Mode, Segment
+from fuzzyarm.eval.certified.tip.enclosures import NoBound
+from fuzzyarm.eval.certified.tip.friction import Plan
+from fuzzyarm.eval.certified.tip.period import Claim
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.transition import ROW_COUNT, STATES
+from fuzzyarm.policies import resolve
+
+__all__ = ["SCHEMA", "BoundCheck", "check_bound", "is_bound", "read_bound", "save_bound"]
+
+SCHEMA = "fuzzyarm-tip-bound/1"
+"""Of the file of a bound."""
+
+MAX_BYTES = 16 * 2**20
+LARGEST = 1e6  # of any number of a tube
+
+
+@dataclasses.dataclass(frozen=True)
+class _Part:
+    """A segment as it stands in the file."""
+
+    duration: float
+    modes: list[int]
+    plans: list[str]
+    angles: list[list[float]]
+    end: list[float]
+    tube: list[float]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Document:
+    """The content of a file."""
+
+    schema: str
+    policy: str
+    files: dict[str, str]
+    case: str
+    set_name: str
+    plants: dict[str, Any]
+    path: str
+    duration: float
+    bound: float
+    tip: list[float]
+    steps: list[list[_Part]]
+
+
+@dataclasses.dataclass(frozen=True)
+class BoundCheck:
+    """What the check of a file found.
+
+    Attributes:
+        path: the file.
+        claim: what it claims a bound for.
+        bound: that it claims [m].
+        reason: why it is not proven; empty if it is.
+        seconds: that the check took.
+    """
+
+    path: Path
+    claim: TipClaim
+    bound: float
+    reason: str
+    seconds: float
+
+    @property
+    def proven(self) -> bool:
+        """Whether every period of the tube was confirmed."""
+        return not self.reason
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        c = self.claim
+        named = {"file": str(self.path), "policy": c.policy, "case": c.case, "set": c.set_name}
+        return {**named, "proven": self.proven, "bound": self.bound, "reason": self.reason, "seconds": self.seconds}
+
+    def to_text(self) -> str:
+        """Return the result as text."""
+        c = self.claim
+        most = at_most(1e3 * self.bound, 4)
+        what = f"the tip error of {escaped(f'{c.policy}, case {c.case}, set {c.set_name}')} is at most {most} mm"
+        head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
+        return f"{head}\n  {what}" if self.proven else f"{head}\n  claimed: {what}\n  {escaped(self.reason)}"
+
+
+def save_bound(bound: TipBound, path: Path) -> None:
+    """Write the file of a proven bound, atomically."""
+    c = bound.claim
+    steps = [
+        [
+            _Part(
+                segment.duration, [int(m) for m in segment.modes], [p.value for p in closed.plans],
+                segment.angles.tolist(), segment.end.tolist(), closed.tube.tolist(),
+            )
+            for segment, closed in zip(step.segments, step.closed, strict=True)
+        ]
+        for step in bound.steps
+    ]  # fmt: skip
+    document = _Document(
+        SCHEMA, c.policy, resolve(c.policy).files(), c.case, c.set_name, c.plants.to_dict(), c.path, c.duration,
+        bound.largest, bound.tip.tolist(), steps,
+    )  # fmt: skip
+    write_atomically(path, json.dumps(dataclasses.asdict(document)) + "\n")
+
+
+def is_bound(path: Path) -> bool:
+    """Return whether a file begins as the file of a bound does; OSError if it cannot be read."""
+    with open_regular(path) as file:
+        return SCHEMA.encode() in file.read(64)
+
+
+def read_bound(path: Path) -> tuple[TipClaim, _Document, Claims]:
+    """Read a file; ValueError or OSError where it is none or damaged, or its policy has changed."""
+    content = read_json(path, largest=MAX_BYTES)
+    try:
+        document = record(check_schema(content, SCHEMA), _Document)
+        claim = TipClaim(
+            document.policy, document.case, document.set_name, PlantSet.from_dict(document.plants), document.path,
+            document.duration, len(document.tip),
+        )  # fmt: skip
+        real("bound", document.bound, "m", low=0.0)
+        if resolve(document.policy).files() != document.files:
+            raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")
+        return claim, document, [[_claimed(part) for part in step] for step in document.steps]
+    except (TypeError, ValueError) as error:
+        raise DocumentError(f"{path}: {error}") from None
+
+
+def _claimed(part: _Part) -> tuple[Segment, Claim]:
+    modes = tuple(Mode(m) for m in part.modes)
+    plans = tuple(Plan(p) for p in part.plans)
+    if len(modes) != JOINTS or len(plans) != JOINTS:
+        raise ValueError(f"a segment has {len(modes)} modes and {len(plans)} plans; needed: {JOINTS}")
+    angles = finite_array("angles", part.angles, (2 * JOINTS, DEGREE + 1), largest=LARGEST)
+    end = finite_array("end", part.end, (STATES,), largest=LARGEST)
+    tube = finite_array("tube", part.tube, (ROW_COUNT,), largest=LARGEST)
+    duration = real("duration", part.duration, "s", above=0.0)
+    return Segment(angles, modes, duration, end), Claim(tube, plans)
+
+
+def check_bound(path: Path) -> BoundCheck:
+    """Check a file again: every period of the claimed tube is confirmed, without any search.
+
+    Raises:
+        ValueError: no such file, or it is damaged, or its policy has changed.
+        OSError: the file cannot be read.
+    """
+    claim, document, claims = read_bound(path)
+    begin, reason = time.perf_counter(), ""
+    try:
+        found = find_bound(claim, claims=claims)
+        if found.tip.shape != (len(document.tip),) or not (found.tip <= np.array(document.tip) * (1 + 1e-9)).all():
+            reason = "a bound of the tip is larger than the file says"
+        elif not document.bound * (1 + 1e-9) >= found.largest:
+            reason = f"the tip may err by {at_most(1e3 * found.largest, 4)} mm"
+    except NoBound as error:
+        reason = str(error)
+    except IndexError:
+        reason = "the file ends before the motion does"
+    return BoundCheck(path, claim, document.bound, reason, time.perf_counter() - begin)

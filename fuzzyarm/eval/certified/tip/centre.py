@@ -1,0 +1,217 @@
+"""The centre of the tube: polynomial motions in floats. Nothing of it has to be exact.
+
+On a segment the angles are polynomials of degree 7 in s in [-1, 1], found by collocation: the accelerations are those
+of the arm at the Gauss points of s, and the angles their integrals. What the polynomials miss of the equations is
+bounded afterwards (`defects`), and the friction that the centre has is whatever its motor needs for its motion. A
+motor slips or rests; where that changes within a period, the period is divided there.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, solve_mass_matrix, tip_force_torque
+from fuzzyarm.envs.physics.friction import stribeck_magnitude
+
+__all__ = ["DEGREE", "Centre", "Mode", "Segment"]
+
+DEGREE = 7
+"""Of the polynomials of the angles."""
+
+NODES = DEGREE - 1
+ITERATIONS = 14  # of the collocation; each gains a digit or two
+SAMPLES = 33  # of a segment, at which changes of mode are looked for
+MOST_SEGMENTS = 8  # in a period
+SHORTEST = 1e-6  # share of the rest of a period, below which a change of mode is passed over
+
+
+class Mode(enum.IntEnum):
+    """What the friction of a motor of the centre is, in one segment."""
+
+    BACKWARD = -1
+    """F(v), for a negative velocity."""
+    FREE = 0
+    """A constant torque."""
+    FORWARD = 1
+    """-F(v), for a positive velocity."""
+    REST = 2
+    """What holds the motor at rest."""
+
+
+class Segment(NamedTuple):
+    """The centre in a period, or in a part of one.
+
+    Attributes:
+        angles: coefficients of θ_1, θ_2, q_1, q_2 [rad] in s in [-1, 1], (4, DEGREE + 1), the constant first.
+        modes: of both motors.
+        duration: [s].
+        end: state (8,) at the end, in the order θ, q, θ̇, q̇.
+    """
+
+    angles: np.ndarray
+    modes: tuple[Mode, ...]
+    duration: float
+    end: np.ndarray
+
+
+class Centre:
+    """Makes the centre of one period after the other, for an arm and a control period T [s]."""
+
+    def __init__(self, arm: Arm, period: float) -> None:
+        """Prepare the collocation for the constants of an arm and T [s]."""
+        self._arm, self._period = arm, period
+        self._static, self._grain = (arm.static1, arm.static2), math.ulp(period)
+        nodes, _ = np.polynomial.legendre.leggauss(NODES)
+        vandermonde = np.linalg.inv(np.vander(nodes, NODES, increasing=True))
+        once, twice = np.zeros((NODES + 1, NODES)), np.zeros((DEGREE + 1, NODES))
+        for i in range(NODES):
+            once[i + 1, i], once[0, i] = 1.0 / (i + 1), (-1.0) ** i / (i + 1)  # ∫ from s = -1
+        for i in range(NODES + 1):
+            twice[i + 1] += once[i] / (i + 1)
+            twice[0] -= once[i] * (-1.0) ** (i + 1) / (i + 1)
+        self._nodes = nodes
+        self._velocity, self._angle = once @ vandermonde, twice @ vandermonde  # accelerations to coefficients
+        self._velocity_at = np.vander(nodes, NODES + 1, increasing=True) @ self._velocity
+        self._angle_at = np.vander(nodes, DEGREE + 1, increasing=True) @ self._angle
+
+    def segments(
+        self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, drags: Sequence[float | None]
+    ) -> Iterator[Segment]:
+        """Yield the centre of a period, in segments on which no motor changes its mode.
+
+        Args:
+            state: at the start (8,).
+            torque: held (2,) [N m].
+            force: x, y at the middle of the period, and their change over it (4,) [N].
+            drags: for each motor the constant friction torque that it has [N m]; None: that of the law.
+        """
+        begun = 0.0
+        for count in range(MOST_SEGMENTS):
+            modes = self._modes(state, torque, drags)
+            torques = torque + [drag or 0.0 for drag in drags]
+            left = self._period - begun
+            found = self._solved(state, torques, _part(force, begun, left, self._period), modes, left)
+            at, who = self._first_change(found, torque) if count < MOST_SEGMENTS - 1 else (1.0, 0)
+            if at <= SHORTEST and state[4 + who]:
+                # A velocity that is zero but for rounding, and on the wrong side, is set to zero.
+                state = state.copy()
+                state[4 + who] = 0.0
+                continue
+            if SHORTEST < at < 1.0 - SHORTEST:
+                part = round(at * left / self._grain) * self._grain  # so that all durations add up exactly
+                found = self._solved(state, torques, _part(force, begun, part, self._period), modes, part)
+                for j in range(JOINTS):  # who has come to rest rests exactly
+                    before, after = state[4 + j], found.end[4 + j]
+                    if modes[j] in (Mode.FORWARD, Mode.BACKWARD) and abs(after) < 1e-9 and abs(after) < abs(before):
+                        found.end[4 + j] = 0.0
+                begun += part
+            else:
+                begun = self._period
+            yield found
+            state = found.end
+            if begun == self._period:
+                return
+
+    def _modes(self, state: np.ndarray, torque: np.ndarray, drags: Sequence[float | None]) -> tuple[Mode, ...]:
+        modes = []
+        for j in range(JOINTS):
+            if drags[j] is not None:
+                modes.append(Mode.FREE)
+                continue
+            net = self._net(state[j], state[2 + j], state[4 + j], state[6 + j], torque[j], j)
+            moving = state[4 + j] or (net if abs(net) > self._static[j] else 0.0)
+            modes.append(Mode(int(np.sign(moving))) if moving else Mode.REST)
+        return tuple(modes)
+
+    def _net(self, theta: Any, q: Any, dtheta: Any, dq: Any, torque: Any, j: int) -> Any:
+        """Return N [N m] of a motor."""
+        arm = self._arm
+        stiffness, damping = (arm.stiffness1, arm.stiffness2)[j], (arm.damping1, arm.damping2)[j]
+        viscous = (arm.viscous1, arm.viscous2)[j]
+        return torque - stiffness * (theta - q) - damping * (dtheta - dq) - viscous * dtheta
+
+    def _first_change(self, found: Segment, torque: np.ndarray) -> tuple[float, int]:
+        """Return the share of a segment after which a motor changes its mode first, 1 if none does, and which one."""
+        s = np.linspace(-1.0, 1.0, SAMPLES)
+        first = 1.0, 0
+        values = polynomial.polyval(s, found.angles.T)
+        rates = polynomial.polyval(s, polynomial.polyder(found.angles, axis=1).T) * (2.0 / found.duration)
+        for j, mode in enumerate(found.modes):
+            if mode == Mode.FREE:
+                continue
+            if mode == Mode.REST:
+                net = self._net(values[j], values[2 + j], 0.0, rates[2 + j], torque[j], j)
+                margin = self._static[j] - np.abs(net)
+            else:
+                margin = int(mode) * rates[j]
+            changed = np.flatnonzero(margin[1:] < 0.0)
+            if not changed.size or (margin[0] <= 0.0 and changed[0] == 0):
+                continue
+            k = changed[0]
+            # The margin is smooth: a cubic through four samples finds its zero far more closely than they lie.
+            near = slice(max(k - 1, 0), max(k - 1, 0) + 4)
+            fit = np.polynomial.Polynomial.fit(s[near], margin[near], min(3, len(s[near]) - 1))
+            roots = [r.real for r in fit.roots() if abs(r.imag) < 1e-9 and s[k] - 1e-9 <= r.real <= s[k + 1] + 1e-9]
+            at = 0.5 * (1.0 + float(roots[0] if roots else s[k + 1]))
+            first = min(first, (at, j))
+        return first
+
+    def _solved(
+        self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, modes: tuple[Mode, ...], duration: float
+    ) -> Segment:
+        """Return the polynomials of given modes; force as in `segments`, of this duration [s]."""
+        half = 0.5 * duration
+        angle, velocity = state[:4, np.newaxis], state[4:, np.newaxis]
+        start = angle + velocity * (half * (self._nodes + 1.0))
+        acceleration = np.zeros((4, NODES))
+        push = [force[i] + force[2 + i] * 0.5 * self._nodes for i in range(2)]
+        for _ in range(ITERATIONS):
+            v = velocity + half * acceleration @ self._velocity_at.T
+            x = start + half**2 * acceleration @ self._angle_at.T
+            before, acceleration = acceleration, self._accelerations(x, v, torque, push, modes)
+            if np.abs(acceleration - before).max() < 1e-11:
+                break
+        speeds = half * acceleration @ self._velocity.T
+        speeds[:, 0] += state[4:]
+        angles = half**2 * acceleration @ self._angle.T
+        angles[:, 0] += state[:4] + half * state[4:]
+        angles[:, 1] += half * state[4:]
+        for joint in range(JOINTS):
+            if modes[joint] == Mode.REST:
+                angles[joint], speeds[joint] = 0.0, 0.0
+                angles[joint, 0] = state[joint]
+        end = np.concatenate([angles.sum(axis=1), speeds.sum(axis=1)])
+        return Segment(angles, modes, duration, end)
+
+    def _accelerations(
+        self, x: np.ndarray, v: np.ndarray, torque: np.ndarray, force: list[np.ndarray], modes: tuple[Mode, ...]
+    ) -> np.ndarray:
+        arm, (q1, q2) = self._arm, x[2:]
+        stiffness, damping = (arm.stiffness1, arm.stiffness2), (arm.damping1, arm.damping2)
+        sin1, cos1, sin12, cos12 = np.sin(q1), np.cos(q1), np.sin(q1 + q2), np.cos(q1 + q2)
+        joint = [stiffness[j] * (x[j] - x[2 + j]) + damping[j] * (v[j] - v[2 + j]) for j in range(JOINTS)]
+        outer = tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
+        coriolis, gravity = coriolis_torque(np.sin(q2), v[2], v[3], arm), gravity_torque(sin1, sin12, arm)
+        links = solve_mass_matrix(np.cos(q2), *(joint[j] + outer[j] - coriolis[j] - gravity[j] for j in (0, 1)), arm)
+        motors = []
+        for j, mode in enumerate(modes):
+            if mode == Mode.REST:
+                motors.append(np.zeros_like(q1))
+                continue
+            slip = stribeck_magnitude(v[j], (arm.coulomb1, arm.coulomb2)[j], self._static[j], arm.stribeck_velocity)
+            net = self._net(x[j], x[2 + j], v[j], v[2 + j], torque[j], j)
+            motors.append((net - int(mode) * slip) / (arm.motor_inertia1, arm.motor_inertia2)[j])
+        return np.stack([*motors, *links])
+
+
+def _part(force: np.ndarray, begun: float, duration: float, period: float) -> np.ndarray:
+    """Return the force line (4,) of a part of a period that begins at `begun` [s]."""
+    at = (begun + 0.5 * duration) / period - 0.5
+    return np.concatenate([force[:2] + at * force[2:], force[2:] * (duration / period)])

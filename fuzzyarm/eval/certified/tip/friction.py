@@ -1,0 +1,256 @@
+"""The friction of a motor against that of the centre, bounded on the tube of one period.
+
+The motor obeys I_a θ̈ = N + Γ_f with Γ_f = -F(v) sgn v for v ≠ 0 and |Γ_f| <= F(0) at v = 0 (Filippov). The centre has
+the friction -P (`defects`), so the torque on the deviation is w = Γ_f + P. Three things are known of it:
+
+    v > 0     w = P - F(v);          v < 0     w = P + F(v);
+    v = 0     w = -δN - I_a θ̈_y:     on the set of times with v = 0 almost everywhere v̇ = 0, so Γ_f = -N there.
+
+*Speed.* Where v > 0, I_a v̇ = N - F(v) <= N_max - F_min: so v <= max(0, v_0 + t (N_max - F_min)/I_a), and likewise below
+zero. It bounds v by itself, beside the tube: one side may be ruled out although the tube reaches across zero.
+
+*Monotony.* v -> F(v) sgn v + L v increases, L the largest -F' of the tube. So, if -P is within η of what the law allows
+at the centre's velocity, the velocities of two solutions part no faster than I_a |δv|' <= |δN| + η + L |δv|, whatever
+sticks or slips in between.
+
+*Hold.* If v = 0 at the start and |N| < F(0) on the tube, the motor rests during the period.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from fuzzyarm.eval.certified.tip.centre import Mode
+from fuzzyarm.eval.certified.tip.defects import (
+    PeriodMotion,
+    Signal,
+    combined,
+    dry_friction,
+    signal_ends,
+    signal_range,
+    signal_size,
+)
+from fuzzyarm.eval.certified.tip.enclosures import SLACK, Jet, ball, between, centre, largest, low_high
+from fuzzyarm.eval.certified.tip.plant import BallPlant
+
+__all__ = ["Friction", "Plan", "PlanFails", "Speed"]
+
+
+class Plan(enum.Enum):
+    """How the friction of a motor is bounded in one period."""
+
+    ANY = "any"
+    """Any torque up to the static one."""
+    HELD = "held"
+    """The motor rests, as the centre does."""
+    SLIP = "slip"
+    """The motor turns to the side to which the centre does; the slope of F is part of the linear equation."""
+    MONOTONE = "monotone"
+    """Friction does not drive two motions apart: the velocity itself is bounded and leaves the linear equation."""
+    MIXED = "mixed"
+    """All that is not ruled out."""
+
+
+class Speed(NamedTuple):
+    """What is known of a motor's velocity at a sample beside the tube: low <= v <= high [rad/s]."""
+
+    low: float
+    high: float
+
+
+class Friction:
+    """The friction of one motor in one period.
+
+    Attributes:
+        plan: how it is bounded.
+        slope: change of the friction with the velocity that is part of the linear equation [N m s/rad].
+        drag: middle of the friction torques that are possible by the plan MIXED [N m], once `bound` was called.
+    """
+
+    def __init__(
+        self, joint: int, plan: Plan, mode: Mode, motion: PeriodMotion, torque: float, plant: BallPlant, known: Speed
+    ) -> None:
+        """Take the centre's motion and mode, the held torque [N m], the plant and what is known of v."""
+        self.joint, self.plan, self.known, self._arm = joint, plan, known, plant.exact
+        self.share = plant.share[joint]
+        self.speed = signal_ends(motion.velocity[joint])
+        self._speed = between(*self.speed)
+        net, self._needed = motion.net_torque(joint, torque, plant.exact)
+        self._net = between(*signal_ends(net))
+        inertia = (plant.exact.motor_inertia1, plant.exact.motor_inertia2)[joint]
+        self._inertia = low_high(inertia)[0]
+        self._inertial = largest(inertia * signal_range(motion.acceleration[joint]))
+        self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
+        self._slip: Signal | None = None
+        self._missed, self._duration = 0.0, motion.duration
+        self.static = self.strength(0.0, 0.0)
+        self._rests = all(a.is_zero() for a in motion.velocity[joint])
+        self.slope = self.drag = 0.0
+        if self.side:
+            self._slip = motion.slip(joint, self.side, plant.exact)
+            parts = [(ball(1.0), self._needed), (ball(-float(self.side)), self._slip)]
+            self._missed = signal_size(combined(parts))
+        # -F' is largest at v = v_s/√2, where it is √2 e^(-1/2) (F_s - F_c)/v_s = 0.8578 (F_s - F_c)/v_s.
+        arm = plant.exact
+        rise = (arm.static1 - arm.coulomb1, arm.static2 - arm.coulomb2)[joint]
+        self._steepest = largest(rise / arm.stribeck_velocity) * 0.858
+        if plan is Plan.SLIP:
+            slope = dry_friction(Jet.variable(ball(abs(centre(self._speed))), 0), joint, self._arm).slope(0)
+            self.slope = -centre(slope)
+
+    def _rates_of_strength(self, slowest: float, fastest: float) -> tuple[float, float]:
+        """Return the lowest and the highest F'(v) [N m s/rad] for speeds in a range; F' falls to v_s/√2, then rises."""
+        ends = [
+            low_high(dry_friction(Jet.variable(ball(v), 0), self.joint, self._arm).slope(0)) for v in (slowest, fastest)
+        ]
+        turn = 0.5**0.5 * centre(self._arm.stribeck_velocity)
+        inside = slowest <= turn * (1.0 + 1e-9) and turn * (1.0 - 1e-9) <= fastest
+        return -self._steepest if inside else min(ends[0][0], ends[1][0]), max(ends[0][1], ends[1][1])
+
+    def strength(self, slowest: float, fastest: float) -> tuple[float, float]:
+        """Return the lowest and the highest F(v) [N m] in a range of speeds: F falls, as static >= Coulomb friction."""
+        ends = [low_high(dry_friction(ball(x), self.joint, self._arm)) for x in (fastest, slowest)]
+        return ends[0][0], ends[1][1]
+
+    def torque(self) -> Signal | None:
+        """Return the friction torque of the centre in the plan SLIP, which the uncertain friction factor multiplies."""
+        if self.plan is not Plan.SLIP or self._slip is None:
+            return None
+        return [-self.side * a for a in self._slip]
+
+    def parted(self, start: float, duration: float, torque: float) -> float:
+        """Return a bound of |δv| [rad/s] during a segment, by the plan MONOTONE.
+
+        Args:
+            start: bound at the start [rad/s].
+            duration: of the segment [s].
+            torque: bound of |δN| + η [N m], see `driving`.
+        """
+        # A centre that is not quite on the side on which it slips is compared after a shift by `aside`.
+        aside = max(0.0, -self.speed[0] if self.side > 0 else self.speed[1]) if self.side else 0.0
+        rate = self._steepest * self.share[1] / self._inertia
+        grown = start + aside + duration * (torque / self._inertia + rate * aside)
+        return grown * float(np.exp(rate * duration)) * (1.0 + SLACK) + aside
+
+    def driving(self, tube_net: float, constants: float, products: float) -> float:
+        """Return a bound of |δN| + η [N m], for the plan MONOTONE.
+
+        η holds what the range of the friction factor makes, for centres that slip or rest as the law says.
+        """
+        static = self.static[1]
+        eta = self._missed
+        if not self.side:
+            eta = max(0.0, signal_size(self._needed) - static) if self._rests else signal_size(self._needed) + static
+        eta += max(self.share[1] - 1.0, 1.0 - self.share[0]) * static
+        return (tube_net + eta + constants + products) * (1.0 + SLACK)
+
+    def pull(self, tube_net: float) -> float:
+        """Return a bound of |I_a δθ̈| [N m] whatever the friction does."""
+        static = self.static[1]
+        return (tube_net + signal_size(self._needed) + self.share[1] * static) * (1.0 + SLACK)
+
+    def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
+        """Return a bound of |w| [N m], without the signal of `torque`.
+
+        Args:
+            tube_speed: radius of the tube of v [rad/s].
+            tube_net: that of N [N m].
+            constants: bound of the torques of the uncertain constants on this motor along the centre [N m].
+            products: bound of the products of uncertain constants with the deviation on this motor [N m].
+
+        Raises:
+            PlanFails: the tube contradicts the plan.
+        """
+        low, high = low_high(self._speed + ball(0.0, tube_speed))
+        if self.plan is Plan.ANY:
+            return (signal_size(self._needed) + self.share[1] * self.static[1]) * (1 + SLACK) + products
+        if self.plan is Plan.MONOTONE:
+            return 0.0
+        if self.plan is Plan.HELD:
+            limit = self.share[0] * self.static[0]
+            known = self.known == (0.0, 0.0) and self._rests
+            if not known or largest(self._net) + tube_net + constants + products >= limit * (1.0 - 1e-9):
+                raise PlanFails(self.joint)
+            return 0.0
+        if self.plan is Plan.SLIP:
+            if not (self.side * (low if self.side > 0 else high) > 0.0):
+                raise PlanFails(self.joint)
+            falling, rising = self._rates_of_strength(min(abs(low), abs(high)), max(abs(low), abs(high)))
+            uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0]) * max(-falling, rising)
+            rest = max(abs(falling + self.slope), abs(rising + self.slope)) + uncertain
+            return (self._missed + rest * tube_speed) * (1.0 + SLACK) + products
+        return self._mixed(low, high, tube_speed, tube_net, constants, products)
+
+    def _mixed(
+        self, low: float, high: float, tube_speed: float, tube_net: float, constants: float, products: float
+    ) -> float:
+        low, high = self._during(low, high, tube_net + constants + products)
+        needed_low, needed_high = signal_ends(self._needed)
+        ends: list[float] = []
+        for side, fastest in ((1, high), (-1, -low)):
+            if fastest <= 0.0:
+                continue
+            slowest = max(0.0, low if side > 0 else -high)
+            if side == self.side and self._slip is not None:
+                reach = self._missed + (self._steepest * tube_speed + self._uncertain(fastest, slowest)) * (1 + SLACK)
+                ends += [-reach, reach]
+                continue
+            weak, strong = self.strength(slowest, fastest)
+            pull = [side * self.share[0] * weak, side * self.share[1] * strong]
+            ends += [needed_low - max(pull), needed_high - min(pull)]
+        if low <= 0.0 <= high:
+            static = self.share[1] * self.static[1]
+            rest = (tube_net + self._inertial + constants + products) * (1 + SLACK)
+            net_low, net_high = low_high(self._net + ball(0.0, (tube_net + constants + products) * (1 + SLACK)))
+            if max(net_low, -static) <= min(net_high, static):  # otherwise the motor cannot rest
+                ends += [max(-rest, needed_low - min(net_high, static)), min(rest, needed_high - max(net_low, -static))]
+        if ends:
+            self.drag = 0.5 * (min(ends) + max(ends)) - 0.5 * (needed_low + needed_high)
+        return max(map(abs, ends), default=0.0) * (1 + SLACK) + products
+
+    def _uncertain(self, fastest: float, slowest: float) -> float:
+        """Return what the range of the friction factor makes of F(v)."""
+        _, strongest = self.strength(slowest, fastest)
+        return max(self.share[1] - 1.0, 1.0 - self.share[0]) * strongest
+
+    def _rates(self, low: float, high: float, spread: float) -> tuple[float, float]:
+        """Return how fast v may fall at most where v < 0 and rise where v > 0 [rad/s²], N within `spread`."""
+        net_low, net_high = low_high(self._net)
+        backward = self.share[0] * self.strength(0.0, max(-low, 0.0))[0]
+        forward = self.share[0] * self.strength(0.0, max(high, 0.0))[0]
+        slack = SLACK * (abs(net_low) + abs(net_high) + spread + backward + forward)
+        return (
+            (net_low - spread + backward - slack) / self._inertia,
+            (net_high + spread - forward + slack) / self._inertia,
+        )
+
+    def _during(self, low: float, high: float, spread: float) -> Speed:
+        """Return what is known of v during the segment, in [low, high] by the tube, N within `spread` [N m]."""
+        falling, rising = self._rates(low, high, spread)
+        least = min(self.known.low, 0.0) + min(falling, 0.0) * self._duration * (1.0 + SLACK)
+        most = max(self.known.high, 0.0) + max(rising, 0.0) * self._duration * (1.0 + SLACK)
+        return Speed(max(low, least), min(high, most))
+
+    def after(self, tube_speed: float, spread: float, end: tuple[float, float]) -> Speed:
+        """Return what is known of v at the end of the segment, where the tube has it in the range `end` [rad/s]."""
+        if self.plan is Plan.ANY:
+            return Speed(-math.inf, math.inf)
+        if self.plan is Plan.HELD:
+            return Speed(0.0, 0.0)
+        low, high = low_high(self._speed + ball(0.0, tube_speed))
+        falling, rising = self._rates(low, high, spread)
+        least = min(0.0, min(self.known.low, 0.0) + falling * self._duration * (1.0 - SLACK * np.sign(falling)))
+        most = max(0.0, max(self.known.high, 0.0) + rising * self._duration * (1.0 + SLACK * np.sign(rising)))
+        return Speed(max(end[0], least), min(end[1], most))
+
+
+class PlanFails(ValueError):
+    """The tube contradicts a plan; `joint` says whose."""
+
+    def __init__(self, joint: int) -> None:
+        super().__init__(f"the plan of motor {joint + 1} fails")
+        self.joint = joint

@@ -1,0 +1,241 @@
+"""One period of the tube: the remainders and the tube that they make, closed by a fixed point.
+
+For a claimed tube ρ the remainders are bounded by w̄(ρ), and with them the deviation stays within
+
+    ρ'(ρ) = max(|S ξ_h(0)|, |S ξ_h(T)|) + T²/8 sup |S ξ̈_h| + push w̄(ρ),
+
+ξ_h: what start, held torque and uncertain constants alone make. If ρ'(ρ) < ρ in every row, the deviation never leaves
+ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within ρ' there, and
+it is continuous. The rows of the accelerations are no part of the state; for them |a| <= r + Q |a| with Q >= 0 and
+r + Q ρ < ρ gives |a| <= ρ, because Q then has a spectral radius below one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.eval.certified.tip.centre import Mode, Segment
+from fuzzyarm.eval.certified.tip.constants import Drive, drive
+from fuzzyarm.eval.certified.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
+from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Speed
+from fuzzyarm.eval.certified.tip.plant import BallPlant
+from fuzzyarm.eval.certified.tip.remainders import at_middle, lever_arms, link_remainder, tube_slopes
+from fuzzyarm.eval.certified.tip.transition import (
+    CHANNELS,
+    COUNT,
+    D_THETA,
+    ROWS,
+    STATES,
+    Linear,
+    Transition,
+    linear,
+    transition,
+)
+from fuzzyarm.eval.certified.tip.zonotope import Zonotope, product
+
+__all__ = ["Claim", "Closed", "Period"]
+
+ITERATIONS = 60
+WORTH = 0.15  # share of the static friction that may drive a velocity by the plan MONOTONE
+LARGEST = 0.5  # of the tube's angles [rad]: beyond it no iteration has ever closed
+
+
+@dataclasses.dataclass(frozen=True)
+class Closed:
+    """A period whose tube is closed.
+
+    Attributes:
+        tube: ρ (18,) in the order of `ROWS`.
+        torques: w̄ (8,) in the order of `CHANNELS` [N m; N].
+        solution: of the linear equation.
+        drive: of the uncertain constants.
+        columns: (8, n) of the zonotope at the end without the torques w̄; those of the constants first.
+        known: of both motors' velocities at the end.
+        plans: by which the frictions were bounded.
+        drags: middle of the friction torques of motors with the plan MIXED [N m], None for others.
+    """
+
+    tube: np.ndarray
+    torques: np.ndarray
+    solution: Transition
+    drive: Drive
+    columns: np.ndarray
+    known: tuple[Speed, ...]
+    plans: tuple[Plan, ...]
+    drags: tuple[float | None, ...]
+
+
+class Claim(NamedTuple):
+    """What a file claims of a segment: its tube (18,), and the plans of the frictions."""
+
+    tube: np.ndarray
+    plans: tuple[Plan, ...]
+
+
+class Period:
+    """A period that is to be closed."""
+
+    def __init__(self, centre: Segment, torque: np.ndarray, tip: TipForces, plant: BallPlant) -> None:
+        """Take the centre, the held torque (2,) [N m], what may act at the tip, and the plant."""
+        force, period = tip.middle, centre.duration
+        self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
+        self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
+        self._at = at_middle(self.motion, force, plant.exact)
+        self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
+        torques = self.motion.link_torques(force, plant.exact)
+        self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
+        halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
+        self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
+        self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
+
+    def confirm(self, start: Zonotope, known: tuple[Speed, ...], claim: Claim, *, friction: str) -> Closed:
+        """Return the period closed by a claimed tube and plans, without any search; `NoBound` where they fail."""
+        if friction == "any" and set(claim.plans) != {Plan.ANY}:
+            raise NoBound("a plan that is not for any friction")
+        try:
+            return self._closed(start, known, list(claim.plans), claim.tube)
+        except PlanFails as failed:
+            raise NoBound(str(failed)) from None
+
+    def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:
+        """Return the closed period for the zonotope of ξ at its start; `NoBound` where there is none."""
+        plans = [self._plan(joint, start, known[joint], friction) for joint in range(JOINTS)]
+        for _ in range(3 * JOINTS + 1):
+            try:
+                return self._closed(start, known, plans)
+            except PlanFails as failed:
+                certain = plans[failed.joint] in (Plan.SLIP, Plan.HELD)
+                plans[failed.joint] = Plan.MONOTONE if certain else Plan.MIXED
+        raise NoBound("the plans of the friction contradict each other")
+
+    def _plan(self, joint: int, start: Zonotope, known: Speed, friction: str) -> Plan:
+        if friction == "any":
+            return Plan.ANY
+        mode = self._centre.modes[joint]
+        if mode == Mode.REST and known == (0.0, 0.0):
+            return Plan.HELD
+        low, high = low_high(signal_range(self.motion.velocity[joint]))
+        spread = float(start.totals()[D_THETA][joint])
+        slips = mode in (Mode.FORWARD, Mode.BACKWARD) and min(abs(low), abs(high)) > 1.05 * spread and low * high > 0.0
+        return Plan.SLIP if slips else Plan.MONOTONE
+
+    def _closed(
+        self, start: Zonotope, known: tuple[Speed, ...], plans: list[Plan], claimed: np.ndarray | None = None
+    ) -> Closed:
+        frictions = [
+            Friction(j, plans[j], self._centre.modes[j], self.motion, float(self._torque[j]), self.plant, known[j])
+            for j in range(JOINTS)
+        ]
+        system = linear(
+            self.plant.middle, *self._at, self._lever, np.array([f.slope for f in frictions]),
+            [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans],
+        )  # fmt: skip
+        solution, driven = transition(system, self._period), drive(self.motion, self.force, self.plant, frictions)
+        columns, free = self._free(start, system, solution, driven)
+        before = start.totals()[D_THETA]
+        tube = free * 1.01 + 1e-15 if claimed is None else claimed
+        for _ in range(ITERATIONS if claimed is None else 1):
+            torques = self._torques(tube, frictions, driven, before)
+            reached = (free + solution.push @ torques) * ROUND_UP
+            self._given_accelerations(reached, tube, frictions)
+            if (reached < tube).all():
+                if claimed is None:
+                    self._check_monotone(torques, before, frictions)
+                after = self._speeds(tube, frictions, driven)
+                drags = tuple(f.drag if f.plan is Plan.MIXED else None for f in frictions)
+                return Closed(tube, torques, solution, driven, columns, after, tuple(plans), drags)
+            if claimed is not None:
+                raise NoBound(f"the claimed tube is left in row {int(np.argmax(reached - tube))}")
+            if not (reached[ROWS.theta].max() < LARGEST and reached[ROWS.link].max() < LARGEST):
+                break
+            tube = np.maximum(tube, reached * 1.02 + 1e-15)
+        worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
+        raise NoBound(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
+
+    def _given_accelerations(self, reached: np.ndarray, tube: np.ndarray, frictions: list[Friction]) -> None:
+        """Fill in the accelerations of motors whose velocity is no state."""
+        inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
+        for j, friction in enumerate(frictions):
+            if friction.plan is Plan.MONOTONE:
+                pull = friction.pull(float(tube[ROWS.net][j])) / inertia[j]
+                reached[ROWS.motor_acceleration.start + j] = pull * ROUND_UP
+
+    def _check_monotone(self, torques: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
+        """Give up a plan that lets a velocity grow by much of what the friction itself could."""
+        inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
+        static = self.plant.middle.static1, self.plant.middle.static2
+        for j, friction in enumerate(frictions):
+            grown = torques[CHANNELS.motor][j] - before[j]
+            if friction.plan is Plan.MONOTONE and grown * inertia[j] > WORTH * static[j] * self._period:
+                raise PlanFails(j)
+
+    def _free(
+        self, start: Zonotope, system: Linear, solution: Transition, driven: Drive
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the columns (8, n) at the end, and the bound (18,) of |S ξ_h| during the period."""
+        S, D, b = system.S, system.D, system.b
+        constants = driven.level.shape[1]
+        columns = product(solution.phi, start.columns)
+        columns[:, :constants] += solution.held @ driven.level + solution.ramp @ driven.slope
+        end = Zonotope(len(columns), constants)
+        slack = solution.growth @ (start.box + SLACK * start.totals())
+        end.columns, end.box = columns, slack
+        first = start.size(S, D @ (driven.level - driven.slope))
+        last = end.size(S, D @ (driven.level + driven.slope))
+        # ξ̈ = e^{A t} g with g = A² ξ(0) + A b a(0) + b ȧ, because a is linear in time.
+        kick = b @ driven.slope * (2.0 / self._period)
+        turn = system.A @ (b @ (driven.level - driven.slope)) + kick
+        bend = start.size(solution.S_A_A, S @ turn)
+        totals, sized = start.totals(), np.abs(S) @ system.size
+        whole = start.size(solution.A_A, turn) + SLACK * system.size @ (system.size @ totals)
+        grown = self._period * (np.abs(solution.S_A) + SLACK * np.abs(S) @ system.size) @ solution.growth @ whole
+        sizes = np.abs(S) @ (system.size @ np.abs(b) @ (np.abs(driven.level) + np.abs(driven.slope)) + np.abs(kick))
+        # Rounding of the products of matrices themselves, whose terms may cancel.
+        second = bend + grown + 4.0 * SLACK * (sizes.sum(axis=1) + sized @ (system.size @ totals))
+        slack_of_rows = SLACK * (system.size_of_rows @ (totals + end.totals()))
+        free = np.maximum(first, last) + self._period**2 / 8.0 * second + slack_of_rows
+        return columns, free * ROUND_UP
+
+    def _torques(self, tube: np.ndarray, frictions: list[Friction], driven: Drive, before: np.ndarray) -> np.ndarray:
+        """Return w̄ (8,) for a claimed tube."""
+        torques = driven.rest.copy()
+        slopes = tube_slopes(self.motion, tube, self._tip, self.plant.whole)
+        torques[CHANNELS.link] += self._defect + link_remainder(slopes, self._at, tube)
+        torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
+        within = sum(half * tube[rows] for half, rows in self._within)
+        own = sum(half * tube[rows] for half, rows in self._own)
+        torques[CHANNELS.joint] += within
+        torques[CHANNELS.tip] += self._tip.courses
+        for j, friction in enumerate(frictions):
+            if friction.plan is Plan.MONOTONE:
+                driving = friction.driving(tube[ROWS.net][j], driven.motor[j] + within[j], own[j])
+                torques[CHANNELS.motor.start + j] = friction.parted(before[j], self._period, driving)
+                continue
+            # The products within the joint have a channel of their own; a motor that sticks feels them, too.
+            torques[CHANNELS.motor][j] += friction.bound(
+                tube[ROWS.d_theta][j], tube[ROWS.net][j], driven.motor[j] + within[j], own[j]
+            )
+        return torques * ROUND_UP
+
+    def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
+        """Return what is known of the motors' velocities at the end."""
+        within = sum(half * tube[rows] for half, rows in self._within)
+        own = sum(half * tube[rows] for half, rows in self._own)
+        ends = self.motion.at(1)
+        found = []
+        for j, friction in enumerate(frictions):
+            radius = float(tube[ROWS.d_theta][j])
+            low, high = low_high(ends[STATES // 2 + j])
+            spread = float(tube[ROWS.net][j] + driven.motor[j] + within[j] + own[j])
+            found.append(friction.after(radius, spread, (low - radius, high + radius)))
+        return tuple(found)
+
+
+_PRODUCTS = ("stiffness", "damping", "motor_inertia", "viscous_friction")
+_NAMES = [f"{kind} {axis}" for kind in ("motor", "link", "joint", "tip axis") for axis in (1, 2)]
+assert len(_NAMES) == COUNT

@@ -1,0 +1,101 @@
+"""What the linear equation of the deviation leaves out in one period, as bounds of torques on its channels.
+
+With the tube |S ξ| <= ρ during the period, the torques that are left out are bounded by
+
+    links    |d| + |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇     M, R_q, R_q̇ at every point of the tube (balls),
+    joints   Δk ρ_φ + Δb ρ_φ̇                                            products of uncertain constants,
+    motors   ΔI ρ_θ̈ + Δf ρ_θ̇ and the friction, see `friction`,
+    tip      the force of any course,
+
+and the parts of the uncertain constants' torques along the centre that are not linear in time.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import arb
+
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
+from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, TipForces, signal_range
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, no_jet, radius_of
+from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
+from fuzzyarm.eval.certified.tip.transition import ROWS
+
+__all__ = ["LinkSlopes", "at_middle", "lever_arms", "link_remainder", "tube_slopes"]
+
+
+class LinkSlopes(NamedTuple):
+    """M, ∂R/∂q and ∂R/∂q̇ of the links, nested lists (2, 2) of balls."""
+
+    mass: list[list[arb]]
+    angle: list[list[arb]]
+    velocity: list[list[arb]]
+
+
+def _slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes:
+    angles, velocities, accelerations = at
+    q = [Jet.variable(x, i) for i, x in enumerate(angles)]
+    dq = [Jet.variable(x, JOINTS + i) for i, x in enumerate(velocities)]
+    ddq = [Jet.variable(x, 2 * JOINTS + i) for i, x in enumerate(accelerations)]
+    torques = link_torque(LinkMotion(q, dq, ddq), force, arm)
+    parts = ([[t.slope(k * JOINTS + i) for i in range(JOINTS)] for t in torques] for k in range(3))
+    angle, velocity, mass = parts
+    return LinkSlopes(mass, angle, velocity)
+
+
+def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad] (2, 2) at the middle of the period, in floats."""
+    at = [[signal[0] for signal in kind[JOINTS:]] for kind in (motion.angle, motion.velocity, motion.acceleration)]
+    slopes = _slopes(at, (force.x[0], force.y[0]), arm)
+    mass, angle, velocity = (np.array([[centre(x) for x in row] for row in part]) for part in slopes)
+    return mass, angle, velocity
+
+
+def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: Arm) -> LinkSlopes:
+    """Return the slopes at every point of the tube (18,) around the centre, for every arm of the balls.
+
+    M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], (2, 2) each.
+    """
+    boxes = []
+    for kind, rows in (
+        (motion.angle, ROWS.link),
+        (motion.velocity, ROWS.d_link),
+        (motion.acceleration, ROWS.link_acceleration),
+    ):
+        radii = tube[rows].tolist()
+        boxes.append([signal_range(s) + ball(0.0, r) for s, r in zip(kind[JOINTS:], radii, strict=True)])
+    x, y = (signal_range(s) + ball(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
+    return _slopes(boxes, (x, y), arm)
+
+
+def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndarray], tube: np.ndarray) -> np.ndarray:
+    """Return |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇ (2,) [N m]."""
+    total = np.zeros(JOINTS)
+    for part, about, rows in zip(slopes, at, (ROWS.link_acceleration, ROWS.link, ROWS.d_link), strict=True):
+        spread = np.array(
+            [[radius_of(x, c) for x, c in zip(*row, strict=True)] for row in zip(part, about.tolist(), strict=True)]
+        )
+        total += spread @ tube[rows]
+    return total * ROUND_UP
+
+
+def lever_arms(motion: PeriodMotion, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+    """Return Jᵀ d and Jᵀ d⊥ (2, 2) [m] at the middle of the period, and how far they are from it along the centre."""
+    q1, q2 = (signal_range(s) for s in motion.angle[JOINTS:])
+    m1, m2 = (s[0] for s in motion.angle[JOINTS:])
+    lever, spread = np.zeros((JOINTS, 2)), np.zeros((JOINTS, 2))
+    for axis in range(2):
+        unit = direction if axis == 0 else (-direction[1], direction[0])
+        for joint, (near, wide) in enumerate(zip(_lever(m1, m2, unit, arm), _lever(q1, q2, unit, arm), strict=True)):
+            lever[joint, axis] = centre(near)
+            spread[joint, axis] = radius_of(wide, lever[joint, axis])
+    return lever, spread + SLACK * np.abs(lever).sum()
+
+
+def _lever(q1: arb, q2: arb, unit: tuple[float, float], arm: Arm) -> tuple[arb, arb]:
+    q12 = q1 + q2
+    first, second = tip_force_torque(q1.sin(), q1.cos(), q12.sin(), q12.cos(), *unit, arm)
+    return no_jet(first), no_jet(second)

@@ -1,0 +1,272 @@
+"""The tube along a motion: sample, hold, next sample; and the bound of the tip error at every sample."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from flint import arb, ctx
+
+from fuzzyarm.envs.batch.schedule import Schedule
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified.tip.centre import Centre, Segment
+from fuzzyarm.eval.certified.tip.defects import Forces, TipForces, combined, signal_size
+from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, ball, centre, largest, radius_of
+from fuzzyarm.eval.certified.tip.friction import Plan, Speed
+from fuzzyarm.eval.certified.tip.laws import BallLaw, Sample
+from fuzzyarm.eval.certified.tip.period import Claim, Closed, Period
+from fuzzyarm.eval.certified.tip.plant import BallPlant
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.tip_error import tip_bound
+from fuzzyarm.eval.certified.tip.transition import CHANNELS, D_THETA, STATES, THETA
+from fuzzyarm.eval.certified.tip.zonotope import SOURCES, Zonotope
+
+__all__ = ["Problem", "Step", "Tube"]
+
+INTEGRAL = slice(STATES, STATES + JOINTS)
+WAITING = slice(INTEGRAL.stop, INTEGRAL.stop + JOINTS)  # the torque that acts one period late
+MEASURED_ROWS = [*range(STATES)[THETA], *range(STATES)[D_THETA], *range(INTEGRAL.stop)[INTEGRAL]]
+LAW_ROUNDING = 2.0**-42  # of the terms of a law: more than a thousand float operations
+_CHANNEL_SOURCE = {"motor": 0, "link": 1, "joint": 2, "tip": 3}
+_LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """What is to be bounded.
+
+    Attributes:
+        parameters: of the arm, Table 1 if nothing else is said.
+        start: state (8,) in which the environment begins: at rest, the links on the reference.
+        schedule: reference, tip force and target of every control step.
+        period: T [s].
+        law: of the policy, on balls.
+        samples: what the law is told at each sample.
+        plants: the set.
+        plant: its arms.
+    """
+
+    parameters: ArmParameters
+    start: np.ndarray
+    schedule: Schedule
+    period: float
+    law: BallLaw
+    samples: list[Sample]
+    plants: PlantSet
+    plant: BallPlant
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """One control step of the tube.
+
+    Attributes:
+        torque: held in it (2,) [N m], at the centre.
+        segments: the centre.
+        closed: the tube on each of them.
+        tip: bound of the tip error at its end [m].
+        sources: share of each of `SOURCES`, then of the uncertain constants, then of the centre, in that bound [m].
+    """
+
+    torque: np.ndarray
+    segments: tuple[Segment, ...]
+    closed: tuple[Closed, ...]
+    tip: float
+    sources: np.ndarray
+
+
+class Tube:
+    """The tube, step by step: iterate over it."""
+
+    def __init__(self, problem: Problem, claims: Sequence[Sequence[tuple[Segment, Claim]]] | None = None) -> None:
+        """Begin at rest on the reference, as the environment does.
+
+        Args:
+            problem: what is to be bounded.
+            claims: for each control step the segments of the centre and what is claimed of them, to be confirmed
+                without any search; None: they are searched.
+        """
+        self.problem, self._claims = problem, claims
+        plant = problem.plant
+        self._state = problem.start
+        self._integral = np.zeros(JOINTS)
+        numbers = STATES + JOINTS * (1 + problem.plants.late)
+        self._set = Zonotope(numbers, len(plant.parameters))
+        self._known: tuple[Speed, ...] = (Speed(0.0, 0.0),) * JOINTS
+        self._waiting: np.ndarray | None = None
+        self._centre = Centre(plant.middle, problem.period)
+        self._drags: tuple[float | None, ...] = (None,) * JOINTS
+
+    def __iter__(self) -> Iterator[Step]:
+        """Advance to the end of the motion; `NoBound` where there is no tube."""
+        for k in range(self.problem.schedule.steps):
+            with ctx.workprec(BITS):
+                yield self._step(k)
+
+    def _step(self, k: int) -> Step:
+        problem = self.problem
+        torque = self._sample(k)
+        segments: list[Segment] = []
+        closed: list[Closed] = []
+        begun = 0.0
+        for segment, claim in self._segments(k, torque):
+            segments.append(segment)
+            closed.append(self._cross(segment, torque, self._force(k, begun, segment.duration), claim))
+            begun += segment.duration
+        if begun != problem.period:  # durations are multiples of the last bit of T: their sum is exact
+            raise NoBound(f"the segments of control step {k + 1} last {begun} s instead of {problem.period} s")
+        self._end()
+        wanted = problem.schedule.targets[k + 1, :2].tolist()
+        tip, sources = tip_bound(self._state, self._set, problem.plant.exact, wanted)
+        return Step(torque, tuple(segments), tuple(closed), tip, sources)
+
+    def _segments(self, k: int, torque: np.ndarray) -> Iterator[tuple[Segment, Claim | None]]:
+        """Yield the segments of a control step, with what is claimed of them."""
+        if self._claims is None:
+            force = 0.5 * sum(self.problem.plants.force) * self.problem.schedule.forces[k]
+            for segment in self._centre.segments(self._state, torque, force, self._next_drags()):
+                yield segment, None
+        else:
+            yield from self._claims[k]
+
+    def _next_drags(self) -> list[float | None]:
+        """Return the constant friction of motors of whose velocity even the sign is not known for long."""
+        if self.problem.plants.friction == "any":
+            return [0.0] * JOINTS
+        spread = self._set.totals()[D_THETA]
+        slow = np.abs(self._state[D_THETA]) <= 1.05 * spread
+        return [drag if slow[j] else None for j, drag in enumerate(self._drags)]
+
+    def _force(self, k: int, begun: float, duration: float) -> TipForces:
+        """Return what may act at the tip on a segment that begins at `begun` [s]."""
+        plants, line = self.problem.plants, self.problem.schedule.forces[k].tolist()
+        period, (low, high) = arb(self.problem.period), plants.force
+        at, half = (arb(begun) + arb(duration) / 2) / period - arb(0.5), arb(duration) / period / 2
+        case = Forces(*([line[i] + at * line[2 + i], half * line[2 + i]] for i in range(2)))
+        factor = (arb(low) + arb(high)) / 2
+        middle = Forces(*([factor * a for a in signal] for signal in case))
+        varies = largest(arb(high) - factor) + plants.force_swing
+        radii = [varies * signal_size(signal) + plants.force_course for signal in case]
+        along, courses = (1.0, 0.0), [plants.force_course] * 2
+        size = math.hypot(centre(case.x[0]), centre(case.y[0]))
+        if plants.force_swing and size:
+            along = centre(case.x[0]) / size, centre(case.y[0]) / size
+            across = combined([(arb(-along[1]), case.x), (arb(along[0]), case.y)])
+            parts = [combined([(arb(along[0]), case.x), (arb(along[1]), case.y)]), across]
+            # The direction is a unit vector up to rounding; a box along the axes is wider along others.
+            courses = [plants.force_swing * signal_size(part) + 1.415 * plants.force_course for part in parts]
+        return TipForces(middle, (radii[0], radii[1]), along, (courses[0] * (1 + SLACK), courses[1] * (1 + SLACK)))
+
+    def _cross(self, segment: Segment, torque: np.ndarray, force: TipForces, claim: Claim | None) -> Closed:
+        """Close the tube on a segment and take the zonotope over it."""
+        problem, xi = self.problem, slice(0, STATES + JOINTS)
+        period = Period(segment, torque, force, problem.plant)
+        self._shift(self._set, period.motion.at(-1), self._state)
+        start = self._set.part(xi)
+        if claim is None:
+            closed = period.close(start, self._known, friction=problem.plants.friction)
+        else:
+            closed = period.confirm(start, self._known, claim, friction=problem.plants.friction)
+        self._advance(closed)
+        self._state, self._known, self._drags = segment.end, closed.known, closed.drags
+        self._shift(self._set, period.motion.at(1), self._state)
+        return closed
+
+    def _end(self) -> None:
+        """Forget the torque that was held, and tidy."""
+        z = self._set
+        keep = np.r_[0:STATES, STATES + JOINTS : len(z.box)]
+        z.columns, z.box = z.columns[keep], z.box[keep]
+        z.tidy(_ROUNDING)
+
+    @staticmethod
+    def _shift(deviations: Zonotope, before: list[arb], after: np.ndarray) -> None:
+        """Let the deviations count from `after` (8,) rather than from `before`, up to rounding the same."""
+        moved = [radius_of(x, c) for x, c in zip(before, after.tolist(), strict=True)]
+        deviations.box[:STATES] += moved
+
+    def _sample(self, k: int) -> np.ndarray:
+        """Evaluate the law at t_k: append the held torque to the zonotope, renew the memory; return the torque."""
+        problem, here, z = self.problem, self._state, self._set
+        sample, noise = problem.samples[k], problem.plants.noise
+        point = [ball(x) for x in (*here[THETA], *here[D_THETA], *self._integral)]
+        spread = z.totals()[MEASURED_ROWS] + np.repeat([*noise, 0.0], JOINTS)
+        around = [x + ball(0.0, r) for x, r in zip(point, spread.tolist(), strict=True)]
+        theta, velocity, integral = (slice(i * JOINTS, (i + 1) * JOINTS) for i in range(3))
+        at = problem.law.torque(point[theta], point[velocity], point[integral], sample)
+        tube = problem.law.torque(around[theta], around[velocity], around[integral], sample)
+        torque = np.array([centre(u) for u in at.value])
+        gain = np.array([[centre(x) for x in row] for row in tube.slopes])
+        rest = np.array([
+            radius_of(u, c) + sum(radius_of(x, g) * r for x, g, r in zip(row, gains, spread.tolist(), strict=True))
+            for u, c, row, gains in zip(at.value, torque.tolist(), tube.slopes, gain.tolist(), strict=True)
+        ])  # fmt: skip
+        rest += SLACK * rest + LAW_ROUNDING * tube.terms + SLACK * np.abs(gain) @ spread
+        return self._held(gain, rest, torque, sample)
+
+    def _held(self, gain: np.ndarray, rest: np.ndarray, torque: np.ndarray, sample: Sample) -> np.ndarray:
+        """Take the law's slopes (2, 6), what they leave out (2,) and its torque (2,) [N m] at the centre."""
+        z, problem, noise = self._set, self.problem, self.problem.plants.noise
+        numbers, period = len(z.box), problem.period
+        # Columns that the sample adds: the errors of the encoders, then what the linear law leaves out.
+        errors = np.repeat(noise, JOINTS)
+        extra = np.hstack([gain[:, : 2 * JOINTS] * errors, np.diag(rest)])
+        columns = np.hstack([z.columns, np.zeros((numbers, extra.shape[1]))])
+        u = np.hstack([gain @ z.columns[MEASURED_ROWS], extra])
+        u_box = np.abs(gain) @ z.box[MEASURED_ROWS]
+        integral = columns[INTEGRAL] + period * columns[THETA]
+        integral[:, z.columns.shape[1] : z.columns.shape[1] + JOINTS] += period * np.diag(errors[:JOINTS])
+        error = self._state[THETA] - sample.reference[:JOINTS]
+        slip = np.abs(self._integral) + period * (np.abs(error) + np.abs(self._state[THETA]))
+        integral_box = z.box[INTEGRAL] + period * z.box[THETA] + SLACK * (2.0 * slip + z.totals()[INTEGRAL])
+        memory, memory_box, acting, acting_box, centre_torque = [integral], [integral_box], u, u_box, torque
+        if problem.plants.late:
+            if self._waiting is not None:
+                acting, acting_box, centre_torque = columns[WAITING], z.box[WAITING], self._waiting
+            memory.append(u)
+            memory_box.append(u_box)
+            self._waiting = torque
+        z.columns = np.vstack([columns[:STATES], acting, *memory])
+        z.box = np.concatenate([z.box[:STATES], acting_box, *memory_box])
+        z.source = np.concatenate([z.source, np.full(extra.shape[1], _LAW)])
+        self._integral = self._integral + period * error
+        self._check_limits(centre_torque, z.totals()[STATES : STATES + JOINTS])
+        return centre_torque
+
+    def _check_limits(self, torque: np.ndarray, radius: np.ndarray) -> None:
+        for joint, limit in enumerate(self.problem.parameters.torque_limit):
+            if not abs(torque[joint]) + radius[joint] < limit:
+                raise NoBound(
+                    f"motor {joint + 1} may reach its limit of {limit:g} N m: "
+                    f"|{torque[joint]:.4g}| ± {radius[joint]:.3g} N m"
+                )
+
+    def _advance(self, closed: Closed) -> None:
+        """Take the zonotope over a segment."""
+        z, solution, xi = self._set, closed.solution, STATES + JOINTS
+        start = z.part(slice(0, xi))
+        box = solution.growth @ (start.box + SLACK * start.totals())
+        drive = np.abs(closed.drive.level) + np.abs(closed.drive.slope)
+        box += 4.0 * SLACK * solution.push_state @ drive.sum(axis=1)
+        z.columns[:STATES], z.box[:STATES] = closed.columns[:STATES], box[:STATES]
+        for j, plan in enumerate(closed.plans):
+            if plan is Plan.MONOTONE:  # the velocity is known by its bound alone
+                fresh = np.zeros((len(z.box), 1))
+                fresh[STATES // 2 + j] = closed.torques[CHANNELS.motor][j]
+                z.columns[STATES // 2 + j], z.box[STATES // 2 + j] = 0.0, 0.0
+                z.add(fresh, _CHANNEL_SOURCE["motor"])
+        sizes = z.totals()[:STATES]
+        for name, channels in CHANNELS._asdict().items():
+            for channel in range(channels.start, channels.stop):
+                torque = closed.torques[channel]
+                made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * torque
+                z.box[:STATES] += solution.beyond[:STATES, channel] * torque
+                # What is small beside the rest is not worth columns.
+                if (np.abs(made).sum(axis=0) <= 1e-4 * sizes).all():
+                    z.box[:STATES] += np.abs(made).sum(axis=0) * ROUND_UP
+                    continue
+                below = np.zeros((len(z.box) - STATES, len(made)))
+                z.add(np.vstack([made.T, below]), _CHANNEL_SOURCE[name])

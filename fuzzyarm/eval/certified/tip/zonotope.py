@@ -1,0 +1,115 @@
+"""The set of deviations at a sample: a zonotope with a box, in floats with an allowance.
+
+    x = Z g + β,      |g_i| <= 1,   |β| <= box;       |r x| <= Σ_i |(r Z)_i| + |r| box   for a row r.
+
+The first columns are those of the uncertain constants: their g_i is the same at every instant. The others are the
+disturbances of the periods so far, each with a source. Columns that are old are merged, with others of their source,
+into a parallelepiped that holds them, a column for each number.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK
+
+__all__ = ["SOURCES", "Zonotope", "product"]
+
+SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
+"""Where a column comes from, beside the uncertain constants."""
+
+BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
+MOST, KEPT = 7200, 3600  # columns at which old ones are merged, and how many stay
+NARROW, FEWER = 1e-6, 9  # totals below which a ninth of that is enough
+BLOCK = 1200  # columns that are multiplied at a time
+
+
+class Zonotope:
+    """A zonotope of deviations.
+
+    Attributes:
+        columns: Z (numbers, columns).
+        source: of each column, an index of `SOURCES`; -1 - i for the uncertain constant i.
+        box: (numbers,).
+    """
+
+    def __init__(self, numbers: int, constants: int) -> None:
+        """Begin with the deviation zero, and a column of zeros for each uncertain constant."""
+        self.columns = np.zeros((numbers, constants))
+        self.source = -1 - np.arange(constants)
+        self.box = np.zeros(numbers)
+        self._constants, self._age = constants, 0
+
+    def add(self, columns: np.ndarray, source: int) -> None:
+        """Add columns (numbers, n) of a source."""
+        used = columns[:, np.abs(columns).sum(axis=0) > 0.0]
+        self.columns = np.hstack([self.columns, used])
+        self.source = np.concatenate([self.source, np.full(used.shape[1], source)])
+
+    def part(self, numbers: slice) -> Zonotope:
+        """Return the zonotope of some of the numbers; the columns are views."""
+        part = Zonotope(0, self._constants)
+        part.columns, part.source, part.box = self.columns[numbers], self.source, self.box[numbers]
+        return part
+
+    def totals(self) -> np.ndarray:
+        """Return bounds (numbers,) of |x|."""
+        return np.asarray((np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP)
+
+    def size(self, rows: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:
+        """Return bounds (n,) of |r x| for rows (n, numbers), computed in floats up to `SLACK` of their absolute values.
+
+        Args:
+            rows: r.
+            extra: (n, constants), added to the columns of the uncertain constants.
+        """
+        images, sizes = product(rows, self.columns), np.abs(rows)
+        if extra is not None:
+            images[:, : self._constants] += extra
+        return np.asarray((np.abs(images).sum(axis=1) + sizes @ (self.box + SLACK * self.totals())) * ROUND_UP)
+
+    def tidy(self, box_source: int) -> None:
+        """Turn the box into columns every few periods, and merge old columns."""
+        self._age += 1
+        if self._age % BOX_EVERY == 0:
+            self.add(np.diag(self.box), box_source)
+            self.box = np.zeros_like(self.box)
+        fewer = FEWER if self.totals().max() < NARROW else 1
+        if self.columns.shape[1] <= MOST // fewer:
+            return
+        first, last = self._constants, self.columns.shape[1] - KEPT // fewer
+        old, source = self.columns[:, first:last], self.source[first:last]
+        merged, labels = [], []
+        for label in np.unique(source):
+            block, missed = _merged(old[:, source == label])
+            self.box += missed
+            merged.append(block)
+            labels.append(np.full(block.shape[1], label))
+        self.columns = np.hstack([self.columns[:, :first], *merged, self.columns[:, last:]])
+        self.source = np.concatenate([self.source[:first], *labels, self.source[last:]])
+
+
+def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return matrix (m, n) times columns (n, k), block by block.
+
+    The whole product would be worth the threads of a linear algebra library, which on a busy machine take far longer.
+    """
+    starts = range(0, max(columns.shape[1], 1), BLOCK)
+    return np.hstack([matrix @ columns[:, start : start + BLOCK] for start in starts])
+
+
+def _merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a column for each number, and a box, that together hold what many columns hold.
+
+    Z g = Q (Qᵀ Z) g + (Z - Q Qᵀ Z) g for any Q. The columns of Q are the principal directions of Z, in units in which
+    the rows are of one size, so that |Qᵀ Z g|, bounded row by row, is not much more than what the columns reach.
+    """
+    units = np.abs(columns).sum(axis=1)
+    units[units == 0.0] = 1.0
+    scaled = columns / units[:, np.newaxis]
+    directions = np.linalg.eigh(scaled @ scaled.T)[1]
+    Q, inverse = units[:, np.newaxis] * directions, directions.T / units
+    shares = inverse @ columns
+    sizes = np.abs(shares).sum(axis=1) * ROUND_UP
+    rounding = np.abs(Q) @ np.abs(inverse) @ np.abs(columns).sum(axis=1) + np.abs(Q) @ sizes
+    return Q * sizes, np.abs(columns - Q @ shares).sum(axis=1) * ROUND_UP + SLACK * rounding

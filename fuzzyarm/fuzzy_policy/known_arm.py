@@ -1,0 +1,89 @@
+"""What a law knows of the arm that it acts on: the two-joint arm or any robot, as compiled code takes it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.common.checks import shown
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.records import flat
+from fuzzyarm.envs.physics.robot import Robot
+
+__all__ = [
+    "Drives",
+    "checked_arm",
+    "constants_of",
+    "drives_in",
+    "drives_of",
+    "joints_of",
+    "per_joint_of",
+    "without_dry_friction",
+]
+
+
+class Drives(NamedTuple):
+    """The motors and springs, one number for each joint in every part; or the rows of an array (7, n) of them."""
+
+    motor_inertia: Any
+    viscous_friction: Any
+    stiffness: Any
+    damping: Any
+    coulomb_friction: Any
+    static_friction: Any
+    stribeck_velocity: Any
+
+
+def checked_arm(name: str, arm: Any) -> AnyArm:
+    """Return an arm or a robot; TypeError for anything else."""
+    if not isinstance(arm, AnyArm):
+        raise TypeError(
+            f"{name} = {shown(arm)} must be a fuzzyarm.envs.physics.parameters.ArmParameters or a "
+            "fuzzyarm.envs.physics.robot.Robot"
+        )
+    return arm
+
+
+def joints_of(arm: AnyArm) -> int:
+    """Return the number of joints n."""
+    return len(arm) if isinstance(arm, Robot) else len(arm.length)
+
+
+def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
+    """Return a quantity of the drives by its name in `Drive`, shape (n,)."""
+    if isinstance(arm, Robot):
+        return arm.drive(name)
+    return np.broadcast_to(np.array(getattr(arm, name), dtype=float), (joints_of(arm),)).copy()
+
+
+def drives_of(arm: AnyArm) -> np.ndarray:
+    """Return the rows (7, n) of `Drives`, in SI units [kg m², N m s/rad, N m/rad, N m, rad/s]."""
+    return np.stack([per_joint_of(arm, name) for name in Drives._fields])
+
+
+def constants_of(arm: AnyArm) -> np.ndarray:
+    """Return the numbers (k,) of the `Physics.Arm` without a payload."""
+    physics = equations_of(arm)
+    return np.array(flat(physics.constants(physics.plant_of(arm), 0.0, 0.0, 0.0)), dtype=np.float64)
+
+
+def without_dry_friction(arm: AnyArm) -> AnyArm:
+    """Return the same arm without static and Coulomb friction."""
+    if isinstance(arm, Robot):
+        joints = (
+            dataclasses.replace(
+                joint, drive=dataclasses.replace(joint.drive, static_friction=0.0, coulomb_friction=0.0)
+            )
+            for joint in arm.joints
+        )
+        return dataclasses.replace(arm, joints=tuple(joints))
+    return dataclasses.replace(arm, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
+
+
+@register_jitable
+def drives_in(rows: np.ndarray) -> Drives:
+    """Return the parts of an array (7, n) of `drives_of`, in its units [SI], as views (n,)."""
+    return Drives(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6])

@@ -1,0 +1,124 @@
+"""Over which angles the gains of the elastic observer are tabulated, at which points, and how they are interpolated.
+
+The mass matrix of the two-joint arm depends on cos q2 alone: its gains stand at `GRID` and are interpolated linearly in
+cos q2. For a robot, the angles are the `MOST_KEPT` on which its mass matrix depends most: with E[M | q_j] the mean over
+the other angles, those whose normalised |E[M | q_j] - E[M]|² is largest. Each of them has `POINTS` points around the
+circle, and the gains are those of the mean of M over the other angles, interpolated linearly in each angle.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.dynamics import mass_matrix as two_joint_mass_matrix
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.rigid_body import mass_matrix
+from fuzzyarm.envs.physics.robot import Robot
+
+__all__ = ["GRID", "MOST_KEPT", "POINTS", "GainSchedule", "kept_joints", "place_in_schedule", "schedule_of"]
+
+GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
+POINTS = 8  # of an angle of a robot, 45° apart
+MOST_KEPT = 2  # angles of a robot over which gains are tabulated
+SAMPLES, SEED = 64, 2022  # of the angles over which is averaged
+
+
+class GainSchedule(NamedTuple):
+    """The points of the tables, and how they are found.
+
+    Attributes:
+        kept: the numbers of the joints (k,) whose angles count.
+        cosine: whether the points are even in the cosine of the one angle rather than in the angles.
+        points: of each angle.
+        places: the point's angles or cosine as text, for messages; points^k of them.
+        inertia: M there, (points^k, n, n) [kg m²].
+    """
+
+    kept: np.ndarray
+    cosine: bool
+    points: int
+    places: tuple[str, ...]
+    inertia: np.ndarray
+
+
+def schedule_of(arm: AnyArm) -> GainSchedule:
+    """Return the schedule of the two-joint arm or of a robot."""
+    return _of_robot(arm) if isinstance(arm, Robot) else _of_cosine(arm)
+
+
+def kept_joints(robot: Robot) -> tuple[int, ...]:
+    """Return the numbers of the joints on whose angles the mass matrix depends most, ascending; never the first."""
+    count = min(MOST_KEPT, len(robot) - 1)
+    others = _random_angles(robot)
+    whole = np.mean(mass_matrix(robot, others), axis=0)
+    size = np.sqrt(np.diagonal(whole))
+    spread = []
+    for joint in range(1, len(robot)):
+        means = np.array([np.mean(mass_matrix(robot, q), axis=0) for q in _turned_to(others, (joint,))])
+        spread.append(float(np.mean(((means - whole) / np.outer(size, size)) ** 2)))
+    return tuple(sorted(1 + int(number) for number in np.argsort(spread)[::-1][:count]))
+
+
+@functools.lru_cache(maxsize=32)
+def _of_robot(robot: Robot) -> GainSchedule:
+    kept = kept_joints(robot)
+    points = _turned_to(_random_angles(robot), kept)
+    inertia = np.array([np.mean(mass_matrix(robot, q), axis=0) for q in points])
+    names = [robot.joints[joint].name for joint in kept]
+    places = tuple(
+        ", ".join(f"{name} = {q[0, joint]:.3g} rad" for name, joint in zip(names, kept, strict=True)) or "any angles"
+        for q in points
+    )
+    return GainSchedule(np.array(kept, dtype=np.int64), False, POINTS, places, inertia)
+
+
+def _of_cosine(arm: Any) -> GainSchedule:
+    constants = arm_constants(arm)
+    entries = [two_joint_mass_matrix(cos2, constants) for cos2 in GRID]
+    inertia = np.array([[[m11, m12], [m12, m22]] for m11, m12, m22 in entries])
+    places = tuple(f"cos q2 = {cos2:g}" for cos2 in GRID)
+    return GainSchedule(np.array([1], dtype=np.int64), True, len(GRID), places, inertia)
+
+
+def _random_angles(robot: Robot) -> np.ndarray:
+    """Return angles (`SAMPLES`, n) [rad] within the ranges of the joints, always the same."""
+    low, high = np.array([joint.angle_range for joint in robot.joints]).T
+    return np.random.default_rng(SEED).uniform(np.maximum(low, -np.pi), np.minimum(high, np.pi), (SAMPLES, len(robot)))
+
+
+def _turned_to(angles: np.ndarray, kept: tuple[int, ...]) -> list[np.ndarray]:
+    """Return copies of angles (k, n) with the kept ones at each combination of points, the last one fastest."""
+    turned = []
+    for place in itertools.product(2.0 * np.pi * np.arange(POINTS) / POINTS, repeat=len(kept)):
+        q = angles.copy()
+        q[:, list(kept)] = place
+        turned.append(q)
+    return turned
+
+
+@register_jitable
+def place_in_schedule(
+    q: np.ndarray, kept: np.ndarray, cosine: bool, points: int, index: np.ndarray, weight: np.ndarray
+) -> None:
+    """Fill the numbers (2^k,) of the points around angles q (n,) [rad], and their weights (2^k,), which add up to 1."""
+    index[:], weight[:] = 0, 1.0
+    for number in range(len(kept)):
+        if cosine:
+            place = 0.5 * (np.cos(q[kept[number]]) + 1.0) * (points - 1)
+            left = min(max(int(place), 0), points - 2)  # min and max also map a cosine that is nan into the table
+            share, right = place - left, left + 1
+        else:
+            place = q[kept[number]] * (points / (2.0 * np.pi))
+            whole = np.floor(place)
+            share, left = place - whole, int(whole) % points
+            right = (left + 1) % points
+        for corner in range(len(index)):
+            upper = (corner >> number) & 1
+            index[corner] = index[corner] * points + (right if upper else left)
+            weight[corner] *= share if upper else 1.0 - share

@@ -1,0 +1,145 @@
+"""The law of a controller of the form "semidefinite": as a policy, and in plain NumPy for states in lanes.
+
+    u = M̄(q) q̈_d + C(q, q̇) q̇ + f_v q̇ + g(q) - M̂(q) (k_p e + k_d ė + k_i x_I),      M̄ = M + R,
+
+with e = q - q_d, ė = q̇ - q̇_d, x_I = ∫ e dt. On the rigid arm M̄(q) ë = -M̂(q) (k_p e + k_d ė + k_i x_I) + d. The speed
+in the Coriolis torques is the measured one, so that they leave no term in the error's equation. The policy measures q
+and q̇ at the motors.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.checks import instance
+from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import in_columns, in_list, reader
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
+from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_policy_certificate
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+
+__all__ = ["ScheduledPolicy", "scheduled_torque"]
+
+
+class ScheduledPolicy(Policy):
+    """The law of a controller file as a policy; it is in the module's docstring.
+
+    Attributes:
+        controller: the content of the file.
+    """
+
+    def __init__(self, controller: ScheduledController, control_period: float = 1e-3) -> None:
+        """Lay the controller out for the compiled law of its robot, at a control period T [s].
+
+        Raises:
+            TypeError: the controller is of another form, or the control period is no number.
+            ValueError: the control period is out of range.
+        """
+        super().__init__(instance("controller", controller, ScheduledController).robot, control_period)
+        self.controller = controller
+        premises = controller.premises
+        self._arguments = (
+            constants_of(controller.robot),
+            drives_of(controller.robot),
+            np.array([premise.joint for premise in premises], dtype=np.int64),
+            np.array([premise.turns for premise in premises], dtype=np.float64),
+            np.array([premise.function.startswith("sin") for premise in premises], dtype=np.bool_),
+            np.ascontiguousarray(controller.inertia),
+            np.ascontiguousarray(controller.feedback),
+            self.control_period,
+        )
+
+    def certificate(self, reference: Reference) -> PolicyCertificate:
+        """Return what is proven of the controller, which is the same for every reference."""
+        return scheduled_policy_certificate(self.controller)
+
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Evaluate the law, see `Policy`."""
+        self._law(observation, memory, torque, *self._arguments)
+
+    @functools.cached_property
+    def _law(self) -> Any:
+        return _law_of(equations_of(self.controller.robot))
+
+
+@functools.cache
+def _law_of(physics: Physics) -> Any:
+    """Return the compiled law for robots with these equations."""
+    joints, dynamics = physics.joints, physics.inverse_dynamics
+    arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
+
+    @kernel_for(physics.digest)
+    def scheduled_law(
+        observation: np.ndarray,
+        integral: np.ndarray,
+        torque: np.ndarray,
+        constants: np.ndarray,
+        drives: np.ndarray,
+        kept: np.ndarray,
+        turns: np.ndarray,
+        sine: np.ndarray,
+        inertia: np.ndarray,
+        gains: np.ndarray,
+        period: float,
+    ) -> None:
+        """Evaluate the law for every lane and advance its integral; premise l is a cosine or sine of turns q_kept."""
+        arm, drive, o = arm_in(constants, 0), drives_in(drives), observed(observation)
+        k_p, k_d, k_i = gains[0], gains[1], gains[2]
+        wanted, ratio = np.empty(joints), np.empty(len(kept))
+        for lane in range(len(observation)):
+            for joint in range(joints):
+                error = o.q_motor[lane, joint] - o.q_reference[lane, joint]
+                error_rate = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
+                wanted[joint] = k_p * error + k_d * error_rate + k_i * integral[lane, joint]
+                integral[lane, joint] += period * error
+            q, dq = per_joint(o.q_motor, lane), per_joint(o.dq_motor, lane)
+            links = dynamics(q, dq, per_joint(o.ddq_reference, lane), arm)
+            for joint in range(joints):
+                motor = drive.motor_inertia[joint] * o.ddq_reference[lane, joint]
+                torque[lane, joint] = links[joint] + motor + drive.viscous_friction[joint] * o.dq_motor[lane, joint]
+            for place in range(len(kept)):
+                angle = turns[place] * o.q_motor[lane, kept[place]]
+                ratio[place] = 0.5 * (1.0 + (np.sin(angle) if sine[place] else np.cos(angle)))
+            for rule in range(len(inertia)):
+                h = 1.0
+                for place in range(len(kept)):  # the first premise changes fastest with the rule
+                    h *= ratio[place] if (rule >> place) & 1 else 1.0 - ratio[place]
+                for joint in range(joints):
+                    for other in range(joints):
+                        torque[lane, joint] -= h * inertia[rule, joint, other] * wanted[other]
+
+    return scheduled_law
+
+
+def scheduled_torque(
+    controller: ScheduledController,
+    q: np.ndarray,
+    dq: np.ndarray,
+    target: tuple[np.ndarray, np.ndarray, np.ndarray],
+    integral: np.ndarray,
+) -> np.ndarray:
+    """Return u (..., n) [N m].
+
+    Args:
+        controller: of a robot of n joints.
+        q: angles (..., n) [rad].
+        dq: q̇ (..., n) [rad/s].
+        target: q_d [rad], q̇_d [rad/s] and q̈_d [rad/s²], each (n,) or (..., n).
+        integral: x_I (..., n) [rad s].
+    """
+    robot, (k_p, k_d, k_i) = controller.robot, controller.feedback
+    q_d, dq_d, ddq_d = target
+    wanted = k_p * (q - q_d) + k_d * (dq - dq_d) + k_i * integral
+    feedback = (controller.inertia_at(q) @ wanted[..., np.newaxis])[..., 0]
+    rotors = robot.drive("motor_inertia") * ddq_d + robot.drive("viscous_friction") * dq
+    return np.asarray(inverse_dynamics(robot, q, dq, np.broadcast_to(ddq_d, q.shape)) + rotors - feedback)

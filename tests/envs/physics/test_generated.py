@@ -1,0 +1,159 @@
+"""Generated equations: equal to the textbook and to the hand-written ones, on every number type; the time step."""
+
+import numpy as np
+import pytest
+import torch
+from support.robots import ROBOTS, with_drives, without_losses
+
+from fuzzyarm.envs.physics import rigid_body
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
+from fuzzyarm.envs.physics.generated import physics_of, source_of
+from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.envs.physics.structure import structure_of
+from fuzzyarm.envs.physics.two_joints import two_joints
+
+LANES = 7
+
+
+@pytest.fixture(params=ROBOTS)
+def robot(request):
+    return ROBOTS[request.param]
+
+
+def arm_of(robot, payload=0.0, place=0.0, tip_payload=0.0):
+    physics = physics_of(robot)
+    return physics.constants(physics.plant_of(robot), payload, place, tip_payload)
+
+
+def drawn(robot, count=3, scale=2.0):
+    physics, generator = physics_of(robot), np.random.default_rng(2)
+    values = generator.uniform(-scale, scale, (count, len(robot), LANES))
+    return [physics.PerJoint(*rows) for rows in values], values.swapaxes(-1, -2)
+
+
+def test_readings_are_those_of_the_textbook_with_payloads(robot):
+    physics, loaded = physics_of(robot), robot.with_payload(1.5, "link").with_payload(2.5)
+    arm = arm_of(robot, 1.5, 0.0, 2.5)
+    (angles, rates, accelerations), (q, dq, ddq) = drawn(robot)
+    torque = np.stack(physics.inverse_dynamics(angles, rates, accelerations, arm), axis=-1)
+    np.testing.assert_allclose(torque, rigid_body.inverse_dynamics(loaded, q, dq, ddq), atol=1e-10)
+    gravity = np.stack(physics.gravity(angles, arm), axis=-1)
+    np.testing.assert_allclose(gravity, rigid_body.gravity(loaded, q), atol=1e-10)
+    mass = np.moveaxis(np.array([list(row) for row in physics.mass_matrix(angles, arm)]), -1, 0)
+    np.testing.assert_allclose(mass, rigid_body.mass_matrix(loaded, q), atol=1e-10)
+    tip = np.stack(physics.tip(angles, arm), axis=-1)
+    np.testing.assert_allclose(tip, rigid_body.tip_position(loaded, q)[..., : physics.axes], atol=1e-13)
+
+
+def test_accelerations_of_a_step_solve_the_equation_of_motion(robot):
+    robot = without_losses(robot)
+    physics, arm, h = physics_of(robot), arm_of(robot), 1e-9
+    (motor, link, rate), (_, _, dq) = drawn(robot)
+    motor = physics.PerJoint(*(a + 1e-3 * b for a, b in zip(link, motor, strict=True)))
+    force = np.random.default_rng(3).uniform(-50.0, 50.0, (physics.axes, LANES))
+    still = physics.PerJoint(*np.zeros((len(robot), LANES)))
+    state = physics.State(motor, link, rate, rate)
+    after = physics.step(state, still, physics.Point(*force), arm, h)
+    acceleration = (np.stack(after.link_velocity, axis=-1) - dq) / h
+    q, spring = np.stack(link, axis=-1), robot.drive("stiffness") * np.stack([*motor], axis=-1)
+    spring = spring - robot.drive("stiffness") * q
+    space = np.zeros((LANES, 3))
+    space[:, : physics.axes] = force.T
+    outer = np.einsum("...ji,...j->...i", rigid_body.tip_jacobian(robot, q), space)
+    torque = rigid_body.inverse_dynamics(robot, q, dq, acceleration)
+    np.testing.assert_allclose(torque, spring + outer, atol=2e-4 * np.abs(torque).max())
+
+
+def test_the_paper_s_arm_moves_as_by_the_hand_written_equations():
+    parameters = ArmParameters(inertia=(0.5, 0.1))
+    robot, by_hand, generator = Robot.of(parameters), two_joints(), np.random.default_rng(0)
+    physics, arm, old = physics_of(robot), arm_of(robot, 0.0, 0.0, 5.0), arm_constants(parameters, Payload(5.0))
+    rows = generator.uniform(-1.0, 1.0, (4, 2, LANES))
+    rows[0] = rows[1]
+    state = other = physics.State(*(physics.PerJoint(*row) for row in rows))
+    torque = physics.PerJoint(*generator.uniform(-100.0, 100.0, (2, LANES)))
+    force = physics.Point(*generator.uniform(-50.0, 50.0, (2, LANES)))
+    for _ in range(50):
+        state, other = physics.step(state, torque, force, arm, 2e-4), by_hand.step(other, torque, force, old, 2e-4)
+    np.testing.assert_allclose(np.array(state), np.array(other), atol=1e-12)
+
+
+def test_numpy_numba_and_torch_agree_and_a_lane_is_the_single_arm_bit_for_bit():
+    robot = robot_named("planar-3r")
+    physics, arm = physics_of(robot), arm_of(robot)
+    hold, generator = hold_of(physics), np.random.default_rng(1)
+    state = generator.uniform(-1.0, 1.0, (4 * len(robot), LANES))
+    state[: len(robot)] = state[len(robot) : 2 * len(robot)]
+    torque, force = generator.uniform(-20.0, 20.0, (3, LANES)), generator.uniform(-9.0, 9.0, (6, LANES))
+    constants = np.repeat(np.array(arm)[:, np.newaxis], LANES, axis=1)
+    lanes = state.copy()
+    hold(lanes, torque, force, constants, 2e-4, 1)
+    single = state[:, 3:4].copy()
+    hold(single, torque[:, 3:4].copy(), force[:, 3:4].copy(), constants[:, 3:4].copy(), 2e-4, 1)
+    np.testing.assert_array_equal(single[:, 0], lanes[:, 3])
+
+    def step(kind):
+        rows = [physics.PerJoint(*(kind(row) for row in part)) for part in state.reshape(4, 3, LANES)]
+        load = physics.Point(*(kind(row) for row in force[:3]))
+        numbers = physics.Arm(*(kind(row) for row in constants))
+        after = physics.step(
+            physics.State(*rows), physics.PerJoint(*(kind(row) for row in torque)), load, numbers, 2e-4
+        )
+        return np.concatenate([np.stack([np.asarray(row) for row in part]) for part in after])
+
+    np.testing.assert_allclose(step(np.array), lanes, atol=1e-15, rtol=1e-14)
+    np.testing.assert_allclose(step(torch.tensor), lanes, atol=1e-13, rtol=1e-12)
+
+
+def swing(robot, h, seconds, velocity=1.0):
+    """The states along a free motion, the springs unloaded at its start."""
+    physics, arm = physics_of(robot), arm_of(robot)
+    start = physics.PerJoint(*np.linspace(0.3, 0.9, len(robot)))
+    rate = physics.PerJoint(*np.linspace(velocity, -velocity, len(robot)))
+    still, no_force = physics.PerJoint(*[0.0] * len(robot)), physics.Point(*[0.0] * physics.axes)
+    state = physics.State(start, start, rate, rate)
+    for _ in range(round(seconds / h)):
+        state = physics.step(state, still, no_force, arm, h)
+        yield np.array(state)
+
+
+@pytest.mark.parametrize("name", ["planar-3r", "skewed"])
+def test_energy_is_kept_to_second_order_without_losses(name):
+    robot = without_losses(ROBOTS[name])
+
+    def drift(h):
+        energies = []
+        for motor, link, motor_rate, rate in swing(robot, h, 0.04):
+            springs = 0.5 * robot.drive("stiffness") @ (motor - link) ** 2
+            motors = 0.5 * robot.drive("motor_inertia") @ motor_rate**2
+            links = rigid_body.kinetic_energy(robot, link, rate) + rigid_body.potential_energy(robot, link)
+            energies.append(springs + motors + links)
+        return np.ptp(energies)
+
+    coarse, fine = drift(4e-4), drift(2e-4)
+    assert 3.0 < coarse / fine < 5.5
+
+
+@pytest.mark.parametrize("name", ["planar-3r", "skewed"])
+def test_step_has_order_two_with_damping_and_viscous_friction(name):
+    robot = with_drives(ROBOTS[name], static_friction=0.0, coulomb_friction=0.0)
+    ends = [list(swing(robot, h, 0.02))[-1] for h in (4e-4, 2e-4, 2.5e-5)]
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    assert 3.0 < errors[0] / errors[1] < 5.5
+
+
+def test_a_motor_below_its_static_friction_sticks_exactly():
+    robot = with_drives(robot_named("ur5"), static_friction=1000.0, coulomb_friction=900.0)
+    for motor, _, motor_rate, _ in swing(robot, 2e-4, 0.01, velocity=0.0):
+        assert (motor_rate == 0.0).all()
+        np.testing.assert_array_equal(motor, np.linspace(0.3, 0.9, 6))
+
+
+def test_robots_of_one_structure_share_their_equations_and_no_text_gets_into_the_source():
+    robot = robot_named("ur5")
+    heavier = robot.with_payload(0.0)
+    assert physics_of(heavier) is physics_of(robot)
+    text = "".join(source_of(structure_of(robot)).functions.values())
+    assert robot.name not in text and not any(joint.name in text for joint in robot.joints)

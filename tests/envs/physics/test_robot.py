@@ -1,0 +1,217 @@
+"""Robots as data: what is refused and how, files, digests, payloads, and models with an overlay."""
+
+import builtins
+import dataclasses
+import importlib.resources
+import re
+
+import numpy as np
+import pytest
+from support.robots import DRIVE, ROBOTS
+
+from fuzzyarm.envs.physics import rigid_body
+from fuzzyarm.envs.physics.joint import Joint, Link
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
+from fuzzyarm.envs.physics.robot_models import read_robot
+
+BALL = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
+UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+LINK = Link(1.0, (0.0, 0.0, 0.1), BALL)
+GOOD = {
+    "name": "elbow",
+    "position": (0.0, 0.0, 0.0),
+    "rotation": UPRIGHT,
+    "axis": (0.0, 0.0, 1.0),
+    "link": LINK,
+    "drive": DRIVE,
+    "angle_range": (-1.0, 1.0),
+    "velocity_limit": 2.0,
+}
+
+
+def moments(*values):
+    return tuple(tuple(row) for row in np.diag(values).tolist())
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("axis", (0.0, 0.0, 2.0), "joint 'elbow': axis = .* has length 2; it must be a unit vector"),
+        ("rotation", moments(1.0, 1.0, -1.0), "joint 'elbow': rotation = .* is no rotation"),
+        ("rotation", moments(1.0, 2.0, 1.0), "joint 'elbow': rotation = .* is no rotation"),
+        ("angle_range", (1.0, -1.0), "joint 'elbow': angle_range = .* low <= high"),
+        ("angle_range", (1.0, 1.0), "joint 'elbow': angle_range = .* is empty"),
+        ("velocity_limit", 0.0, r"joint 'elbow': velocity_limit = 0.0 rad/s is out of range; allowed: \(0,"),
+        ("position", (0.0, np.nan, 0.0), r"joint 'elbow': position\[1\] = nan m is out of range"),
+        ("link", None, "joint 'elbow': link = None must be a"),
+        ("name", "two\nlines", "name = .* must be a text of one line"),
+    ],
+)
+def test_a_wrong_joint_is_named(field, value, message):
+    with pytest.raises(ValueError, match=message):
+        Joint(**GOOD | {field: value})
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"mass": 0.0}, r"mass = 0.0 kg is out of range; allowed: \(0,"),
+        ({"inertia": moments(0.1, 0.1, -0.1)}, "inertia has the principal moment -0.1 .* allowed: above 0"),
+        ({"inertia": moments(0.1, 0.1, 0.3)}, "the last above the sum of the others, which no body has"),
+        ({"inertia": ((0.1, 0.01, 0.0), *BALL[1:])}, "is not symmetric"),
+        ({"center": (0.0, 0.0)}, "center = .* must be 3 real numbers"),
+    ],
+)
+def test_a_wrong_link_is_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(LINK, **values)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (
+            {"motor_inertia": 0.0},
+            "motor_inertia = 0.0 kg m\\^2: .* give the rotor's inertia times the gear ratio squared",
+        ),
+        ({"stiffness": 0.0}, r"stiffness = 0.0 N m/rad is out of range; allowed: \(0,"),
+        ({"static_friction": 0.5}, "static_friction = 0.5 N m is below coulomb_friction"),
+    ],
+)
+def test_a_wrong_drive_is_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(DRIVE, **values)
+
+
+def test_shipped_robots_state_sources_and_assumptions_and_the_paper_s_is_table_1():
+    assert shipped_robots() == ("panda", "paper", "planar-3r", "ur5")
+    for name in shipped_robots():
+        assert robot_named(name).name == name and robot_named(name).sources and robot_named(name).assumptions
+    assert robot_named("paper").digest == Robot.of(ArmParameters()).digest
+    with pytest.raises(ValueError, match="robot = 'ur6' is unknown; choose from: panda, paper, planar-3r, ur5"):
+        robot_named("ur6")
+
+
+def test_digest_follows_numbers_and_not_texts():
+    robot = robot_named("planar-3r")
+    assert dataclasses.replace(robot, name="other", sources=()).digest == robot.digest
+    assert dataclasses.replace(robot, tip=(0.25, 0.0, 1e-15)).digest != robot.digest
+
+
+def test_payload_adds_its_weight_and_inertia():
+    robot, q = ROBOTS["skewed"], np.array([0.3, -0.4, 0.5, 0.6])
+    loaded, jacobian = robot.with_payload(2.0), rigid_body.tip_jacobian(robot, q)
+    added = rigid_body.mass_matrix(loaded, q) - rigid_body.mass_matrix(robot, q)
+    np.testing.assert_allclose(added, 2.0 * jacobian.T @ jacobian, atol=1e-13)
+    weight = rigid_body.gravity(loaded, q) - rigid_body.gravity(robot, q)
+    np.testing.assert_allclose(weight, -2.0 * jacobian.T @ robot.gravity, atol=1e-12)
+
+
+def test_errors_of_a_file_name_file_joint_and_field(tmp_path):
+    folder = importlib.resources.files("fuzzyarm.envs.physics") / "robots"
+    text = (folder / "planar-3r.toml").read_text(encoding="utf-8")
+    file = tmp_path / "robot.toml"
+    for old, new, message in (
+        (
+            "inertia = [[0.01, 0, 0], [0, 0.11, 0], [0, 0, 0.11]]",
+            "",
+            "joint 'joint2': .*missing required field `inertia`",
+        ),
+        ("motor_inertia = 0.58", "motor_inertia = 0.0", "joint 'joint2': motor_inertia = 0.0"),
+        ("[[joints]]", "[[joints]]\ntype = 'prismatic'", "unknown field type"),
+    ):
+        assert old in text
+        file.write_text(text.replace(old, new, 1), encoding="utf-8")
+        with pytest.raises(ValueError, match=rf"{re.escape(str(file))}: .*{message}") as caught:
+            read_robot(file)
+        assert "\n" not in str(caught.value)
+
+
+URDF_LINK = """<link name="{}"><inertial><mass value="2"/><origin xyz="0 0 0.1"/>
+<inertia ixx="0.02" iyy="0.03" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>"""
+URDF_JOINT = """<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>
+<origin xyz="0 0 0.4" rpy="1.570796327 0 0"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="2" effort="10" velocity="2"/><dynamics damping="0.5" friction="0.25"/>{}</joint>"""
+OVERLAY = "[joints.{}]\nmotor_inertia = 0.2\nstiffness = 5000\ndamping = 2\nvelocity_limit = 3\n"
+HAND = '<link name="hand"/>' + URDF_JOINT.format("wrist", "fixed", "c", "hand", "")
+SECOND = URDF_JOINT.format("j2", "revolute", "b", "c", "")
+
+
+def files(folder, body, head="", joints=("j1", "j2"), name="arm.urdf"):
+    """Write a model and its overlay, and return the path of the overlay."""
+    links = "".join(map(URDF_LINK.format, "abc")) + URDF_JOINT.format("j1", "revolute", "a", "b", "")
+    text = body if name.endswith("xml") else f'<robot name="arm">{links}{body}</robot>'
+    (folder / name).write_text(text, encoding="utf-8")
+    robot = folder / "robot.toml"
+    drives = "".join(map(OVERLAY.format, joints))
+    tip = "" if "tip" in head else 'tip = "c"\n'
+    robot.write_text(f'model = "{name}"\n{tip}{head}\n{drives}', encoding="utf-8")
+    return robot
+
+
+def test_urdf_with_an_overlay(tmp_path):
+    robot = read_robot(files(tmp_path, SECOND + HAND, 'tip = "hand"'))
+    first, second = robot.joints
+    assert robot.name == "arm" and [joint.name for joint in robot.joints] == ["j1", "j2"]
+    assert first.position == (0.0, 0.0, 0.4) and first.rotation == ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
+    assert second.drive.viscous_friction == 0.5 and second.drive.coulomb_friction == 0.25
+    assert second.drive.torque_limit == 10.0 and second.angle_range == (-1.0, 2.0) and second.velocity_limit == 3.0
+    np.testing.assert_allclose(second.link.inertia, [[0.02, 0.001, 0.0], [0.001, 0.03, 0.0], [0.0, 0.0, 0.02]])
+    np.testing.assert_allclose(second.link.center, (0.0, 0.0, 0.1))
+    np.testing.assert_allclose(robot.tip, (0.0, 0.0, 0.4))
+
+
+@pytest.mark.parametrize(
+    ("body", "head", "joints", "message"),
+    [
+        (SECOND + URDF_JOINT.format("j3", "revolute", "a", "c", ""), "", ("j1",), "joint 'j3' closes the chain"),
+        (URDF_JOINT.format("j2", "prismatic", "b", "c", ""), "", ("j1",), "joint 'j2' is prismatic; .*`fixed`"),
+        (SECOND.replace("</joint>", '<mimic joint="j1"/></joint>'), "", ("j1",), "joint 'j2' mimics 'j1'; .*`fixed`"),
+        (URDF_JOINT.format("j2", "revolute", "a", "c", ""), "", ("j1", "j2"), "'j2' does not follow joint 'j1'"),
+        (
+            '<link name="d"/>' + SECOND + URDF_JOINT.format("j3", "revolute", "c", "d", ""),
+            "",
+            ("j1", "j2", "j3"),
+            "joint 'j3' turns link 'd', which has no inertia: give the link an <inertial>",
+        ),
+        (SECOND, "", ("j1",), r"joint 'j2' has no drive, .* add \[joints.j2\] to the overlay"),
+        (SECOND, 'tip = "a"', ("j1", "j2"), "tip = 'a' does not move with the last joint, j2"),
+        (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is no link or site"),
+        (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` names j9; the joints of the model are: j1, j2"),
+        ('<include file="/etc/passwd"/>', "", ("j1",), "it has an element <include>"),
+    ],
+)
+def test_what_is_no_chain_of_revolute_joints_is_refused_in_one_line(tmp_path, body, head, joints, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        read_robot(files(tmp_path, body, head, joints))
+    assert "\n" not in str(caught.value) and "robot.toml" in str(caught.value)
+
+
+def test_mjcf_with_an_overlay_and_without_rotor(tmp_path):
+    body = """<mujoco model="m"><worldbody><body name="a"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    <joint name="j1" axis="0 0 1" pos="0 0 0.5" range="-90 90" armature="{}" actuatorfrcrange="-7 7"/>
+    <site name="end" pos="0.3 0 0.5"/></body></worldbody></mujoco>"""
+    robot = files(tmp_path, body.format(0.4), 'tip = "end"', ("j1",), "arm.xml")
+    robot.write_text(robot.read_text().replace("motor_inertia = 0.2\n", ""))
+    joint = read_robot(robot).joints[0]
+    assert joint.drive.motor_inertia == 0.4 and joint.drive.torque_limit == 7.0
+    np.testing.assert_allclose(joint.link.center, (0.0, 0.0, -0.5))
+    np.testing.assert_allclose(read_robot(robot).tip, (0.3, 0.0, 0.0))
+    np.testing.assert_allclose(joint.angle_range, (-np.pi / 2, np.pi / 2))
+    (tmp_path / "arm.xml").write_text(body.format(0.0))
+    with pytest.raises(ValueError, match=r"joint 'j1': motor_inertia = 0.0 kg m\^2"):
+        read_robot(robot)
+
+
+def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *arguments, **options):
+        if name == "mujoco":
+            raise ModuleNotFoundError(name)
+        return real(name, *arguments, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ModuleNotFoundError, match=r"fuzzyarm\[robots\]"):
+        read_robot(files(tmp_path, SECOND))

@@ -1,0 +1,269 @@
+"""The tube against the arm: no simulated plant of the set leaves it, and it is checked again from its file."""
+
+import dataclasses
+import itertools
+import json
+
+import numpy as np
+import pytest
+from support.command_line import one_line_error
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.event_integrator import integrate
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, problem_of
+from fuzzyarm.eval.certified.tip.bound_file import check_bound, save_bound
+from fuzzyarm.eval.certified.tip.centre import Mode
+from fuzzyarm.eval.certified.tip.enclosures import NoBound
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
+from fuzzyarm.eval.certified.tip.transition import ROWS
+
+STEPS = 40
+ROUNDING = 1e-15  # of a tip that is computed in floats [m]
+SMALL = PlantSet(stiffness=(0.99, 1.01), mass=(0.998, 1.002), damping=(0.9, 1.1), motor_inertia=(0.995, 1.005))
+
+
+def claim(plants=None, policy="fuzzy-4-tip", steps=STEPS, case="nominal"):
+    return TipClaim(policy, case, "table-1" if plants is None else "own", plants or PlantSet(), steps=steps)
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return find_bound(claim())
+
+
+def simulated(of, parameters, payload=None, late=0):
+    """Return the states and tip errors at every sample, by the event integrator."""
+    problem = problem_of(of)
+    table, policy = problem.schedule, load_policy(of.policy)
+    state, memory, waiting, errors, states = problem.start, None, None, [], [problem.start]
+    for k in range(table.steps):
+        seen = np.concatenate([state[:2], state[4:6], table.references[k]])
+        asked, memory = policy.predict(seen, memory)
+        acting = asked if waiting is None else waiting
+        waiting = asked if late else None
+        mean, change = table.forces[k, :2], table.forces[k, 2:]
+
+        def force(t, mean=mean, change=change):
+            return mean + (t / 1e-3 - 0.5) * change
+
+        state = integrate(state, acting, force, parameters, payload or Payload(), 0.0, 1e-3)
+        tip = tip_of(state[2:4])
+        errors.append(float(np.hypot(*(tip - table.targets[k + 1][:2]))))
+        states.append(state.copy())
+    return np.array(states), np.array(errors)
+
+
+def tip_of(q):
+    return 0.5 * np.array([np.cos(q[0]) + np.cos(q.sum()), np.sin(q[0]) + np.sin(q.sum())])
+
+
+def test_the_exact_plant_is_in_the_tube_and_the_tube_is_narrow(exact):
+    states, errors = simulated(exact.claim, ArmParameters())
+    assert (errors <= exact.tip + ROUNDING).all()
+    assert exact.tip.max() < 1.1 * errors.max()  # 0.26 µm at this part of the circle
+    for state, step in zip(states[1:], exact.steps, strict=True):
+        deviation = np.abs(state - step.segments[-1].end)
+        assert (deviation <= step.closed[-1].tube[:8] + 1e-12).all()
+
+
+def test_sticking_and_slipping_are_in_the_tube(exact):
+    """The first samples make the motors rest, break away and rest again, also within a period."""
+    modes = {mode for step in exact.steps for segment in step.segments for mode in segment.modes}
+    assert Mode.REST in modes and len(modes) > 1
+    assert max(len(step.segments) for step in exact.steps) > 1
+    assert sum(segment.duration for segment in exact.steps[2].segments) == 1e-3
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_corners_of_a_set_are_in_the_tube(late):
+    bound = find_bound(claim(dataclasses.replace(SMALL, late=late), steps=25))
+    rng, nominal, largest = np.random.default_rng(3), ArmParameters(), 0.0
+    for _ in range(6):
+        factors = {
+            name: tuple(rng.choice(getattr(SMALL, name), 2))
+            for name in ("stiffness", "mass", "damping", "motor_inertia")
+        }
+        values = {name: tuple(np.multiply(getattr(nominal, name), f)) for name, f in factors.items()}
+        values["inertia"] = tuple(np.multiply(nominal.inertia, factors["mass"]))
+        states, errors = simulated(bound.claim, dataclasses.replace(nominal, **values), late=late)
+        assert (errors <= bound.tip + ROUNDING).all()
+        largest = max(largest, float((errors / bound.tip).max()))
+        for state, step in zip(states[1:], bound.steps, strict=True):
+            assert (np.abs(state - step.segments[-1].end) <= step.closed[-1].tube[:8] + 1e-12).all()
+    assert largest > 0.1
+
+
+def test_any_friction_has_a_wider_tube(exact):
+    wide = find_bound(claim(PlantSet(friction="any"), steps=12))
+    assert (wide.tip >= exact.tip[:12]).all() and wide.tip[-1] > 10.0 * exact.tip[11]
+
+
+def test_a_payload_and_a_force_within_their_ranges():
+    bound = find_bound(claim(PlantSet(payload=(0.0, 0.05), force=(0.99, 1.01)), case="machining", steps=12))
+    for mass in (0.0, 0.05):
+        _, errors = simulated(bound.claim, ArmParameters(), Payload(mass))
+        assert (errors <= bound.tip + ROUNDING).all()
+
+
+def pushed(of, course, noise=(0.0, 0.0), seed=0):
+    """Return the tip errors of the exact plant under a tip force and encoder errors that switch at random."""
+    problem, policy, rng = problem_of(of), load_policy(of.policy), np.random.default_rng(seed)
+    table, state, memory, errors = problem.schedule, problem.start, None, []
+    side = rng.choice([-1.0, 1.0], 2)
+    for k in range(table.steps):
+        side = np.where(rng.uniform(size=2) < 0.2, -side, side)
+        measured = state[[0, 1, 4, 5]] + np.repeat(noise, 2) * rng.choice([-1.0, 1.0], 4)
+        asked, memory = policy.predict(np.concatenate([measured, table.references[k]]), memory)
+        mean, change = table.forces[k, :2], table.forces[k, 2:]
+        share, force = (side * course, 0.0) if of.case == "nominal" else (0.0, side[0] * of.plants.force_swing)
+
+        def pull(t, m=mean, c=change, add=share, factor=force):
+            return (1.0 + factor) * (m + (t / 1e-3 - 0.5) * c) + add
+
+        state = integrate(state, asked, pull, ArmParameters(), Payload(), 0.0, 1e-3)
+        errors.append(float(np.hypot(*(tip_of(state[2:4]) - table.targets[k + 1][:2]))))
+    return np.array(errors)
+
+
+def test_a_force_of_any_course_is_in_the_tube_and_fills_it():
+    """Both kinds: beside the case's force, and as a factor of it. A bound without it would be a thousandth."""
+    for plants, case, least in (
+        (PlantSet(force_course=3.0), "nominal", 0.2),
+        (PlantSet(force_swing=0.1), "machining", 0.5),
+    ):
+        bound = find_bound(claim(plants, steps=30, case=case))
+        ratios = [pushed(bound.claim, plants.force_course, seed=seed) / bound.tip for seed in range(3)]
+        assert np.max(ratios) <= 1.0 and np.max(ratios) > least
+
+
+def test_errors_of_the_encoders_are_in_the_tube_and_fill_it():
+    noise = (1e-5, 1e-3)
+    bound = find_bound(claim(PlantSet(noise=noise), steps=30))
+    ratios = [pushed(bound.claim, 0.0, noise, seed) / bound.tip for seed in range(4)]
+    assert np.max(ratios) <= 1.0 and np.max(ratios) > 0.1
+
+
+def test_the_file_is_checked_again(exact, tmp_path, capsys):
+    path = tmp_path / "bound.json"
+    save_bound(exact, path)
+    found = check_bound(path)
+    assert found.proven and found.bound == exact.largest
+    assert main(["verify", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["proven"] is True
+
+
+@pytest.mark.parametrize("spoil", ["tube", "angles", "tip", "bound", "duration", "plan", "missing"])
+def test_a_spoiled_file_is_not_proven(exact, tmp_path, spoil):
+    path = tmp_path / "bound.json"
+    save_bound(exact, path)
+    content = json.loads(path.read_text())
+    part = content["steps"][20][0]
+    match spoil:
+        case "tube":
+            part["tube"][ROWS.link.start] *= 1e-3
+        case "angles":
+            part["angles"][2][3] += 1e-7
+        case "tip":
+            content["tip"][20] *= 0.5
+        case "bound":
+            content["bound"] *= 0.99
+        case "duration":
+            part["duration"] *= 0.5
+        case "plan":
+            part["plans"] = ["held", "held"]
+        case "missing":
+            del content["steps"][30]
+    path.write_text(json.dumps(content))
+    found = check_bound(path)
+    assert not found.proven and found.reason
+    assert main(["verify", str(path)]) == 1
+
+
+def test_files_that_are_none(exact, tmp_path, capsys):
+    path = tmp_path / "bound.json"
+    save_bound(exact, path)
+    content = json.loads(path.read_text())
+    for name, value in (("policy", "fuzzy-99"), ("path", "square"), ("plants", {"mass": [1.0]}), ("files", {"a": "b"})):
+        path.write_text(json.dumps(content | {name: value}))
+        assert main(["verify", str(path)]) == 2
+        one_line_error(capsys)
+
+
+def test_the_command(tmp_path, capsys):
+    out = tmp_path / "bound.json"
+    assert main(["prove", "--policy", "fuzzy-4-tip", "--steps", "8", "--json", "--out", str(out)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["proven"] is True and found["set"] == "table-1" and 0.0 < found["bound"] < 1e-6
+    assert main(["verify", str(out)]) == 0
+    assert "PROVEN" in capsys.readouterr().out
+
+
+def test_no_bound_is_exit_code_1(tmp_path, capsys):
+    assert main(["prove", "--policy", "elastic-observer"]) == 1
+    assert "no bound for" in one_line_error(capsys)
+    wide = tmp_path / "wide.toml"
+    wide.write_text("stiffness = [0.5, 1.5]\n")
+    assert main(["prove", "--set", str(wide), "--steps", "60", "--json"]) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["proven"] is False and answer["bound"] is None and "no bound beyond t" in answer["reason"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["stiffness = [1.1, 0.9]", "stifness = [1.0, 1.0]", "friction = 'none'", "late = 3", "mass = 'heavy'", "mass = ["],
+)
+def test_malformed_sets_are_exit_code_2(tmp_path, capsys, text):
+    path = tmp_path / "set.toml"
+    path.write_text(text + "\n")
+    assert main(["prove", "--set", str(path)]) == 2
+    assert str(path) in one_line_error(capsys)
+
+
+def test_unknown_names_are_exit_code_2(capsys):
+    for words in (["--set", "table-2"], ["--policy", "fuzzy-99"], ["--case", "windy"], ["--steps", "0"]):
+        assert main(["prove", *words]) == 2
+        one_line_error(capsys)
+
+
+def test_sets_by_name():
+    assert find_set("table-1") == PlantSet()
+    assert PlantSet.from_dict(find_set("near").to_dict()) == find_set("near")
+
+
+def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
+    path = tmp_path / "set.toml"
+    path.write_text("payload = [0.0, 0.3]\n")
+    words = ["prove", "--set", str(path), "--steps", "6", "--json"]
+    assert main([*words, "--cells", "payload", "3"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    ends = [cell["payload"] for cell in found["cells"]]
+    assert ends[0][0] == 0.0 and ends[-1][1] == 0.3 and all(a[1] == b[0] for a, b in itertools.pairwise(ends))
+    assert found["bound"] == max(cell["bound"] for cell in found["cells"])
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["bound"] > 0.9 * found["bound"]
+    assert main([*words, "--cells", "mass", "3"]) == 2
+    assert "choose from: payload, force" in one_line_error(capsys)
+
+
+def test_what_is_spent_adds_up(exact):
+    assert sum(exact.spent().values()) == pytest.approx(exact.largest, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_motion_at_the_limit_has_no_bound(capsys):
+    assert main(["prove", "--duration", "0.6"]) == 1
+    assert "motor 1 may reach its limit of 500 N m" in one_line_error(capsys)
+
+
+@pytest.mark.slow
+def test_the_whole_circle():
+    for policy, most in (("fuzzy-4-tip", 2.4e-6), ("fuzzy-4", 3.95e-3)):
+        assert find_bound(claim(policy=policy, steps=None)).largest < most
+
+
+def test_no_bound_says_when():
+    with pytest.raises(NoBound, match="no bound beyond t = "):
+        find_bound(claim(PlantSet(payload=(0.0, 50.0)), steps=20))

@@ -1,0 +1,154 @@
+"""The policy of the semidefinite form: against its law in plain NumPy, on the elastic robot, and what it refuses."""
+
+import dataclasses
+import functools
+import json
+
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
+from fuzzyarm.fuzzy_policy.controller import ControllerFileError
+from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy, scheduled_torque
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, Premise
+from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
+
+ROBOT = "planar-3r"
+N = 3
+
+
+@functools.cache
+def designed():
+    return design_scheduled(ScheduledSpecification(premises=()), robot_named(ROBOT)).controller
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scheduled") / "p3.json"
+    designed().save(path)
+    return path
+
+
+def with_premises(*premises):
+    """A controller of these premises with the gains of `designed` and rules that differ at random; not proven."""
+    rng = np.random.default_rng(7)
+    spread = rng.normal(scale=0.01, size=(2 ** len(premises), N, N))
+    return dataclasses.replace(
+        designed(),
+        premises=premises,
+        rates=np.ones(len(premises)),
+        inertia=designed().inertia + spread + np.swapaxes(spread, 1, 2),
+    )
+
+
+def observations(lanes, rng):
+    """Observations (lanes, 15) with errors so small that no torque is clipped."""
+    q, dq = rng.uniform(-3.0, 3.0, (lanes, N)), rng.normal(scale=0.3, size=(lanes, N))
+    q_d, dq_d = q + 1e-4 * rng.normal(size=q.shape), dq + 1e-3 * rng.normal(size=q.shape)
+    return np.hstack([q, dq, q_d, dq_d, rng.normal(scale=0.3, size=q.shape)])
+
+
+@pytest.mark.parametrize(
+    "premises",
+    [(), *[(Premise(1, f), Premise(2, g)) for f, g in zip(FUNCTIONS, reversed(FUNCTIONS), strict=True)]],
+    ids=lambda premises: ", ".join(premise.name for premise in premises) or "1 rule",
+)
+def test_the_policy_is_its_law(premises):
+    controller, rng = with_premises(*premises), np.random.default_rng(0)
+    policy = ScheduledPolicy(controller, control_period=2e-3)
+    seen, integral = observations(20, rng), 1e-6 * rng.normal(size=(20, N))
+    q, dq, *target = np.split(seen, 5, axis=1)
+    torque, memory = np.empty((20, N)), integral.copy()
+    policy.act(seen, memory, torque)
+    np.testing.assert_allclose(torque, scheduled_torque(controller, q, dq, target, integral), rtol=1e-11, atol=1e-10)
+    np.testing.assert_allclose(memory, integral + 2e-3 * (q - target[0]), rtol=1e-14)
+
+
+@pytest.mark.parametrize("tip", ["", "-tip"])
+def test_a_batch_answers_as_each_lane_would_alone_bit_for_bit(file, tip):
+    policy = load_policy(f"{file}{tip}", robot=ROBOT)
+    batch = observations(4, np.random.default_rng(1))
+    _, states = policy.predict(batch)
+    actions, after = policy.predict(batch, states)
+    for lane in range(4):
+        action, following = policy.predict(batch[lane], states[lane])
+        assert action.tobytes() == actions[lane].tobytes() and following.tobytes() == after[lane].tobytes()
+
+
+def test_the_elastic_robot_follows_its_default_reference(file):
+    config = EvaluationConfig(policies=(str(file), f"{file}-tip"), cases=("nominal",), robot=robot_named(ROBOT))
+    outcome = evaluate(config)
+    plain = outcome.rollouts[0]
+    assert outcome.complete and plain.control_period == 1e-3
+    # The motors start off the reference by the bending under gravity; the error must decay and stay small.
+    error = np.abs(plain.q_motor - plain.q_reference).max(axis=1)
+    assert error[plain.time > 0.2].max() < 0.25 * error[0]
+    plain_error, tip_error = (row["tip_error_rms_mm"] for row in outcome.rows)
+    assert tip_error < 1e-2 * plain_error
+    assert outcome.bounds["p3"] == {
+        "form": "semidefinite",
+        "alpha": designed().alpha,
+        "gamma": designed().gamma,
+        "controller_digest": designed().digest,
+    }
+    assert outcome.bounds["p3-tip"] == outcome.bounds["p3"]
+    for text in outcome.certificates.values():
+        assert text.startswith("For the rigid arm of 3 joints in continuous time")
+
+
+def test_the_certificate_holds_for_every_reference(file):
+    reference = default_reference(robot_named(ROBOT))
+    policy = load_policy(file, robot=robot_named(ROBOT))
+    assert isinstance(policy, ScheduledPolicy)
+    certificate = policy.certificate(reference)
+    assert certificate.any_reference and certificate.controller.digest == designed().digest
+    tip = TipPolicy(policy).certificate(reference)
+    assert not tip.any_reference and "theta_d" in tip.text
+
+
+@pytest.mark.parametrize("robot", ["ur5", None, ArmParameters(mass=(1.0, 2.0))])
+def test_another_robot_is_refused(file, robot):
+    with pytest.raises(
+        ControllerFileError, match=r"for the robot 'planar-3r' \(\w{12}\), not for '.+' \(\w{12}\): give the"
+    ):
+        load_policy(file, robot=robot)
+
+
+def test_a_changed_robot_is_refused(file):
+    robot = robot_named(ROBOT)
+    first, *others = robot.joints
+    stiffer = dataclasses.replace(first, drive=dataclasses.replace(first.drive, stiffness=1.1 * first.drive.stiffness))
+    with pytest.raises(ControllerFileError, match="not for 'planar-3r'"):
+        load_policy(file, robot=dataclasses.replace(robot, joints=(stiffer, *others)))
+
+
+def test_a_file_that_was_changed_or_is_not_proven_is_refused(tmp_path, file):
+    changed = json.loads(file.read_text())
+    changed["alpha"] = (30.0).hex()
+    (tmp_path / "tampered.json").write_text(json.dumps(changed))
+    with pytest.raises(ControllerFileError, match="the digest does not match"):
+        load_policy(tmp_path / "tampered.json", robot=ROBOT)
+    forged = tmp_path / "forged.json"
+    dataclasses.replace(designed(), alpha=2.0 * designed().alpha).save(forged)
+    with pytest.raises(ControllerFileError, match=r"is not proven .* first: decay and gain"):
+        load_policy(forged, robot=ROBOT)
+    assert load_policy(forged, robot=ROBOT, allow_unproven=True).controller.alpha == 2.0 * designed().alpha
+
+
+def test_a_controller_of_another_form_is_none_of_this_policy():
+    with pytest.raises(TypeError, match="ScheduledController"):
+        ScheduledPolicy(load_policy("fuzzy-1").controller)
+
+
+def test_a_file_of_the_paper_arm_acts_on_the_paper_arm(tmp_path):
+    path, arm = tmp_path / "two.json", ArmParameters()
+    design_scheduled(ScheduledSpecification(premises=()), Robot.of(arm)).controller.save(path)
+    observation = np.array([0.1, 0.2, 0.3, 0.4, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])  # without error: the feedforward alone
+    torque, _ = load_policy(path).predict(observation)
+    expected, _ = load_policy("computed-torque").predict(observation)
+    np.testing.assert_allclose(torque, expected, rtol=1e-11)

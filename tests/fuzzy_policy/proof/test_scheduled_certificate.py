@@ -1,0 +1,283 @@
+"""Controllers of the form "semidefinite": their bounds against samples, their loop, and forged ones."""
+
+import dataclasses
+import functools
+import json
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.physics.rigid_body import bias, mass_matrix
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.eval.certified.verification import verify_file
+from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError
+from fuzzyarm.fuzzy_policy.controller_files import load_controller
+from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
+from fuzzyarm.fuzzy_policy.laws.scheduled import scheduled_torque
+from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
+from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate
+from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
+from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled
+from fuzzyarm.synthesis.metric_search import relative
+
+COS_2, COS_3 = Premise(1, "cos q"), Premise(2, "cos q")
+TIGHT = 0.98  # share of a bound that samples reach
+
+
+@functools.cache
+def designed(*premises):
+    return design_scheduled(ScheduledSpecification(premises=premises), robot_named("planar-3r"))
+
+
+@pytest.fixture(params=[(), (COS_2,), (COS_2, COS_3)], ids=["1 rule", "2 rules", "4 rules"])
+def controller(request):
+    return designed(*request.param).controller
+
+
+def inertias(controller, count=4000):
+    robot = controller.robot
+    low, high = np.array([joint.angle_range for joint in robot.joints]).T
+    q = np.random.default_rng(5).uniform(low, high, (count, len(robot)))
+    return q, mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia")), controller.inertia_at(q)
+
+
+def test_bounds_hold_at_samples_and_are_tight(controller):
+    q, inertia, scheduled = inertias(controller)
+    shares = relative(inertia, scheduled)
+    assert shares.min() > 1.0 and shares.max() < controller.kappa
+    assert shares.min() < 1.0 / TIGHT and shares.max() > TIGHT * controller.kappa
+    smallest = np.linalg.eigvalsh(scheduled)[:, 0].min()
+    assert controller.floor < smallest < controller.floor / TIGHT + 1e-3
+    hat = TrigMatrix(scheduled_polynomial(controller.premises, controller.inertia, controller.split))
+    np.testing.assert_allclose(hat.at(q[:, 1:]), scheduled, rtol=1e-12, atol=1e-12)
+    for premise, rate in zip(controller.premises, controller.rates, strict=True):
+        reached = 0.5 * np.abs(relative(hat.derivative(premise.joint - 1).at(q[:, 1:]), scheduled)).max()
+        assert TIGHT * rate < reached < rate
+
+
+def test_more_rules_bring_the_fastest_pole_down():
+    kappas = [designed(*kept).controller.kappa for kept in ((), (COS_2,), (COS_2, COS_3))]
+    poles = [designed(*kept).controller.fastest_pole for kept in ((), (COS_2,), (COS_2, COS_3))]
+    assert kappas == sorted(kappas, reverse=True) and poles == sorted(poles, reverse=True)
+    assert kappas[0] < 5.2
+
+
+def test_the_best_premise_is_found():
+    found = design_scheduled(ScheduledSpecification(rules=2), robot_named("planar-3r")).controller
+    assert found.premises == (COS_2,)
+
+
+def test_every_claim_is_proven_in_floats_and_in_balls(controller):
+    certificate = certify_scheduled(controller, in_balls=True)
+    assert certificate.proven
+    assert sum("also in balls" in claim.name for claim in certificate.claims) == 3 + 2 * len(controller.premises)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        ("kappa", 0.98),
+        ("floor", 1.04),
+        ("alpha", 1.02),
+        ("gamma", 0.98),
+        ("fastest_pole", 0.98),
+        ("inertia", 1.02),
+        ("rates", 0.97),
+        ("feedback", 1.05),
+        ("lyapunov", 1.1),
+    ],
+)
+def test_no_number_of_a_controller_may_be_better_than_it_is(name, factor):
+    controller = designed(COS_2, COS_3).controller
+    changed = dataclasses.replace(controller, **{name: factor * getattr(controller, name)})
+    assert not certify_scheduled(changed).proven
+
+
+def test_a_heavier_robot_is_not_covered():
+    controller = designed().controller
+    changed = dataclasses.replace(controller, robot=controller.robot.with_payload(1.0))
+    failed = [claim.name for claim in certify_scheduled(changed).claims if not claim.proven]
+    assert len(failed) == 1 and failed[0].startswith("kappa M_hat - M - R > 0") and "not at" in failed[0]
+
+
+def test_the_inequality_of_size_three_is_that_of_all_joints(controller):
+    """V' + 2αV + eᵀM̂e - γ² dᵀM̂⁻¹d < 0 for random errors, disturbances and speeds, with M̄ë = -M̂(k·x) + d."""
+    rng = np.random.default_rng(3)
+    q, inertia, scheduled = inertias(controller, 2000)
+    e, de, x_I, d = (rng.normal(size=q.shape) * scale for scale in (1e-2, 1.0, 1e-3, 100.0))
+    d[:500] = 0.0
+    hat = TrigMatrix(scheduled_polynomial(controller.premises, controller.inertia, controller.split))
+    speeds = rng.uniform(-15.0, 15.0, q.shape)
+    rate = sum(
+        (speeds[:, k + 1, np.newaxis, np.newaxis] * hat.derivative(k).at(q[:, 1:]) for k in range(2)),
+        np.zeros_like(scheduled),
+    )
+    k_p, k_d, k_i = controller.feedback
+    torque = d - np.einsum("bij,bj->bi", scheduled, k_p * e + k_d * de + k_i * x_I)
+    dde = np.linalg.solve(inertia, torque[..., np.newaxis])[..., 0]
+    x, dx = np.stack([e, de, x_I], axis=1), np.stack([de, dde, e], axis=1)
+    X = controller.lyapunov
+    form = functools.partial(np.einsum, "bai,ac,bij,bcj->b")
+    V = form(x, X, scheduled, x)
+    slope = 2.0 * form(x, X, scheduled, dx) + form(x, X, rate, x)
+    supply = np.einsum("bi,bij,bj->b", e, scheduled, e) - controller.gamma**2 * np.einsum(
+        "bi,bi->b", d, np.linalg.solve(scheduled, d[..., np.newaxis])[..., 0]
+    )
+    assert (slope + 2.0 * controller.alpha * V + supply).max() < 0.0
+
+
+def test_the_inequality_is_the_one_of_the_closed_loop():
+    """The scalar matrix against the derivative of V along the scalar loop, by its quadratic form."""
+    rng = np.random.default_rng(0)
+    X, k = rng.normal(size=(3, 3)), rng.normal(size=(1, 3))
+    X, share, rate, gamma = X + X.T, 0.3, 2.0, 0.7
+    x, d = rng.normal(size=3), rng.normal()
+    dx = np.array([x[1], share * (d - (k @ x).item()), x[0]])
+    expected = 2 * x @ X @ dx + 2 * rate * x @ X @ x + x[0] ** 2 - gamma**2 * d**2
+    y = np.append(x, d)
+    assert y @ decay(share, rate=rate, gamma2=gamma**2, X=X, k=k) @ y == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_nonlinear_loop_decays_at_least_as_fast_as_certified(controller):
+    """Rigid arm, moving reference, Runge-Kutta: V falls at least as exp(-2αt) from any of many errors."""
+    robot, n = controller.robot, 3
+    rng = np.random.default_rng(1)
+    amplitude, phase, omega = rng.uniform(0.5, 1.5, n), rng.uniform(0, 6, n), 2.0
+
+    def target(t):
+        angle = omega * t + phase
+        return tuple(amplitude * f for f in (np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)))
+
+    def slope(t, state):
+        q, dq, x_I = np.split(state, 3, axis=1)
+        u = scheduled_torque(controller, q, dq, target(t), x_I)
+        passive = bias(robot, q, dq) + robot.drive("viscous_friction") * dq
+        inertia = mass_matrix(robot, q) + np.diag(robot.drive("motor_inertia"))
+        ddq = np.linalg.solve(inertia, (u - passive)[..., np.newaxis])[..., 0]
+        return np.hstack([dq, ddq, q - target(t)[0]])
+
+    def lyapunov(t, state):
+        q, dq, x_I = np.split(state, 3, axis=1)
+        x = np.stack([q - target(t)[0], dq - target(t)[1], x_I], axis=1)
+        return np.einsum("bai,ac,bij,bcj->b", x, controller.lyapunov, controller.inertia_at(q), x)
+
+    lanes, h, steps = 40, 2.5e-4, 200
+    start = np.concatenate([np.tile(np.concatenate(target(0.0)[:2]), (lanes, 1)), np.zeros((lanes, n))], axis=1)
+    state = start + rng.normal(size=start.shape) * np.repeat([0.05, 1.0, 0.002], n)
+    before, t = lyapunov(0.0, state), 0.0
+    first = before
+    for _ in range(steps):
+        k1 = slope(t, state)
+        k2 = slope(t + h / 2, state + h / 2 * k1)
+        k3 = slope(t + h / 2, state + h / 2 * k2)
+        state, t = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(t + h, state + h * k3)), t + h
+        now = lyapunov(t, state)
+        assert np.all(now <= before * np.exp(-2.0 * controller.alpha * h) * (1.0 + 1e-6))
+        before = now
+    observed = -0.5 * np.log(before / first) / t
+    assert observed.min() > controller.alpha
+
+
+def test_files_round_trip_and_know_their_form(tmp_path, controller):
+    path = tmp_path / "robot.json"
+    controller.save(path)
+    again = load_controller(path)
+    assert isinstance(again, ScheduledController) and again.digest == controller.digest
+    assert again.robot.digest == controller.robot.digest
+    report = verify_file(path)
+    assert report.certificate.proven and "PROVEN" in report.to_text() and report.to_dict()["proven"]
+    with pytest.raises(ControllerFileError, match="schema"):
+        Controller.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.update(kappa=(2.0).hex()), "digest does not match"),
+        (lambda c: c.update(split=7), "split"),
+        (lambda c: c.update(lyapunov=[["0x1p0"]]), "lyapunov"),
+        (lambda c: c["premises"].append({"joint": 0, "function": "cos q"}), "joint"),
+        (lambda c: c["robot"].update(joints=[]), "number of joints"),
+        (lambda c: c["robot"]["joints"][2]["link"].update(mass=1.0), "robot's digest"),
+        (lambda c: c.update(alpha="nan"), "alpha"),
+        (lambda c: c.update(form="consistent"), "form"),
+    ],
+)
+def test_damaged_and_forged_files_are_refused_in_one_line(tmp_path, change, message):
+    path = tmp_path / "forged.json"
+    designed().controller.save(path)
+    content = json.loads(path.read_text())
+    del content["digest"]
+    change(content)
+    if message != "digest does not match":
+        content["digest"] = digest_of(content)
+    else:
+        content["digest"] = designed().controller.digest
+    path.write_text(json.dumps(content))
+    with pytest.raises(ControllerFileError, match=message) as refused:
+        load_controller(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_forged_claim_with_a_right_digest_is_not_proven(tmp_path):
+    path = tmp_path / "forged.json"
+    dataclasses.replace(designed().controller, kappa=4.5).save(path)
+    report = verify_file(path)
+    assert not report.certificate.proven and "NOT PROVEN" in report.to_text()
+    assert report.to_dict()["statement"] is None
+
+
+def test_mu_counts_the_speed_limits_of_kept_angles():
+    controller = designed(COS_2, COS_3).controller
+    rate = schedule_rate(controller)
+    assert int(rate.p) / int(rate.q) == pytest.approx(15.0 * controller.rates.sum(), rel=1e-12)
+    assert int(schedule_rate(designed().controller).p) == 0
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [({"fastest_pole": 100.0}, "kappa"), ({"gamma": 1e-12}, "gamma"), ({"rules": 8}, "no angle is left")],
+)
+def test_what_cannot_be_had_is_said(asked, message):
+    specification = ScheduledSpecification(**({"premises": ()} | asked if "rules" not in asked else asked))
+    with pytest.raises(DesignFailed, match=message):
+        design_scheduled(specification, robot_named("planar-3r"))
+
+
+def test_a_given_gain_is_met():
+    asked = ScheduledSpecification(premises=(), gamma=5e-3)
+    controller = design_scheduled(asked, robot_named("planar-3r")).controller
+    assert controller.gamma / controller.floor <= 5e-3 * 1.001
+    assert controller.gamma / controller.floor > 4.5e-3
+
+
+@pytest.mark.parametrize(
+    "asked", [{"rules": 3}, {"alpha": -1.0}, {"gamma": 0.0}, {"gamma": 1e-3, "fastest_pole": 300.0}]
+)
+def test_bad_specifications_are_refused(asked):
+    with pytest.raises(ValueError):
+        ScheduledSpecification(**asked)
+
+
+def test_two_joints_agree_with_the_closed_form():
+    """M̄ of the paper's arm is affine in cos q2: with that premise κ is 1 but for the widening, and with one rule the
+    smallest fastest pole is near that of the consistent form's one-rule design (153 1/s at α = 20)."""
+    two = robot_named("paper")
+    exact_schedule = design_scheduled(ScheduledSpecification(premises=(COS_2,)), two).controller
+    assert exact_schedule.kappa < 1.01
+    _, inertia, scheduled = inertias(exact_schedule, 200)
+    assert np.abs(inertia / scheduled - 1.0).max() < 0.02
+    one = design_scheduled(ScheduledSpecification(premises=()), two).controller
+    assert (3.0 * one.kappa - 2.0) * one.alpha == pytest.approx(153.0, rel=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "kappa"), [("ur5", 6.4), ("panda", 7.1)])
+def test_six_and_seven_joints_are_proven(name, kappa):
+    found = design_scheduled(ScheduledSpecification(premises=()), robot_named(name))
+    assert found.certificate.proven and found.controller.kappa < kappa
+    _, inertia, scheduled = inertias(found.controller, 1000)
+    shares = relative(inertia, scheduled)
+    assert shares.min() > 1.0 and shares.max() < found.controller.kappa
