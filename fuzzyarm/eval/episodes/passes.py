@@ -19,6 +19,7 @@ class _Pass:
     def __init__(self, policy: Repeated, begin: Any) -> None:
         """Take the policy and the state of the pass's beginning; None: the first pass."""
         self.policy, self.begin, self.last = policy, begin, begin
+        self.beliefs = getattr(policy, "beliefs", None)
 
     def predict(
         self,

@@ -24,7 +24,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS, FORCES, SPACE
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, layout
 
 if TYPE_CHECKING:
-    from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+    from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 
 __all__ = ["AdaptivePasses", "PassState"]
 
@@ -126,6 +126,11 @@ class AdaptivePasses:
         memory[~usable] = 0.0
         expected = self._smoothed(state) * usable[:, np.newaxis]
         return dataclasses.replace(_first(memory), expected=expected, path=np.array(state.references))
+
+    def beliefs(self, state: PassState) -> Beliefs:
+        """Return what is believed after the last sample, the expected force included; of lanes, also of one."""
+        found = self.policy.beliefs(state.memory)
+        return dataclasses.replace(found, force=found.force + _window(state, len(state.references) - 1)[:, 0])
 
     def _loosened(self, covariance: np.ndarray) -> np.ndarray:
         """Return covariances (lanes, N²) with `FORGETTING` times their standard deviations, at most the first ones."""
