@@ -245,5 +245,8 @@ class _FrozenArm:
 
 def _differences(function: Callable[[np.ndarray], np.ndarray], point: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Return the Jacobian of `function` at `point` by central differences, all columns from one batched call."""
-    ahead, behind = np.split(function(point + np.vstack([np.diag(steps), -np.diag(steps)])), 2)
+    values = function(point + np.vstack([np.diag(steps), -np.diag(steps)]))
+    if not np.isfinite(values).all():
+        raise ValueError("a small deviation from the equilibrium makes the policy give up: its torque is not finite")
+    ahead, behind = np.split(values, 2)
     return np.transpose((ahead - behind) / (2.0 * steps[:, np.newaxis]))

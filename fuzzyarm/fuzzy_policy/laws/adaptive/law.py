@@ -60,7 +60,7 @@ class _Room(NamedTuple):
 
 @kernel
 def estimate_and_act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, settings: Settings) -> None:
-    """Fill `torque` (lanes, n), not clipped, and advance `memory` in place; nan for lanes whose filter has diverged."""
+    """Fill `torque` (lanes, n) [N m], not clipped, and advance `memory`; nan for lanes whose filter has diverged."""
     joints, s = torque.shape[1], settings
     room = room_for(joints, len(s.spread), len(s.base))
     o = observed(observation)
@@ -115,7 +115,7 @@ def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: _Ro
 
 @register_jitable
 def act_on_estimate(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
-    """Fill the torque for z, and what of it the next step needs."""
+    """Fill the torque (n,) [N m] for z, and what of it the next step needs."""
     _desire(m, s, room)
     _command(m, s, room, torque)
 
