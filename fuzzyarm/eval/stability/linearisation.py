@@ -134,6 +134,8 @@ def _linearise(
     point = arm.start()
     for _ in range(_NEWTON_STEPS):
         loop, kept = arm.linearise(point)
+        if not np.isfinite(loop.law).all():
+            raise ValueError(f"near posture {posture} rad the policy gives up: its torque or memory is not finite")
         matrix, change = loop.matrix(), (arm.advance(point) - point)[kept]
         if not (np.isfinite(matrix).all() and np.isfinite(change).all()):
             raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
@@ -246,4 +248,5 @@ class _FrozenArm:
 def _differences(function: Callable[[np.ndarray], np.ndarray], point: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Return the Jacobian of `function` at `point` by central differences, all columns from one batched call."""
     ahead, behind = np.split(function(point + np.vstack([np.diag(steps), -np.diag(steps)])), 2)
-    return np.transpose((ahead - behind) / (2.0 * steps[:, np.newaxis]))
+    with np.errstate(invalid="ignore"):  # `_linearise` refuses what is not finite
+        return np.transpose((ahead - behind) / (2.0 * steps[:, np.newaxis]))

@@ -15,7 +15,7 @@ from fuzzyarm.envs.physics.hold import force_line, hold_of
 from fuzzyarm.envs.physics.records import size
 from fuzzyarm.envs.physics.two_joints import two_joints
 
-__all__ = ["FORCE_ROWS", "drive_constants", "dry_friction", "hold", "link_torque", "schedule", "tip_direction"]
+__all__ = ["FORCE_ROWS", "drive_constants", "dry_friction", "link_torque", "schedule", "tip_direction"]
 
 FORCE_ROWS = size(force_line(two_joints().axes))
 """Numbers of a force that is linear in time: its mean, then its change."""
@@ -27,7 +27,7 @@ REST = 1e-9  # m/s; below, a tip has no direction of travel
 def link_torque(
     q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, force: np.ndarray, constants: np.ndarray, torque: np.ndarray
 ) -> None:
-    """Fill `torque` with M q̈ + C q̇ + g - Jᵀ F [N m], what the joints must give the links under a tip force F [N]."""
+    """Fill `torque` (n,) with M q̈ + C q̇ + g - Jᵀ F [N m], the torque of the joints under a tip force F [N]."""
     arm = arm_in(constants, 0)
     sin1, cos1, sin12, cos12 = np.sin(q[0]), np.cos(q[0]), np.sin(q[0] + q[1]), np.cos(q[0] + q[1])
     m11, m12, m22 = mass_matrix(np.cos(q[1]), arm)
@@ -40,7 +40,7 @@ def link_torque(
 
 @register_jitable
 def tip_direction(q: np.ndarray, dq: np.ndarray, constants: np.ndarray, direction: np.ndarray) -> None:
-    """Fill `direction` with v/|v| of the tip, zeros at rest."""
+    """Fill `direction` (2,) with v/|v| of the tip at q (n,) [rad] and q̇ (n,) [rad/s], zeros at rest."""
     arm = arm_in(constants, 0)
     first, second = arm.length1 * dq[0], arm.length2 * (dq[0] + dq[1])
     x = -np.sin(q[0]) * first - np.sin(q[0] + q[1]) * second
@@ -52,7 +52,10 @@ def tip_direction(q: np.ndarray, dq: np.ndarray, constants: np.ndarray, directio
 
 @register_jitable
 def drive_constants(constants: np.ndarray, joint: int) -> tuple[float, float, float, float]:
-    """Return motor inertia, viscous friction, stiffness and damping of a joint."""
+    """Return motor inertia [kg m²], viscous friction [N m s/rad], stiffness [N m/rad] and damping of a joint.
+
+    `constants` (20,) are those of `Arm`.
+    """
     arm = arm_in(constants, 0)
     if joint == 0:
         return arm.motor_inertia1, arm.viscous1, arm.stiffness1, arm.damping1
@@ -61,7 +64,7 @@ def drive_constants(constants: np.ndarray, joint: int) -> tuple[float, float, fl
 
 @register_jitable
 def dry_friction(velocity: float, constants: np.ndarray, joint: int) -> float:
-    """Return the torque that overcomes a motor's dry friction at a velocity [rad/s]; 0 at rest."""
+    """Return the torque [N m] that overcomes dry friction at a velocity [rad/s], 0 at rest; `constants` (20,)."""
     arm = arm_in(constants, 0)
     coulomb, static = (arm.coulomb1, arm.static1) if joint == 0 else (arm.coulomb2, arm.static2)
     torque: float = stribeck_magnitude(velocity, coulomb, static, arm.stribeck_velocity) * np.sign(velocity)
@@ -70,6 +73,6 @@ def dry_friction(velocity: float, constants: np.ndarray, joint: int) -> float:
 
 @register_jitable
 def schedule(q: np.ndarray) -> float:
-    """Return what the regulator is tabulated over: cos q2."""
+    """Return what the regulator is tabulated over, cos q2, for joint angles (n,) [rad]."""
     cosine: float = np.cos(q[1])
     return cosine

@@ -22,8 +22,9 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import hold
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, BELIEFS, FORCES, SPACE, affine_constants
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import act_on_estimate, begin_or_follow, room_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act_on_estimate, begin_or_follow
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, layout, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.policy import Policy
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 from numba.extending import register_jitable
 
@@ -19,20 +17,13 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.arm import (
     tip_direction,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, FORCES, SPACE
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    Lanes,
-    confine,
-    constants_at,
-    correct,
-    lanes_of,
-    predict,
-    read_noise,
-)
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, constants_at, correct, predict, read_noise
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
-__all__ = ["act_on_estimate", "begin_or_follow", "estimate_and_act", "room_for"]
+__all__ = ["act_on_estimate", "begin_or_follow", "estimate_and_act"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders
@@ -41,29 +32,11 @@ DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
 _PAYLOAD = BELIEF.payload.start
 
 
-class _Room(NamedTuple):
-    """Room for what is computed for one lane; n joints."""
-
-    lanes: Lanes
-    one: Any  # a state, torques, a force line and constants, each (rows, 1)
-    constants: Any
-    column: Any
-    measured: Any  # (2 n,), θ and θ̇
-    silent: Any  # (2 n,)
-    link_torque: Any  # τ_d of each kept reference (KEPT, n)
-    travel: Any  # direction of travel of each, then the next one (KEPT + 1, space)
-    directions: Any  # force line of each unit force (FORCE_ROWS, FORCES)
-    line: Any  # force line of the known force (FORCE_ROWS,)
-    joints: Any  # (4, n), for short use
-    error: Any  # (4 n,)
-    gain: Any  # K (n, 4 n)
-
-
 @kernel
 def estimate_and_act(
     observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray, settings: Settings
 ) -> None:
-    """Fill `torque` (lanes, n), not clipped, and advance `memory` in place; nan for lanes whose filter has diverged.
+    """Fill `torque` (lanes, n) [N m], not clipped, and advance `memory`; nan for lanes whose filter has diverged.
 
     `known` (lanes, `KEPT` + 1, space) is a tip force [N] known beforehand, which the estimated one adds to: at this
     sample, at those before it, and at the next one.
@@ -84,31 +57,7 @@ def estimate_and_act(
 
 
 @register_jitable
-def room_for(joints: int, size: int, constants: int) -> _Room:
-    """Return room for one lane of an arm of n joints, `size` numbers of z and as many constants."""
-    one = np.empty((4 * joints, 1)), np.empty((joints, 1)), np.empty((FORCE_ROWS, 1)), np.empty((constants, 1))
-    directions = np.zeros((FORCE_ROWS, FORCES))
-    for i in range(SPACE):
-        directions[i, 1 + i] = 1.0
-    return _Room(
-        lanes_of(joints, size, constants),
-        one,
-        np.empty(constants),
-        np.empty(size),
-        np.empty(2 * joints),
-        np.empty(2 * joints),
-        np.empty((KEPT, joints)),
-        np.empty((KEPT + 1, SPACE)),
-        directions,
-        np.zeros(FORCE_ROWS),
-        np.empty((4, joints)),
-        np.empty(4 * joints),
-        np.empty((joints, 4 * joints)),
-    )
-
-
-@register_jitable
-def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
+def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> None:
     """Take in what is measured and asked for, and begin if this is the first sample."""
     joints = len(m.noise)
     room.measured[:joints], room.measured[joints:] = o.q_motor[lane], o.dq_motor[lane]
@@ -122,14 +71,14 @@ def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: _Ro
 
 
 @register_jitable
-def act_on_estimate(m: Memory, s: Settings, room: _Room, known: np.ndarray, torque: np.ndarray) -> None:
-    """Fill the torque for z, and what of it the next step needs."""
+def act_on_estimate(m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray) -> None:
+    """Fill the torque (n,) [N m] for z, and what of it the next step needs; `known` as `estimate_and_act` has it."""
     _desire(m, s, room, known)
     _command(m, s, room, torque)
 
 
 @register_jitable
-def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
+def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> None:
     """Correct z by what is measured, and note how well that fitted."""
     joints, measured = len(m.noise), room.measured
     begin_or_follow(lane, o, m, s, room)
@@ -146,7 +95,7 @@ def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> 
 
 
 @register_jitable
-def _begin(m: Memory, s: Settings, room: _Room) -> None:
+def _begin(m: Memory, s: Settings, room: Room) -> None:
     """Fill the first z and P: K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0."""
     joints = len(m.noise)
     states = 4 * joints
@@ -176,7 +125,7 @@ def _begin(m: Memory, s: Settings, room: _Room) -> None:
 
 
 @register_jitable
-def _desire(m: Memory, s: Settings, room: _Room, known: np.ndarray) -> None:
+def _desire(m: Memory, s: Settings, room: Room, known: np.ndarray) -> None:
     """Fill the constants of p, the directions of travel, their force lines, and τ_d of the kept references."""
     joints, period = len(m.noise), s.substep * s.substeps
     p = m.z[4 * joints :]
@@ -200,7 +149,7 @@ def _desire(m: Memory, s: Settings, room: _Room, known: np.ndarray) -> None:
 
 
 @register_jitable
-def _command(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
+def _command(m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
     """Fill the torque that the motors shall apply when it reaches them."""
     joints, period = len(m.noise), s.substep * s.substeps
     p = m.z[4 * joints :]
@@ -229,7 +178,7 @@ def _command(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
 
 
 @register_jitable
-def _target(m: Memory, room: _Room, period: float, back: int, joint: int) -> tuple[float, float, float, float]:
+def _target(m: Memory, room: Room, period: float, back: int, joint: int) -> tuple[float, float, float, float]:
     """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction, `back` samples ago with today's p; see `elastic_target`."""
     inertia, viscous, stiffness, damping = drive_constants(room.constants, joint)
     now, last = room.link_torque[back, joint], room.link_torque[back + 1, joint]
@@ -244,8 +193,8 @@ def _target(m: Memory, room: _Room, period: float, back: int, joint: int) -> tup
 
 
 @register_jitable
-def _advance(m: Memory, s: Settings, room: _Room, lateness: float) -> None:
-    """Fill the first of `room.one` with x when the next command acts: x under the commands on their way."""
+def _advance(m: Memory, s: Settings, room: Room, lateness: float) -> None:
+    """Fill the first of `one` of the room with x when the next command acts: x under the commands on their way."""
     state, torque, line, constants = room.one
     joints = len(torque)
     state[:, 0], constants[:, 0] = m.z[: len(state)], room.constants
@@ -266,7 +215,7 @@ def _advance(m: Memory, s: Settings, room: _Room, lateness: float) -> None:
 
 
 @register_jitable
-def _predict(m: Memory, s: Settings, room: _Room) -> None:
+def _predict(m: Memory, s: Settings, room: Room) -> None:
     """Step z and P to the next sample, under the commands that reach the motors until then."""
     joints, size = len(m.noise), len(m.z)
     lateness, wide = m.z[size - 1], np.sqrt(max(m.P[size - 1, size - 1], 0.0))

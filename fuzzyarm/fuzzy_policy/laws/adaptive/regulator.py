@@ -18,7 +18,7 @@ PAYLOADS = 6
 
 
 def feedback_table(parameters: ArmParameters, control_period: float, weights: AdaptiveWeights) -> np.ndarray:
-    """Return K (payloads, cos q2, 2, 8) at payloads from 0 to half of the links' mass and cos q2 = `GRID`.
+    """Return K (payloads, cos q2, 2, 8) [N m/rad, N m s/rad] at payloads up to half the links' mass and at `GRID`.
 
     Raises:
         ValueError: a Riccati equation has no solution in double precision.
