@@ -239,6 +239,12 @@ def _predict(m: Memory, s: Settings, room: Room) -> None:
         s.substeps,
         room.lanes,
     )
+    for j in range(joints):
+        jump = 0.0
+        for k in range(LONGEST_LATENESS + 1):
+            jump = max(jump, np.abs(m.commands[k, j] - m.commands[k + 1, j]))
+        doubt = s.doubt[j] * jump * jump / s.limit[j]
+        m.P[2 * joints + j, 2 * joints + j] += doubt * doubt
 
 
 @register_jitable

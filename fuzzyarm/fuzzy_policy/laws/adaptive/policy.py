@@ -207,6 +207,7 @@ class AdaptiveObserverPolicy(Policy):
             low=low,
             high=high,
             noise=np.concatenate([still, still, shake, still, walks(arm, weights)]) ** 2 * period,
+            doubt=weights.torque_doubt * period / np.array(arm.motor_inertia),
             steps=np.concatenate([state_steps, load_steps, factor_steps]),
             variances=encoder**2,
             cautious=cautious,

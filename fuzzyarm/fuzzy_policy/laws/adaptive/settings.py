@@ -20,6 +20,7 @@ class Settings(NamedTuple):
         low: lowest p.
         high: highest p.
         noise: diagonal of Q.
+        doubt: what a jump of the commanded torques adds to the deviation of the motor velocities [rad/s per N m], (n,).
         steps: of the differences that make F.
         variances: of the measured numbers.
         cautious: which numbers of z learn only beyond the dead zone.
@@ -40,6 +41,7 @@ class Settings(NamedTuple):
     low: Any
     high: Any
     noise: Any
+    doubt: Any
     steps: Any
     variances: Any
     cautious: Any

@@ -28,6 +28,7 @@ class AdaptiveWeights:
         link_angle: link error [rad] that costs as much as the whole torque.
         link_velocity: link velocity error [rad/s] that costs as much as the whole torque.
         motor_torque: white noise of the motor torque, share of the torque limit times √s.
+        torque_doubt: share of a jump of the commanded torque by which a motor's torque may be wrong.
         travel_walk: random walk of the force along the path, share of the unit force per √s.
         force_walk: random walk of each component of the free force, likewise.
         encoder_angle: standard deviation of a measured angle [rad].
@@ -53,6 +54,7 @@ class AdaptiveWeights:
     link_angle: float = 0.0034
     link_velocity: float = 1.57
     motor_torque: float = 5.3e-4
+    torque_doubt: float = 0.1
     travel_walk: float = 1.7
     force_walk: float = 0.46
     encoder_angle: float = 2e-5
