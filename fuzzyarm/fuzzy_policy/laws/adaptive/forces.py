@@ -1,0 +1,54 @@
+"""How fast the estimated forces may walk: slowly while nothing but noise corrects them, fast once they move.
+
+c_k are the corrections of the forces by the samples, in N, and means are over the last `SHARE`⁻¹ samples or so:
+
+    s = |mean c|² / (mean |c|² + floor),    calm → 1 where s is that of noise (`NOISE`), 0 where s is `DIRECTED` or more.
+
+Corrections by noise point anywhere, so that s is about `SHARE`/2; those by a force that moves have one direction, and s
+goes to 1, however small they are. The ratio needs no variance of any sensor. Calm comes slowly and goes at once. The
+forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance also
+grows by that of `reopening` seconds of walk, which it would have had without calm.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FORCES
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+
+__all__ = ["note_moves", "walk_share"]
+
+SHARE = 0.1  # of a sample, in the means
+NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
+CALMING, STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
+
+
+@register_jitable
+def note_moves(m: Memory, s: Settings, before: np.ndarray) -> None:
+    """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
+    first, square, mean = len(m.z) - len(s.guess), 0.0, 0.0
+    for i in range(FORCES):
+        change = m.z[first + i] - before[i]
+        square += change * change
+        m.moves[i] += SHARE * (change - m.moves[i])
+        mean += m.moves[i] * m.moves[i]
+    m.moves[FORCES] += SHARE * (square - m.moves[FORCES])
+    directed = mean / (m.moves[FORCES] + s.still)
+    calm = 1.0 - min(max((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
+    change = calm - m.flags[FLAG.calm]
+    if change < 0.0:
+        change *= STIRRING
+        for i in range(FORCES):
+            m.P[first + i, first + i] -= change * s.reopening[i]
+    else:
+        change *= CALMING
+    m.flags[FLAG.calm] += change
+
+
+@register_jitable
+def walk_share(calm: float, calm_walk: float) -> float:
+    """Return how fast the forces walk, as a share of their fastest walk."""
+    return 1.0 - (1.0 - calm_walk) * calm
