@@ -27,7 +27,7 @@ from fuzzyarm.eval.report.headline import headline, rule
 from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
-from fuzzyarm.eval.report.summary import error_charts, finished, metrics_table
+from fuzzyarm.eval.report.summary import declared_table, error_charts, finished, metrics_table
 from fuzzyarm.policies import resolve
 
 __all__ = ["command", "render_page", "write_report"]
@@ -63,6 +63,7 @@ def render_page(stored: StoredEvaluation, observed: Observations) -> str:
         sampling=escape(_sampling(config, data["stride"])),
         table=metrics_table(stored.rows),
         table_note=escape(_table_note(config, early)),
+        declared=declared_table(config.policies, stored.certificates),
         beliefs=_beliefs(stored),
         scope=escape(SCOPE),
         bounds=bound_charts(stored, observed),

@@ -2,7 +2,7 @@
 
 c_k are the corrections of the forces by the samples, in N, and means are over the last `SHARE`⁻¹ samples or so:
 
-    s = |mean c|² / (mean |c|² + floor),    calm → 1 where s is that of noise (`NOISE`), 0 where s is `DIRECTED` or more.
+    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to `NOISE`, falling to 0 for s from `DIRECTED` on.
 
 Corrections by noise point anywhere, so that s is about `SHARE`/2; those by a force that moves have one direction, and s
 goes to 1, however small they are. The ratio needs no variance of any sensor. Calm comes slowly and goes at once. The

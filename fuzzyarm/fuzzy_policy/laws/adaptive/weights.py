@@ -54,16 +54,16 @@ class AdaptiveWeights:
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
-    link_angle: float = 0.0034
+    link_angle: float = 0.0037
     link_velocity: float = 1.57
-    motor_torque: float = 5.3e-4
+    motor_torque: float = 4.9e-4
     torque_doubt: float = 0.4
-    travel_walk: float = 1.7
-    force_walk: float = 0.46
-    calm_walk: float = 0.3
-    reopening: float = 0.3
+    travel_walk: float = 1.5
+    force_walk: float = 0.59
+    calm_walk: float = 0.33
+    reopening: float = 0.29
     encoder_angle: float = 2e-5
-    encoder_velocity: float = 1.9e-3
+    encoder_velocity: float = 2.1e-3
     first_force: float = 2e-3
     first_payload: float = 0.125
     first_stiffness: float = 0.12
@@ -74,7 +74,7 @@ class AdaptiveWeights:
     first_scale: float = 0.1
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
-    gate: float = 1.4
+    gate: float = 1.5
     dead_zone: float = 16.0
 
     def __post_init__(self) -> None:
