@@ -39,9 +39,9 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 ARM, PERIOD, LANES, SEED, LOST_MM = ArmParameters(), 1e-3, 32, 77, 50.0
 LATENESS = (0, 1, 2, 3, 4)  # control periods
-TORQUE = (0.5, 0.6, 0.67, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0)
-NOISE = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # times 1e-5 rad and 1e-3 rad/s
-SLOWER = (1.0, 1.5, 2.5, 4.0, 6.0, 10.0, 16.0)
+TORQUE = (0.5, 0.67, 0.8, 1.25, 1.5, 2.0)
+NOISE = (1.0, 2.0, 4.0, 8.0)  # times 1e-5 rad and 1e-3 rad/s
+SLOWER = (0.7, 1.0, 1.5, 2.5, 4.0)
 FRONT_SEED = 21
 
 
