@@ -8,8 +8,9 @@ sample later, as `fuzzyarm margins` measures them.
 Adapting: of `LANES` random plants in each of the paper's cases, how many are lost (the episode ends early, or the tip
 is once more than `LOST_MM` off) with lateness, a factor on the torque of both motors, or encoder noise.
 
-Front: the same weights with the regulator and the walks of the forces slowed down together, from those in use to four times slower. For each, the range of the frozen loop's gain, and
-the mean over random arms (`adaptive_tuning`, another seed) of the largest tip error.
+Front: the same weights with the regulator and the walks of the forces slowed down together, from those in use to four
+times slower. For each, the range of the frozen loop's gain, and the mean over random arms (`adaptive_tuning`, another
+seed) of the largest tip error.
 """
 
 from __future__ import annotations
