@@ -3,6 +3,7 @@
 import pytest
 
 from fuzzyarm.eval.evaluation.result_table import declared_rows
+from fuzzyarm.eval.report.summary import declared_table
 from fuzzyarm.policies import NAMES
 from fuzzyarm.policies.declared import HEADINGS, declared
 
@@ -29,3 +30,9 @@ def test_rows_stand_in_order_with_the_certificate():
     assert [row[0] for row in rows] == ["ppo-robust", "mine"]
     assert [row[-1] for row in rows] == ["no", "rigid arm"]
     assert set(rows[1][1:-1]) == {"not declared"}
+
+
+def test_the_reports_table_has_a_row_for_each_policy():
+    drawn = declared_table(("fuzzy-4", "<b>.json"), {"fuzzy-4": "proven", "<b>": None})
+    assert drawn.count("<tr>") == 3 and "&lt;b&gt;" in drawn and "<b>" not in drawn
+    assert all(heading in drawn for heading in HEADINGS)

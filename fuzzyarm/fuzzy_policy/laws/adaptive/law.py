@@ -18,7 +18,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.arm import (
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, FORCES, SPACE
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, constants_at, correct, predict, read_noise
-from fuzzyarm.fuzzy_policy.laws.adaptive.forces import note_moves, walk_share
+from fuzzyarm.fuzzy_policy.laws.adaptive.forces import note_moves, spread_out
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
@@ -244,22 +244,7 @@ def _predict(m: Memory, s: Settings, room: Room) -> None:
         s.substeps,
         room.lanes,
     )
-    _doubt(m, s)
-
-
-@register_jitable
-def _doubt(m: Memory, s: Settings) -> None:
-    """Change what `predict` has added to P: forces that are calm walk less, motors after jumps of the torque more."""
-    joints, states = len(m.noise), 4 * len(m.noise)
-    share = walk_share(m.flags[FLAG.calm], s.calm_walk)
-    for i in range(states, states + FORCES):
-        m.P[i, i] -= (1.0 - share * share) * s.noise[i]
-    for j in range(joints):
-        jump = 0.0
-        for k in range(LONGEST_LATENESS + 1):
-            jump = max(jump, np.abs(m.commands[k, j] - m.commands[k + 1, j]))
-        wrong = s.doubt[j] * jump * jump
-        m.P[2 * joints + j, 2 * joints + j] += wrong * wrong
+    spread_out(m, s)
 
 
 @register_jitable
