@@ -27,6 +27,7 @@ from readme_results import (
     overview_table,
     paper_line,
     peer_line,
+    saturation_table,
     soak_line,
     speed_lines,
     speed_table,
@@ -47,6 +48,7 @@ SCRIPTS: dict[str, list[str]] = {
     "accuracy": [],
     "computed_torque_tuning": [],
     "tip_feedforward": [],
+    "saturation": [],
     "gain_choice": [],
     "observer_tuning": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
@@ -125,6 +127,7 @@ def sections() -> dict[str, str]:
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(stored['evaluate'])}\n\n"
         f"{paper_line(stored['evaluate'])}",
         "tip": tip_table(stored["tip_feedforward"]),
+        "saturation": saturation_table(stored["saturation"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),

@@ -18,6 +18,7 @@ __all__ = [
     "learned_tables",
     "paper_line",
     "peer_line",
+    "saturation_table",
     "soak_line",
     "speed_table",
     "sweep_table",
@@ -90,6 +91,24 @@ def tip_table(document: dict[str, Any]) -> str:
         for row in document["rows"]
     ]
     return f"{table(headings, rows, left=2)}\n\n`{document['command']}`; {made_with(document)}"
+
+
+def saturation_table(document: dict[str, Any]) -> str:
+    """Return the table of pushes beyond the torque limits, with the integral held there and not."""
+    headings = ["law", "push [N]", "integral", "at a limit [ms]", "max [mm]", "rms after the push [mm]", "episode"]
+    rows = [
+        [
+            row["law"],
+            f"{row['force']:.0f}",
+            "held" if row["held"] else "not held",
+            f"{row['at_limit_ms']}",
+            f"{row['max_mm']:#.3g}",
+            "" if row["rms_after_mm"] is None else f"{row['rms_after_mm']:#.3g}",
+            "completed" if row["completed"] else "leaves the domain",
+        ]
+        for row in document["rows"]
+    ]
+    return f"{table(headings, rows)}\n\n`{document['command']}`; {made_with(document)}"
 
 
 def learned_tables(document: dict[str, Any]) -> str:

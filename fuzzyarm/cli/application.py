@@ -36,6 +36,7 @@ GROUPS = {
         "verify": "Prove controller files, and files of bounds, again.",
         "prove": "Prove a bound of the tip error on the elastic arm.",
         "margins": "Measure how far policies are from instability.",
+        "show": "Print the law of a policy and its gains, as numbers.",
     },
     "Learn policies": {
         "train": "Train a policy by reinforcement learning.",

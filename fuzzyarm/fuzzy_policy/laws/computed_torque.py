@@ -32,6 +32,8 @@ BANDWIDTH = 70.0
 class ComputedTorquePolicy(Policy):
     """Computed torque with integral action; the law is in the module's docstring."""
 
+    integral_at: int | None = 0
+
     def __init__(
         self,
         parameters: AnyArm | None = None,
