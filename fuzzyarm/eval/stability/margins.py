@@ -1,7 +1,7 @@
 """The stability margins of `fuzzyarm margins`, also of arms that differ from the one that the policies know.
 
-The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; this module has the conditions, the
-document and the printed table.
+The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; `conditions` has the
+conditions; this module has the document and the printed table.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import shlex
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property, partial
-from typing import Any, Literal
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
@@ -23,9 +23,9 @@ from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.conditions import LIMITS, Condition, Limit, conditions_for
 from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
 from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
@@ -34,14 +34,10 @@ from fuzzyarm.policies import ANY_ROBOT, NAMES, PolicySpec, recorded, resolve_al
 from fuzzyarm.policies.user_code import UserPolicy
 
 __all__ = [
-    "CONDITIONS",
-    "LIMITS",
-    "Condition",
-    "Limit",
     "MarginsConfig",
-    "conditions_for",
     "margin_cells",
     "margin_notes",
+    "margins_in_words",
     "measure_margins",
     "policy_margins",
     "print_margins",
@@ -49,61 +45,6 @@ __all__ = [
 
 SCHEMA = "fuzzyarm-margins/1"
 CONTROL_PERIOD = 1e-3  # s
-
-
-@dataclasses.dataclass(frozen=True)
-class Condition:
-    """How the loop differs from the one that the policy was designed for; the policy does not know.
-
-    Attributes:
-        name: heading in the table and key in the document.
-        loop_gain: factor on the torque's deviation from equilibrium.
-        delay: extra samples of delay, a multiple of 0.5.
-        stiffness: factor on the stiffness of both joints.
-        payload: what the arm carries.
-    """
-
-    name: str
-    loop_gain: float = 1.0
-    delay: float = 0.0
-    stiffness: float = 1.0
-    payload: Payload | None = None
-
-
-CONDITIONS = (
-    Condition("nominal"),
-    Condition("loop gain x 0.67", loop_gain=0.67),
-    Condition("loop gain x 1.5", loop_gain=1.5),
-    Condition("half a sample later", delay=0.5),
-    Condition("one sample later", delay=1.0),
-    Condition("stiffness - 20 %", stiffness=0.8),
-    Condition("stiffness + 20 %", stiffness=1.2),
-    Condition("5 kg payload", payload=Payload(5.0)),
-)
-"""The conditions of the columns for the two-joint arm, in their order; `conditions_for` has those of any arm."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Limit:
-    """A limit of the loop gain on the nominal arm.
-
-    Attributes:
-        heading: in the table.
-        side: which of the `GainLimits`.
-        delay: extra samples of delay.
-    """
-
-    heading: str
-    side: Literal["lower", "upper"]
-    delay: float = 0.0
-
-
-LIMITS = {
-    "lower": Limit("loop gain from", "lower"),
-    "upper": Limit("to", "upper"),
-    "upper_one_sample_later": Limit("to, one sample later", "upper", delay=1.0),
-}
-"""By key in the document."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,17 +120,6 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     }
 
 
-def conditions_for(arm: AnyArm) -> tuple[Condition, ...]:
-    """Return the conditions of the columns for an arm; a robot carries the payload of its case ``payload``."""
-    payload = case_for("payload", arm).disturbance.payload
-    return tuple(
-        condition
-        if condition.payload is None
-        else dataclasses.replace(condition, name=f"{payload.mass:g} kg payload", payload=payload)
-        for condition in CONDITIONS
-    )
-
-
 def _loaded(spec: PolicySpec, parameters: AnyArm) -> Policy | UserPolicy:
     """Return a policy for `CONTROL_PERIOD`, or for its action period: over that time its loop is one map."""
     policy = spec.load(CONTROL_PERIOD, parameters)
@@ -232,6 +162,17 @@ def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: flo
         "loop_gain": {key: number_or_reason(key, partial(limit, wanted)) for key, wanted in LIMITS.items()},
         "reasons": reasons,
     }
+
+
+def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -> str:
+    """Return the margins of one policy as a paragraph, for a control period [s]; see `policy_margins`."""
+    found = policy_margins(policy, arm, control_period)
+    radii = [f"{name} {_radius_cell(radius)}" for name, radius in found["spectral_radius"].items()]
+    limits = [f"{LIMITS[key].heading} {'-' if n is None else f'{n:.2f}'}" for key, n in found["loop_gain"].items()]
+    return (
+        f"On the elastic arm, sampled every {1e3 * control_period:g} ms, linearised at {POSTURES} postures of its "
+        f"default path (measured, not proven), spectral radius: {', '.join(radii)}; stable for {' '.join(limits)}"
+    )
 
 
 def _limit(loops: Sequence[LocalLoop], wanted: Limit) -> float:
