@@ -72,7 +72,7 @@ def constants_of(arm: AnyArm) -> np.ndarray:
 
 
 def with_drives(arm: AnyArm, **quantities: np.ndarray) -> AnyArm:
-    """Return the same arm with other quantities of its drives, each (n,) by its name and in its unit [SI] in `Drive`."""
+    """Return the same arm with other quantities of its drives, each (n,) by name, SI units as in `Drive`."""
     if isinstance(arm, Robot):
         joints = (
             dataclasses.replace(
