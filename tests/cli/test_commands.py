@@ -314,7 +314,7 @@ def test_bench_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monk
     assert expected in one_line_error(capsys)
 
 
-@pytest.mark.parametrize("command", ["margins", "sweep"])
+@pytest.mark.parametrize("command", ["sweep"])
 def test_commands_of_the_two_joint_arm_refuse_a_robot_in_one_line(command, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main([command, "--robot", "ur5"]) == 2
