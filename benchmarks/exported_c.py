@@ -6,8 +6,8 @@ Half of the ticks are random states, see `fuzzyarm.export.vectors`, the other ha
 masses, friction, stiffness, payloads and starts (the package's ranges "robust") that the policy leads along the paper's
 circle. The torques of C and of Python are compared as 64 bits, and so is what both remember at the end, with every
 compiler that is there. The time of a tick is that of a call in a loop of 1000, for 300 such loops, beside that of
-`predict` of one arm. With float, a call from the same memory is compared, in the first 300 calls of the closed loops, and
-the nominal case is run with the float law in it.
+`predict` of one arm. With float, a call from the same memory is compared, in the first 300 calls of the closed loops,
+and the nominal case is run with the float law in it.
 A minute or two.
 """
 

@@ -166,7 +166,7 @@ class Interpreter:
         return merged(first, second)
 
     def check_owned(self, array: np.ndarray) -> None:
-        """Refuse a write that the merging behind a branch would not see."""
+        """Refuse a write to an array (any shape) that the merging behind a branch would not see."""
         base = array
         while isinstance(base.base, np.ndarray):
             base = base.base

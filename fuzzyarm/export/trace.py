@@ -77,6 +77,7 @@ class Branch:
 
 
 Block: TypeAlias = list[Step | Branch]
+"""Operations and branches in the order in which they are executed."""
 
 
 @dataclasses.dataclass(eq=False)
@@ -153,6 +154,7 @@ for _name, _operation in {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "=
     setattr(Value, f"__{_name}__", _recorded(_operation, truth=True))
 
 Scalar: TypeAlias = Value | float | int | bool
+"""A value, or a known number."""
 
 
 def is_number(value: Any) -> bool:
