@@ -30,6 +30,7 @@ from readme_design import (
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
+    exported_table,
     leaderboard_table,
     learned_tables,
     overview_table,
@@ -57,6 +58,7 @@ SCRIPTS: dict[str, list[str]] = {
     "computed_torque_tuning": [],
     "tip_feedforward": [],
     "saturation": [],
+    "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
@@ -137,6 +139,7 @@ def sections() -> dict[str, str]:
         f"{paper_line(stored['evaluate'])}",
         "tip": tip_table(stored["tip_feedforward"]),
         "saturation": saturation_table(stored["saturation"]),
+        "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),
