@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from slow_twins import slow_but
 from support.command_line import one_line_error
 from support.processes import running
 
@@ -185,7 +186,9 @@ def test_a_real_interrupt_leaves_no_part_files(tmp_path):
     assert not list(tmp_path.glob(".*"))
 
 
-@pytest.mark.parametrize("words", [["--help"], ["train", "ppo", "--help"], ["verify", "--json", "fuzzy-1.json"]])
+@pytest.mark.parametrize(
+    "words", slow_but([["--help"]], [["--help"], ["train", "ppo", "--help"], ["verify", "--json", "fuzzy-1.json"]])
+)
 def test_a_reader_that_leaves_is_no_error(words):
     """As head does: the exit code of a broken pipe, and not a word."""
     words = [shipped(word) if word.endswith(".json") else word for word in words]
