@@ -323,11 +323,3 @@ def test_bench_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monk
     (tmp_path / "file").write_text("")
     assert main(["bench", *arguments]) == 2
     assert expected in one_line_error(capsys)
-
-
-@pytest.mark.parametrize("command", ["sweep"])
-def test_commands_of_the_two_joint_arm_refuse_a_robot_in_one_line(command, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main([command, "--robot", "ur5"]) == 2
-    assert "is a robot of 6 joints; allowed here" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
