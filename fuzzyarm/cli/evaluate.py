@@ -97,7 +97,8 @@ def _config(options: Options) -> EvaluationConfig:
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.physics.robot import Robot
-    from fuzzyarm.eval.evaluation.run import ANY_ROBOT, EvaluationConfig
+    from fuzzyarm.eval.evaluation.run import EvaluationConfig
+    from fuzzyarm.policies import ANY_ROBOT
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
 

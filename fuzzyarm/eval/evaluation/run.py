@@ -29,15 +29,12 @@ from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 
-__all__ = ["ANY_ROBOT", "SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
+__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
 
 MOST_PASSES = 1000
 """Passes that an evaluation may have."""
-
-ANY_ROBOT = ("computed-torque", "computed-torque-tip", "elastic-observer")
-"""Policies that are compared on a robot other than the two-joint arm, if none are named."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -51,6 +51,7 @@ class TipPolicy(Policy):
         self.law, self.friction, self.average = law, friction, average
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
         self.memory_size = law.memory_size + self._target.memory_size
+        self.integral_at = law.integral_at
         start, end = starts(law.joints), PARTS * law.joints
         self._measured = slice(start.q_motor, start.q_reference)  # (q, q̇) in an observation
         self._desired = slice(start.q_reference, start.ddq_reference)  # (q_d, q̇_d)

@@ -137,7 +137,7 @@ class AdaptiveObserverPolicy(Policy):
         lost = memory[:, FLAG.lost] != 0.0
         if lost.any():
             seen, kept, answer = observation[lost], memory[lost, _OWN:], torque[lost]
-            self.fallback.act(seen, kept, answer)
+            self.fallback.command(seen, kept, answer)
             memory[lost, _OWN:], torque[lost] = kept, answer
 
     def repeated(self) -> AdaptivePasses:
