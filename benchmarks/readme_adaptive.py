@@ -16,7 +16,7 @@ def adaptive_cases_table(document: dict[str, Any]) -> str:
     headings = ["case", "noise", "max [mm]", "max but for 0.1 s at the ends [mm]", "rms [mm]"]
     names = "tip_error_max_mm", "tip_error_max_mid_mm", "tip_error_rms_mm"
     rows = [
-        [CASES[row["case"]].title, "yes" if row["noise"] else "no", *(f"{row[name]:#.2g}" for name in names)]
+        [CASES[row["case"]].title, "yes" if row["noise"] else "no", *(_text(row[name]) for name in names)]
         for row in document["cases"]
     ]
     return f"{table(headings, rows, left=2)}\n\nNoise: 1e-5 rad, 1e-3 rad/s. {_made(document)}"
@@ -27,11 +27,11 @@ def adaptive_passes_table(document: dict[str, Any]) -> str:
     count = len(document["passes"][0]["max_mm"])
     headings = ["largest tip error [mm], pass", *map(str, range(1, count + 1))]
     rows = [
-        [f"{row['policy']}, {CASES[row['case']].title}", *(f"{error:#.2g}" for error in row["max_mm"])]
+        [f"{row['policy']}, {CASES[row['case']].title}", *(_text(error) for error in row["max_mm"])]
         for row in document["passes"]
     ]
     for row in document["passes_of_plants"]:
-        errors = [f"{error:#.2g}" for error in row["quantile_99_mm"]]
+        errors = [_text(error) for error in row["quantile_99_mm"]]
         name = f"adaptive-observer, 99 % of {row['plants']} plants, {CASES[row['case']].title}"
         rows.append([name, *errors, *[""] * (count - len(errors))])
     grown = "; ".join(
@@ -55,7 +55,7 @@ def adaptive_plants_table(document: dict[str, Any], sweeps: dict[str, dict[str, 
             cells += [_text(row["worst"][0]["max_mm"]), str(row["ended_early"])]
             rows.append([f"`{name}`", CASES[row["case"]].title, str(sweep["config"]["plants"]), *cells])
     for row in document["populations"]:
-        cells = [f"{row[key]:#.2g}" for key in ("median_mm", "quantile_99_mm", "worst_mm")]
+        cells = [_text(row[key]) for key in ("median_mm", "quantile_99_mm", "worst_mm")]
         rows.append([row["what"], CASES[row["case"]].title, str(row["plants"]), *cells, str(row["lost"])])
     return (
         f"{table(headings, rows, left=2)}\n\nLargest tip error of each plant; {', '.join(commands)}; the others have "
@@ -79,7 +79,7 @@ def adaptive_margins_table(document: dict[str, Any]) -> str:
 
 
 def _text(value: float | None) -> str:
-    return "ended early" if value is None else f"{value:#.2g}"
+    return "ended early" if value is None else f"{value:#.2g}".removesuffix(".")
 
 
 def _made(document: dict[str, Any]) -> str:
