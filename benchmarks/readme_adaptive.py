@@ -67,7 +67,7 @@ def adaptive_plants_table(document: dict[str, Any], sweeps: dict[str, dict[str, 
 def adaptive_margins_table(document: dict[str, Any]) -> str:
     """Return when plants are lost, and the margins of the frozen loop."""
     headings = ["", *(f"lost of {document['adapting'][0]['of']}, {case}" for case in document["adapting"][0]["lost"])]
-    words = {"late": "{:g} periods late", "torque": "torque x {:g}", "noise": "noise x {:g}"}
+    words = {"late": "late by {:g} ms", "torque": "torque x {:g}", "noise": "noise x {:g}"}
     rows = [[words[row["what"]].format(row["value"]), *map(str, row["lost"].values())] for row in document["adapting"]]
     frozen = document["frozen"]
     low, high = (f"{limit:.2f}" if limit is not None else "none" for limit in frozen["gain"])
