@@ -27,7 +27,7 @@ from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import State, size
 from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.stability.local_loop import GainLimits, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
@@ -110,7 +110,7 @@ def linearise_path(
     policy: Linearisable, parameters: ArmParameters, control_period: float, payload: Payload | None = None
 ) -> list[LocalLoop]:
     """Return the loops at `POSTURES` instants of the paper's path; units and exceptions as for `spectral_radius`."""
-    reference = JointReference(parameters=parameters)
+    reference = default_reference(parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
     smooth = policy.without_dry_friction()  # once for all postures: it may design an observer anew
     return [_linearise(smooth, parameters, posture, control_period, payload) for posture in postures]

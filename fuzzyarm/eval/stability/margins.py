@@ -24,7 +24,7 @@ from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import two_joint_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
 from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
@@ -148,7 +148,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
     """
     parameters = two_joint_arm(config.robot) if config.robot else ArmParameters()
     # An arm that cannot follow the path is a usage error, for which the table has no row
-    JointReference(parameters=parameters)
+    default_reference(parameters)
     specs = resolve_all(config.policies, run_code=True)
     policies = {label: _loaded(spec, parameters) for label, spec in specs.items()}
     rows = []

@@ -16,8 +16,8 @@ from fuzzyarm.envs.batch.randomness import uniform
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
-from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE, PLANT, QUANTITIES
@@ -54,7 +54,7 @@ class Plants:
         drawing = FuzzyArmVectorEnv(
             len(seeds),
             parameters=config.robot,
-            reference=JointReference(parameters=config.robot),
+            reference=default_reference(config.robot),
             randomisation=config.drawn().randomisation(),
             threads=1,
         )
@@ -103,7 +103,7 @@ class Plants:
             len(lane_arms),
             disturbance=lane_loads,
             parameters=lane_arms,
-            reference=JointReference(parameters=self.config.robot),
+            reference=default_reference(self.config.robot),
             control_period=CONTROL_PERIOD,
             randomisation=self.config.drawn().randomisation(),
             threads=1,
@@ -114,7 +114,7 @@ class Plants:
         nominal = FuzzyArmVectorEnv(
             1,
             parameters=self.config.robot,
-            reference=JointReference(parameters=self.config.robot),
+            reference=default_reference(self.config.robot),
             threads=1,
         )
         _, at_rest = nominal.reset(seed=0)
