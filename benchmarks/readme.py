@@ -18,7 +18,15 @@ from pathlib import Path
 from typing import Any
 
 from readme_abuse import abuse_table
-from readme_design import bounds_table, complexity_table, gains_table, margins_table, synthesis_table, tip_bound_table
+from readme_design import (
+    bounds_table,
+    complexity_table,
+    feedforward_table,
+    gains_table,
+    margins_table,
+    synthesis_table,
+    tip_bound_table,
+)
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
@@ -57,6 +65,7 @@ SCRIPTS: dict[str, list[str]] = {
     "synthesis": ["--large"],
     "certified_bounds": [],
     "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
+    "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
 
@@ -142,6 +151,7 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
         "tip-bound": tip_bound_table(stored["tip_bound"]),
+        "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "abuse": abuse_table(stored["abuse"]),
         "robots": robots_table(),
     }

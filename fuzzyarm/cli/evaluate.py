@@ -42,6 +42,9 @@ class Options:
     """Smallest and largest machining force [N] (default: the paper's 138 218, scaled to the arm)"""
     payload: Annotated[float | None, Parameter(metavar="KG")] = None
     """Carried mass of the payload case [kg] (default: the paper's 5, scaled to the arm)"""
+    passes: int | None = None
+    """Episodes along the same path one after the other; the results are those of the last. adaptive-observer learns
+    from each for the next, policies with the ending -tip by classical iterative learning control (default: 1)"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
@@ -61,7 +64,7 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import print_results
+    from fuzzyarm.eval.evaluation.result_table import print_passes, print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
     from fuzzyarm.eval.evaluation.verdict import verdict
 
@@ -80,6 +83,8 @@ def run(options: Options) -> int:
     else:
         console = output()
         print_results(evaluation.rows, console, titles)
+        if config.passes > 1:
+            print_passes(evaluation.rows, config.passes, console)
         print_paragraphs(console, _certificates(evaluation))
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
@@ -95,8 +100,8 @@ def _config(options: Options) -> EvaluationConfig:
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
-    from fuzzyarm.eval.evaluation.run import ANY_ROBOT, EvaluationConfig
-    from fuzzyarm.policies import COMPARED
+    from fuzzyarm.eval.evaluation.run import EvaluationConfig
+    from fuzzyarm.policies import ANY_ROBOT, COMPARED
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
     other = arm is not None and arm != ArmParameters()
@@ -113,6 +118,7 @@ def _config(options: Options) -> EvaluationConfig:
         "cases": options.case or None,
         "seeds": options.seeds,
         "encoder_noise": options.encoder_noise,
+        "passes": options.passes,
         "parameters" if isinstance(arm, ArmParameters) else "robot": arm,
     }
     return EvaluationConfig(**{name: value for name, value in given.items() if value is not None})

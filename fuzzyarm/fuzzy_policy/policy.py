@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.scenario.reference import Reference
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
-__all__ = ["Policy", "Predictor"]
+__all__ = ["Policy", "Predictor", "Repeated"]
 
 
 class Predictor(Protocol):
@@ -33,6 +33,14 @@ class Predictor(Protocol):
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
         """Return the action (n,) or (lanes, n) [N m], n the number of joints, and the next state."""
+        ...
+
+
+class Repeated(Predictor, Protocol):
+    """A policy that learns from one pass over a path for the next; what it has learned is in its state."""
+
+    def begin_pass(self, state: Any) -> Any:
+        """Return the state with which the next pass begins, from the last one of this pass."""
         ...
 
 
@@ -101,6 +109,14 @@ class Policy(abc.ABC):
 
     def certificate(self, reference: Reference) -> PolicyCertificate | None:
         """Return what is proven of this policy along a reference; None where nothing is."""
+        return None
+
+    def clipped(self, torque: np.ndarray) -> np.ndarray:
+        """Return torques (..., n) [N m] within the robot's limits."""
+        return np.asarray(np.clip(torque, -self._torque_limit, self._torque_limit))
+
+    def repeated(self) -> Repeated | None:
+        """Return this policy for passes over one path again and again; None where it learns nothing from them."""
         return None
 
     def predict(
