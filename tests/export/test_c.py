@@ -11,7 +11,10 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
+from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export.c_files import c_name, export_c
 from fuzzyarm.export.c_program import program_of
 from fuzzyarm.export.c_text import pruned
@@ -19,6 +22,7 @@ from fuzzyarm.export.compiled_law import CompiledLaw, compilers
 from fuzzyarm.export.partial import Interpreter
 from fuzzyarm.export.trace import Branch, Kind, Step, Unsupported, Value
 from fuzzyarm.export.vectors import random_observations
+from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
 COMPILERS = compilers()
 needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")
@@ -82,6 +86,20 @@ def test_so_do_the_other_laws_and_compilers(name, compiler, tmp_path):
 @pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer"])
 def test_so_do_the_laws_of_other_robots(name, robot, tmp_path):
     policy = load_policy(name, robot=robot)
+    seen, starts = observations(policy, 10, 200)
+    torque, memory = answers(policy, seen, starts)
+    own_torque, own_memory = compiled(policy, tmp_path).run(seen, starts)
+    np.testing.assert_array_equal(bits(own_torque), bits(torque))
+    np.testing.assert_array_equal(bits(own_memory), bits(memory))
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("tip", ["", "-tip"])
+def test_so_do_files_of_the_semidefinite_form(tip, tmp_path):
+    robot = Robot.of(ArmParameters())
+    design_scheduled(ScheduledSpecification(rules=2), robot).controller.save(tmp_path / "mine.json")
+    policy = loaded(f"{tmp_path / 'mine.json'}{tip}", None)
     seen, starts = observations(policy, 10, 200)
     torque, memory = answers(policy, seen, starts)
     own_torque, own_memory = compiled(policy, tmp_path).run(seen, starts)

@@ -28,10 +28,12 @@ from fuzzyarm.eval.stability.margins import (
     MarginsConfig,
     margin_cells,
     margin_notes,
+    margins_in_words,
     measure_margins,
     policy_margins,
 )
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import ANY_ROBOT, LEARNED, NAMES, load_policy
 
@@ -284,3 +286,11 @@ def test_a_narrow_terminal_breaks_no_number(width: int) -> None:
     numbers = [word for line in lines if line.startswith(" fuzzy-4 ") for word in line.split()[1:]]
     assert numbers == margin_cells(nominal()["rows"])[1][1][1:]
     assert sum(line.startswith(" fuzzy-4 ") for line in lines) == {60: 3, 80: 2, 120: 1}[width]
+
+
+def test_a_design_that_is_unstable_on_the_elastic_arm_is_warned_of_in_words() -> None:
+    shipped = load_policy("fuzzy-4")
+    hasty = FuzzyPolicy(dataclasses.replace(shipped.controller, gains=6.0 * shipped.controller.gains))
+    assert "WARNING" not in margins_in_words(shipped, ArmParameters(), 1e-3)
+    text = margins_in_words(hasty, ArmParameters(), 1e-3)
+    assert "WARNING: what is proven is proven for the rigid arm" in text and "raise --gamma" in text
