@@ -5,6 +5,8 @@ import itertools
 import json
 import math
 import re
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export.c_files import c_name, export_c
 from fuzzyarm.export.c_program import program_of
 from fuzzyarm.export.c_text import pruned
-from fuzzyarm.export.compiled_law import CompiledLaw, compilers
+from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
 from fuzzyarm.export.partial import Interpreter
 from fuzzyarm.export.trace import Branch, Kind, Step, Unsupported, Value
 from fuzzyarm.export.vectors import random_observations
@@ -115,6 +117,17 @@ def test_in_float_the_torques_are_near(tmp_path):
     torque, _ = answers(policy, seen.astype(np.float32), starts)
     own, _ = compiled(policy, tmp_path, "float").run(seen, starts)
     assert 1e-6 < np.abs(own - torque).max() < 1.0
+
+
+@needs_compiler
+def test_the_lines_of_the_page_compile(tmp_path):
+    export_c("fuzzy-4", load_policy("fuzzy-4"), tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "controllers" / "export.md").read_text(encoding="utf-8")
+    (lines,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
+    declared = re.findall(r"^void .*\)", lines, re.MULTILINE)
+    (tmp_path / "board.c").write_text("".join(f"{line};\n" for line in declared) + lines, encoding="utf-8")
+    words = [COMPILERS[0], *FLAGS, "-c", str(tmp_path / "board.c"), "-o", str(tmp_path / "board.o")]
+    assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
 
 
 @needs_compiler
