@@ -242,6 +242,7 @@ def test_names_in_c(label, name):
     ("words", "message"),
     [
         (["c", "ppo-robust", "--out", "OUT"], "ppo-robust cannot be written in C"),
+        (["c", "adaptive-observer", "--out", "OUT"], "adaptive-observer cannot be written in C"),
         (["java", "fuzzy-4", "--out", "OUT"], "java is no language of an export; choose from: c"),
         (["c", "fuzzy-4"], "--out is missing"),
         (["c", "fuzzy-4", "--out", "OUT", "--number", "half"], 'invalid value "half" for --number'),

@@ -163,8 +163,8 @@ def test_the_command_makes_the_configuration_again(monkeypatch: pytest.MonkeyPat
 
 def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
     """Torque limits that the payload exceeds: nothing there, numbers elsewhere, a dash in the table and the reason."""
-    robot = tmp_path / "weak.toml"
-    robot.write_text("torque_limit = [95.0, 45.0]\n")
+    robot = tmp_path / "heavy.toml"
+    robot.write_text("gravity = 45.0\n")
     document = measure_margins(MarginsConfig(("computed-torque",), str(robot)))
     (row,) = document["rows"]
     assert row["spectral_radius"].pop(PAYLOAD) is None
@@ -228,8 +228,8 @@ def test_bad_configurations(tmp_path: Path) -> None:
     load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match="two of them have the same name"):
         measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
-    (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\n")
-    with pytest.raises(ValueError, match="reach"):
+    (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\ntorque_limit = [10.0, 5.0]\n")
+    with pytest.raises(ValueError, match="to hold its weight"):
         measure_margins(MarginsConfig(("computed-torque",), str(tmp_path / "short.toml")))
 
 
