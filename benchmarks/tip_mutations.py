@@ -83,7 +83,7 @@ MUTATIONS = (
     Mutation(
         "curvature of the law", "tube.py",
         "for x, g, r in zip(row, gains, spread.tolist(), strict=True))",
-        "for x, g, r in zip(row[:0], gains[:0], spread.tolist()[:0], strict=True))", "test_tube.py",
+        "for x, g, r in zip(row[:0], gains[:0], spread.tolist()[:0], strict=True))", "test_tube.py", "sample",
     ),
     Mutation(
         "force of any course", "tube.py", "(1.0, 0.0), [plants.force_course] * 2", "(1.0, 0.0), [0.0] * 2",
@@ -98,9 +98,13 @@ MUTATIONS = (
         "errors = 0.0 * np.repeat(noise, JOINTS)", "test_tube.py", "encoders",
     ),
     Mutation(
-        "uncertain constants along the centre", "constants.py",
-        "level[channel, index], slope[channel, index] = centre(a[0]), centre(a[1])",
-        "level[channel, index], slope[channel, index] = 0.0, 0.0", "test_tube.py", "corners",
+        "uncertain constants along the centre", "period.py",
+        "columns[:, :constants] += solution.held @ driven.level + solution.ramp @ driven.slope",
+        "columns[:, :constants] += 0.0", "test_tube.py", "corners",
+    ),
+    Mutation(
+        "what the constants' columns leave", "constants.py", "rest[channel] += rest_size(signal) + spread",
+        "rest[channel] += 0.0", "test_tip_segment.py",
     ),
     Mutation(
         "products of constants and the deviation", "period.py",
@@ -108,11 +112,12 @@ MUTATIONS = (
         "test_tube.py",
     ),
     Mutation(
-        "between the ends of a period", "period.py", "self._period**2 / 8.0 * second", "0.0 * second", "test_tube.py",
+        "between the ends of a period", "period.py", "self._period**2 / 8.0 * second", "0.0 * second",
+        "test_tip_segment.py", "between",
     ),
     Mutation(
         "change of the centre's end", "tube.py", "        deviations.box[:STATES] += moved", "        pass",
-        "test_tube.py",
+        "test_tip_segment.py",
     ),
     Mutation(
         "deviations of the links", "tip_error.py", "reach = links.size(rows)", "reach = 0.0 * links.size(rows)",
@@ -152,7 +157,9 @@ def main() -> None:
     """Try every mutation; print a line for each and optionally write them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--only", default="", help="try those whose remainder contains this")
+    parser.add_argument(
+        "--only", default="", help="try those whose remainder contains this, and put them into the file"
+    )
     options = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as name:
@@ -165,6 +172,10 @@ def main() -> None:
                 failed = survives(folder, mutation)
                 print(f"{mutation.remainder}: {', '.join(failed) if failed else 'NO TEST FAILS'}", flush=True)
                 rows.append({"remainder": mutation.remainder, "module": mutation.module, "failed": failed})
+    if options.json and options.only and options.json.exists():
+        before = json.loads(options.json.read_text(encoding="utf-8"))["rows"]
+        fresh = {row["remainder"]: row for row in [*before, *rows]}
+        rows = [fresh[m.remainder] for m in MUTATIONS if m.remainder in fresh]
     if options.json:
         document = {"command": COMMAND, "rows": rows, **current_provenance()}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
