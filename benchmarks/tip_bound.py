@@ -52,6 +52,7 @@ def _named(policy: str, name: str, **parts: Any) -> TipClaim:
 CLAIMS = (
     _named("fuzzy-4-tip", "table-1"),
     _named("fuzzy-4", "table-1"),
+    _named("computed-torque", "table-1"),
     _named("computed-torque-tip", "table-1"),
     _named("fuzzy-1-tip", "table-1"),
     _named("fuzzy-32-tip", "table-1"),

@@ -96,7 +96,9 @@ class BoundCheck:
         """What is proven of the tip, in one sentence."""
         c = self.claim
         motion = f"{c.path} in {c.duration:g} s, case {c.case}"
-        return f"tip within {at_most(1e3 * self.bound, 4)} mm for set {c.set_name}, proven ({motion}; elastic, sampled)"
+        most = at_most(1e3 * self.bound, 4)
+        said = "claimed" if self.reason else "proven"
+        return f"tip within {most} mm for set {c.set_name}, {said} (elastic arm, sampled control; {motion})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
@@ -106,11 +108,9 @@ class BoundCheck:
 
     def to_text(self) -> str:
         """Return the result as text."""
-        c = self.claim
-        most = at_most(1e3 * self.bound, 4)
-        what = f"the tip error of {escaped(f'{c.policy}, case {c.case}, set {c.set_name}')} is at most {most} mm"
+        what = escaped(f"{self.claim.policy}: {self.sentence}")
         head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
-        return f"{head}\n  {what}" if self.proven else f"{head}\n  claimed: {what}\n  {escaped(self.reason)}"
+        return f"{head}\n  {what}" if self.proven else f"{head}\n  {what}\n  {escaped(self.reason)}"
 
 
 def save_bound(bound: TipBound, path: Path) -> None:
