@@ -31,11 +31,13 @@ from readme_design import (
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
+    exported_table,
     leaderboard_table,
     learned_tables,
     overview_table,
     paper_line,
     peer_line,
+    saturation_table,
     soak_line,
     speed_lines,
     speed_table,
@@ -56,6 +58,8 @@ SCRIPTS: dict[str, list[str]] = {
     "accuracy": [],
     "computed_torque_tuning": [],
     "tip_feedforward": [],
+    "saturation": [],
+    "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
@@ -140,6 +144,8 @@ def sections() -> dict[str, str]:
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(stored['evaluate'])}\n\n"
         f"{paper_line(stored['evaluate'])}",
         "tip": tip_table(stored["tip_feedforward"]),
+        "saturation": saturation_table(stored["saturation"]),
+        "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),

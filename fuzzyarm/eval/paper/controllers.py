@@ -91,4 +91,7 @@ def compared_policies() -> dict[str, FuzzyPolicy]:
         gains=np.stack([np.concatenate([PAPER_K, PAPER_H], axis=-1)] * 2),
         feedforward=np.stack([PAPER_L] * 2),
     )
-    return policies | {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(papers)}
+    policies |= {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(papers)}
+    for policy in policies.values():
+        policy.integral_at = None  # the paper's law does not hold the integral at the torque limits
+    return policies
