@@ -27,6 +27,7 @@ from readme_adaptive import (
 from readme_design import (
     bounds_table,
     complexity_table,
+    falsification_table,
     feedforward_table,
     gains_table,
     margins_table,
@@ -76,6 +77,8 @@ SCRIPTS: dict[str, list[str]] = {
     "synthesis": ["--large"],
     "certified_bounds": [],
     "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
+    "tip_falsification": [],
+    "tip_mutations": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
@@ -139,7 +142,10 @@ def fill(text: str) -> str:
 
 def readme_sections() -> dict[str, str]:
     """Return the marked sections of the README from the stored results."""
-    return {"results": overview_table(_stored("evaluate")), "speed": speed_lines(_stored("bench"))}
+    return {
+        "results": overview_table(_stored("evaluate"), _stored("tip_bound")),
+        "speed": speed_lines(_stored("bench")),
+    }
 
 
 def sections() -> dict[str, str]:
@@ -166,6 +172,7 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
         "tip-bound": tip_bound_table(stored["tip_bound"]),
+        "tip-falsification": falsification_table(stored["tip_falsification"]),
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "abuse": abuse_table(stored["abuse"]),
         "adaptive-cases": adaptive_cases_table(stored["adaptive_cases"]),

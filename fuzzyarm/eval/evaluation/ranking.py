@@ -48,6 +48,7 @@ class Standing:
         lost: number of episodes in which the path was lost.
         episodes: number of episodes.
         certified: whether it has a certificate.
+        tip: what is proven of its tip, in words; empty where no bound was given.
     """
 
     policy: str
@@ -57,6 +58,7 @@ class Standing:
     lost: int
     episodes: int
     certified: bool
+    tip: str = ""
 
     @property
     def order(self) -> tuple[int, float]:
@@ -78,8 +80,8 @@ class Leaderboard:
         return [1 + orders.index(order) for order in orders]
 
 
-def rank_policies(paths: Sequence[Path]) -> Leaderboard:
-    """Rank the policies of results files, or of the folders that hold them.
+def rank_policies(paths: Sequence[Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
+    """Rank the policies of results files, or of the folders that hold them; `tips` says what is proven of whose tip.
 
     Raises:
         ValueError: a file is missing, damaged or given twice, or two files are not comparable; the message names the
@@ -102,6 +104,7 @@ def rank_policies(paths: Sequence[Path]) -> Leaderboard:
         for results in read
         for standing in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
+    standings = [dataclasses.replace(one, tip=(tips or {}).get(one.policy, "")) for one in standings]
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), _in_words(first))
 
 
@@ -175,12 +178,17 @@ def _cells(board: Leaderboard) -> tuple[list[str], list[list[str]]]:
             standing.policy,
             _score(standing),
             *("lost" if value is None else f"{value:#.3g}" for value in standing.rms.values()),
-            "rigid arm" if standing.certified else "no",
+            _proven(standing),
             standing.source,
         ]
         for rank, standing in zip(board.ranks, board.standings, strict=True)
     ]
     return headings, cells
+
+
+def _proven(standing: Standing) -> str:
+    """Return what is proven of a policy: of the rigid arm, of the tip of the elastic one, or nothing."""
+    return "; ".join(filter(None, ["rigid arm" if standing.certified else "", standing.tip])) or "no"
 
 
 def _score(standing: Standing) -> str:
