@@ -59,7 +59,7 @@ FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 """Policies of the sweep."""
-ADAPTIVE_SWEEPS = ("all",)
+ADAPTIVE_SWEEPS = ("all", "loads")
 """Distributions of the sweeps of the adaptive observer."""
 SCRIPTS: dict[str, list[str]] = {
     "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
