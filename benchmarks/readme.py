@@ -18,6 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from readme_abuse import abuse_table
+from readme_adaptive import (
+    adaptive_cases_table,
+    adaptive_margins_table,
+    adaptive_passes_table,
+    adaptive_plants_table,
+)
 from readme_design import (
     bounds_table,
     complexity_table,
@@ -53,6 +59,8 @@ FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 """Policies of the sweep."""
+ADAPTIVE_SWEEPS = ("all",)
+"""Distributions of the sweeps of the adaptive observer."""
 SCRIPTS: dict[str, list[str]] = {
     "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
     "accuracy": [],
@@ -62,6 +70,9 @@ SCRIPTS: dict[str, list[str]] = {
     "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
+    "adaptive_tuning": [],
+    "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
+    "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
@@ -98,6 +109,10 @@ def measure() -> None:
         _fuzzyarm("sweep", *policies, "--plants", "10000", "--out", folder / "sweep")
         shutil.copy(folder / "sweep" / "sweep.json", RESULTS / "sweep.json")
         shutil.copy(folder / "sweep" / "spread.png", FIGURES / "sweep.png")
+        for drawn in ADAPTIVE_SWEEPS:
+            own = ("--policy", "adaptive-observer", "--distribution", drawn, "--seed", "200000")
+            _fuzzyarm("sweep", *own, "--plants", "10000", "--out", folder / drawn)
+            shutil.copy(folder / drawn / "sweep.json", RESULTS / f"adaptive_{drawn}.json")
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
@@ -160,6 +175,12 @@ def sections() -> dict[str, str]:
         "tip-falsification": falsification_table(stored["tip_falsification"]),
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "abuse": abuse_table(stored["abuse"]),
+        "adaptive-cases": adaptive_cases_table(stored["adaptive_cases"]),
+        "adaptive-passes": adaptive_passes_table(stored["adaptive_cases"]),
+        "adaptive-plants": adaptive_plants_table(
+            stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
+        ),
+        "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
         "robots": robots_table(),
     }
 

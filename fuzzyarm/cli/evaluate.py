@@ -45,6 +45,9 @@ class Options:
     passes: int | None = None
     """Episodes along the same path one after the other; the results are those of the last. adaptive-observer learns
     from each for the next, policies with the ending -tip by classical iterative learning control (default: 1)"""
+    declared: bool = False
+    """Also print what each policy declares: its objective, what it was tuned on, what it knows of the arm, sees and
+    remembers, and its certificate"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
@@ -64,7 +67,7 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import print_passes, print_results
+    from fuzzyarm.eval.evaluation.result_table import print_declared, print_passes, print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
     from fuzzyarm.eval.evaluation.verdict import verdict
 
@@ -85,6 +88,8 @@ def run(options: Options) -> int:
         print_results(evaluation.rows, console, titles)
         if config.passes > 1:
             print_passes(evaluation.rows, config.passes, console)
+        if options.declared:
+            print_declared(config.policies, evaluation.certificates, console)
         print_paragraphs(console, _certificates(evaluation))
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
