@@ -33,7 +33,7 @@ from readme_results import (
     sweep_table,
     tip_table,
 )
-from readme_robots import robots_table
+from readme_robots import robot_comparison_tables, robot_speed_table, robots_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
@@ -42,6 +42,8 @@ FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 """Policies of the sweep."""
+COMPARED_ROBOTS = ("planar-3r",)
+"""Robots whose whole comparison is stored."""
 SCRIPTS: dict[str, list[str]] = {
     "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
     "accuracy": [],
@@ -86,6 +88,10 @@ def measure() -> None:
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
     _python("-m", "tests.abuse")
+    for name in COMPARED_ROBOTS:
+        result = RESULTS / f"robot_comparison_{name}.json"
+        _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
+    _python(BENCHMARKS / "robot_speed.py", "--json", RESULTS / "robot_speed.json")
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
     _python(ROOT / "examples" / "picture.py", FIGURES / "arm.png")
@@ -138,6 +144,8 @@ def sections() -> dict[str, str]:
         "tip-bound": tip_bound_table(stored["tip_bound"]),
         "abuse": abuse_table(stored["abuse"]),
         "robots": robots_table(),
+        "robot-speed": robot_speed_table(_stored("robot_speed")),
+        "robot-comparison": robot_comparison_tables([_stored(f"robot_comparison_{name}") for name in COMPARED_ROBOTS]),
     }
 
 

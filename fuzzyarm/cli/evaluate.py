@@ -74,7 +74,8 @@ def run(options: Options) -> int:
         console = output()
         print_results(evaluation.rows, console, titles)
         print_paragraphs(console, _certificates(evaluation))
-        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
+        report = config.robot is None
+        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles, report=report)
         print_paragraphs(console, ["\n".join(lines)])
     for rollout in evaluation.rollouts:
         if not rollout.completed:
