@@ -44,6 +44,8 @@ class Options:
     gain_bound: Annotated[float | None, Parameter(metavar="BOUND")] = None
     """Bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units
     (default: as small as the rest allows)"""
+    feedforward: Annotated[float | None, Parameter(metavar="SHARE")] = None
+    """L of the paper's form as a share in [0, 1] of the consistent form's (default: 0, the smallest L)"""
     fastest_pole: Annotated[float | None, Parameter(metavar="RATE")] = None
     """Bound of the decay rate from above [1/s]: the rigid loop frozen at any state of the box has no pole with a real
     part below -RATE (default: no bound). Semidefinite form: no pole with a modulus above RATE (default: 1.5 times what
@@ -100,6 +102,7 @@ def _scheduled_specification(options: Options) -> ScheduledSpecification:
         "--gamma min": options.gamma == "min",
         "--gain-bound": options.gain_bound is not None,
         "--common-multiplier": options.common_multiplier,
+        "--feedforward": options.feedforward is not None,
         "--no-integral": not options.integral,
     }
     for option, given in unfit.items():
@@ -156,6 +159,8 @@ def _specification(options: Options) -> Specification:
     gamma, alpha = options.gamma, 20.0 if options.alpha is None else options.alpha
     if gamma is None:
         gamma = 2e-4 if form == "consistent" else 1000.0
+    if options.feedforward is not None and form != "paper":
+        raise UsageError("--feedforward goes with --theorem paper; leave it out")
     return Specification(
         kept=kept,
         form=form,
@@ -164,5 +169,6 @@ def _specification(options: Options) -> Specification:
         gain_bound=options.gain_bound,
         integral=options.integral,
         common_multiplier=options.common_multiplier,
+        feedforward=0.0 if options.feedforward is None else options.feedforward,
         fastest_pole=options.fastest_pole,
     )

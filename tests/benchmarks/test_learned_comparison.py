@@ -408,6 +408,7 @@ def small(tmp_path, monkeypatch):
     return tmp_path / "benchmarks" / "learned"
 
 
+@pytest.mark.slow
 def test_command_of_the_document_makes_it_again(small):
     names = "my-ppo-0", "my-ppo-1", "other-7"
     for name in names:
@@ -449,6 +450,7 @@ def test_bad_folder_of_trainings_is_one_line(small, folders, message):
     assert message in err
 
 
+@pytest.mark.slow
 def test_script_runs_from_anywhere(tmp_path):
     """It finds its neighbour, which this file loads itself."""
     script = ROOT / "benchmarks" / "learned_comparison.py"

@@ -6,12 +6,14 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+from slow_twins import slow_but
 from support.command_line import one_line_error
 from support.processes import running
 
 from fuzzyarm.cli import main
-from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.controller import Controller, consistent_feedforward
 
 QUICK = ["evaluate", "--policy", "fuzzy-4", "--case", "nominal"]
 
@@ -184,7 +186,9 @@ def test_a_real_interrupt_leaves_no_part_files(tmp_path):
     assert not list(tmp_path.glob(".*"))
 
 
-@pytest.mark.parametrize("words", [["--help"], ["train", "ppo", "--help"], ["verify", "--json", "fuzzy-1.json"]])
+@pytest.mark.parametrize(
+    "words", slow_but([["--help"]], [["--help"], ["train", "ppo", "--help"], ["verify", "--json", "fuzzy-1.json"]])
+)
 def test_a_reader_that_leaves_is_no_error(words):
     """As head does: the exit code of a broken pipe, and not a word."""
     words = [shipped(word) if word.endswith(".json") else word for word in words]
@@ -248,7 +252,14 @@ def test_design_in_the_form_of_the_paper(tmp_path, capsys):
     arguments = ["--theorem", "paper", "--rules", "2", "--no-integral", "--common-multiplier", "--out", str(path)]
     assert main(["design", *arguments]) == 0
     assert "paper form, without integral" in capsys.readouterr().out
-    assert Controller.load(path).common_multiplier
+    made = Controller.load(path)
+    assert made.common_multiplier
+    assert not made.feedforward.any()
+    assert main(["design", *arguments, "--feedforward", "0.5"]) == 0
+    half = Controller.load(path)
+    np.testing.assert_allclose(half.feedforward, 0.5 * consistent_feedforward(half.model), rtol=1e-12)
+    assert main(["design", "--rules", "2", "--feedforward", "0.5", "--out", str(path)]) == 2
+    assert "--theorem paper" in one_line_error(capsys)
 
 
 def test_design_objectives(tmp_path, capsys):

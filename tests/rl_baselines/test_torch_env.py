@@ -159,6 +159,7 @@ def test_streams_are_those_of_numpy_bit_for_bit(device):
 # ---- episodes: the NumPy environment's, lane by lane ----
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("case", "substep"), [("machining", None)])
 def test_trajectories_of_the_paper_are_the_numpy_ones(case, substep, device):
     compare_trajectory(case, substep, device, compiled=False)
@@ -197,7 +198,7 @@ def compare_trajectory(case, substep, device, compiled):
     ("expected_reasons", "arguments"),
     [
         ({0, 2}, {"randomisation": "robust"}),
-        ({0, 1, 2}, {"parameters": ArmParameters(joint_limit=(0.9, 2.1))}),
+        pytest.param({0, 1, 2}, {"parameters": ArmParameters(joint_limit=(0.9, 2.1))}, marks=pytest.mark.slow),
     ],
 )
 def test_wild_episodes_are_the_numpy_ones_through_every_reset(expected_reasons, arguments, device):
@@ -405,6 +406,7 @@ def test_a_step_never_asks_for_a_value(dtype):
     assert envs.step(torch.zeros((4, 2), device="meta"))[0].device.type == "meta"
 
 
+@pytest.mark.slow
 def test_float32_stays_close_to_float64(device):
     compare_precision("nominal", 400, device)
 
@@ -516,9 +518,8 @@ for compiled in (False, True):
 """
 
 
-@pytest.mark.parametrize(
-    ("program", "printed"), [(SMALLEST, ""), pytest.param(WHOLE, "stepped\n", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("program", "printed"), [(SMALLEST, ""), (WHOLE, "stepped\n")])
 def test_without_a_compiler_one_line_says_what_to_do(program, printed, tmp_path):
     environment = {**os.environ, "CXX": "no-such-compiler", "PATH": "", "TORCHINDUCTOR_CACHE_DIR": str(tmp_path)}
     result = subprocess.run(

@@ -37,6 +37,8 @@ STEP = 5.0  # rad/s
 class ComputedTorquePolicy(Policy):
     """Computed torque with integral action; the law is in the module's docstring."""
 
+    integral_at: int | None = 0
+
     def __init__(
         self,
         parameters: AnyArm | None = None,

@@ -17,6 +17,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.dynamics import mass_matrix as two_joint_mass_matrix
+from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
@@ -129,7 +130,7 @@ def place_in_schedule(
     index[:], weight[:] = 0, 1.0
     for number in range(len(kept)):
         if cosine:
-            place = 0.5 * (np.cos(q[kept[number]]) + 1.0) * (points - 1)
+            place = 0.5 * (sine_cosine(q[kept[number]])[1] + 1.0) * (points - 1)
             left = min(max(int(place), 0), points - 2)  # min and max also map a cosine that is nan into the table
             share, right = place - left, left + 1
         else:

@@ -17,6 +17,7 @@ import numpy as np
 from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader
@@ -39,6 +40,8 @@ class ScheduledPolicy(Policy):
     Attributes:
         controller: the content of the file.
     """
+
+    integral_at: int | None = 0
 
     def __init__(self, controller: ScheduledController, control_period: float = 1e-3) -> None:
         """Lay the controller out for the compiled law of its robot, at a control period T [s].
@@ -110,8 +113,8 @@ def _law_of(physics: Physics) -> Any:
                 motor = drive.motor_inertia[joint] * o.ddq_reference[lane, joint]
                 torque[lane, joint] = links[joint] + motor + drive.viscous_friction[joint] * o.dq_motor[lane, joint]
             for place in range(len(kept)):
-                angle = turns[place] * o.q_motor[lane, kept[place]]
-                ratio[place] = 0.5 * (1.0 + (np.sin(angle) if sine[place] else np.cos(angle)))
+                sin, cos = sine_cosine(turns[place] * o.q_motor[lane, kept[place]])
+                ratio[place] = 0.5 * (1.0 + (sin if sine[place] else cos))
             for rule in range(len(inertia)):
                 h = 1.0
                 for place in range(len(kept)):  # the first premise changes fastest with the rule

@@ -90,6 +90,7 @@ def test_all_policies_share_one_scale_of_colours_which_grey_keeps():
     assert np.all(np.diff(0.299 * red + 0.587 * green + 0.114 * blue) < 0.0)  # darker is worse
 
 
+@pytest.mark.slow
 def test_the_same_sweep_gives_the_same_files(tmp_path):
     results = made(DRAWN, ended=False)
     rows = summarise(DRAWN, results)["rows"]

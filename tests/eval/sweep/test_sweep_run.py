@@ -67,6 +67,7 @@ class Killer:
             (self.folder / "killed").touch()
 
 
+@pytest.mark.slow
 def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected, monkeypatch):
     monkeypatch.setattr(chunks, "run_chunk", run_chunk)  # put back after the test
     killer, reports = Killer(tmp_path), []
@@ -143,6 +144,7 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
+@pytest.mark.slow
 def test_an_interrupted_and_then_a_killed_sweep_goes_on_to_the_same_end(tmp_path, capsys):
     folder = tmp_path / "sweep"
     arguments = ["--policy", "fuzzy-4", "--case", "machining", "--plants", "60", "--chunk", "2", "--seed", "5"]

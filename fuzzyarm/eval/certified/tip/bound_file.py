@@ -73,7 +73,7 @@ class BoundCheck:
     Attributes:
         path: the file.
         claim: what it claims a bound for.
-        bound: that it claims [m].
+        bound: that it claims [m], or what was found now where that is larger by rounding.
         reason: why it is not proven; empty if it is.
         seconds: that the check took.
     """
@@ -167,9 +167,10 @@ def check_bound(path: Path) -> BoundCheck:
         OSError: the file cannot be read.
     """
     claim, document, claims = read_bound(path)
-    begin, reason = time.perf_counter(), ""
+    begin, reason, bound = time.perf_counter(), "", document.bound
     try:
         found = find_bound(claim, claims=claims)
+        bound = max(bound, found.largest)
         if found.tip.shape != (len(document.tip),) or not (found.tip <= np.array(document.tip) * (1 + 1e-9)).all():
             reason = "a bound of the tip is larger than the file says"
         elif not document.bound * (1 + 1e-9) >= found.largest:
@@ -178,4 +179,4 @@ def check_bound(path: Path) -> BoundCheck:
         reason = str(error)
     except IndexError:
         reason = "the file ends before the motion does"
-    return BoundCheck(path, claim, document.bound, reason, time.perf_counter() - begin)
+    return BoundCheck(path, claim, document.bound if reason else bound, reason, time.perf_counter() - begin)

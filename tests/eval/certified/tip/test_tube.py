@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from slow_twins import slow_but
 from support.command_line import one_line_error
 
 from fuzzyarm import load_policy
@@ -15,6 +16,7 @@ from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, problem_of
 from fuzzyarm.eval.certified.tip.bound_file import check_bound, save_bound
+from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.eval.certified.tip.centre import Mode
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
@@ -77,7 +79,7 @@ def test_sticking_and_slipping_are_in_the_tube(exact):
     assert sum(segment.duration for segment in exact.steps[2].segments) == 1e-3
 
 
-@pytest.mark.parametrize("late", [0, 1])
+@pytest.mark.parametrize("late", slow_but([1], [0, 1]))
 def test_corners_of_a_set_are_in_the_tube(late):
     bound = find_bound(claim(dataclasses.replace(SMALL, late=late), steps=25))
     rng, nominal, largest = np.random.default_rng(3), ArmParameters(), 0.0
@@ -246,6 +248,34 @@ def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["bound"] > 0.9 * found["bound"]
     assert main([*words, "--cells", "mass", "3"]) == 2
     assert "choose from: payload, force" in one_line_error(capsys)
+
+
+def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
+    wanted, out = tmp_path / "set.toml", tmp_path / "loads.json"
+    wanted.write_text("payload = [0.0, 0.2]\n")
+    words = ["prove", "--set", str(wanted), "--steps", "4", "--cells", "payload", "2", "--out", str(out)]
+    assert main(words) == 0
+    assert {path.name for path in tmp_path.glob("*.json")} == {"loads.json", "loads-001.json", "loads-002.json"}
+    capsys.readouterr()
+    assert main(["verify", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["cells"] == 2
+    sound = json.loads(out.read_text())
+    first, second = sound["cells"]
+    for change, why in (
+        ({"cells": [second]}, "between 0 and 0.1"),
+        ({"cells": [first]}, "above 0.1"),
+        ({"bound": 0.5 * sound["bound"]}, "the tip may err"),
+        ({"case": "payload"}, "something else"),
+        ({"samples": 5}, "something else"),
+    ):
+        out.write_text(json.dumps(sound | change))
+        found = check_cells(out)
+        assert not found.proven and why in found.reason
+        assert main(["verify", str(out)]) == 1
+    capsys.readouterr()
+    out.write_text(json.dumps(sound | {"cells": ["../loads-001.json"]}))
+    assert main(["verify", str(out)]) == 2
+    assert "same folder" in one_line_error(capsys)
 
 
 def test_what_is_spent_adds_up(exact):
