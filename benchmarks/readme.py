@@ -52,8 +52,8 @@ FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 """Policies of the sweep."""
-COMPARED_ROBOTS = ("planar-3r",)
-"""Robots whose whole comparison is stored."""
+COMPARED_ROBOTS = ("planar-3r", "ur5", "panda")
+"""Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
     "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
     "accuracy": [],
@@ -161,8 +161,14 @@ def sections() -> dict[str, str]:
         "abuse": abuse_table(stored["abuse"]),
         "robots": robots_table(),
         "robot-speed": robot_speed_table(_stored("robot_speed")),
-        "robot-comparison": robot_comparison_tables([_stored(f"robot_comparison_{name}") for name in COMPARED_ROBOTS]),
+        "robot-comparison": robot_comparison_tables(
+            [_stored(name) for name in map("robot_comparison_{}".format, COMPARED_ROBOTS) if _is_stored(name)]
+        ),
     }
+
+
+def _is_stored(name: str) -> bool:
+    return (RESULTS / f"{name}.json").is_file()
 
 
 def _stored(name: str) -> dict[str, Any]:
