@@ -50,7 +50,7 @@ from readme_results import (
     sweep_table,
     tip_table,
 )
-from readme_robots import robots_table
+from readme_robots import robot_comparison_tables, robot_speed_table, robots_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
@@ -61,6 +61,8 @@ SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "p
 """Policies of the sweep."""
 ADAPTIVE_SWEEPS = ("all", "loads")
 """Distributions of the sweeps of the adaptive observer."""
+COMPARED_ROBOTS = ("planar-3r", "ur5", "panda")
+"""Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
     "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
     "accuracy": [],
@@ -117,6 +119,10 @@ def measure() -> None:
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
     _python("-m", "tests.abuse")
+    for name in COMPARED_ROBOTS:
+        result = RESULTS / f"robot_comparison_{name}.json"
+        _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
+    _python(BENCHMARKS / "robot_speed.py", "--json", RESULTS / "robot_speed.json")
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
     _python(ROOT / "examples" / "picture.py", FIGURES / "arm.png")
@@ -182,7 +188,15 @@ def sections() -> dict[str, str]:
         ),
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
         "robots": robots_table(),
+        "robot-speed": robot_speed_table(_stored("robot_speed")),
+        "robot-comparison": robot_comparison_tables(
+            [_stored(name) for name in map("robot_comparison_{}".format, COMPARED_ROBOTS) if _is_stored(name)]
+        ),
     }
+
+
+def _is_stored(name: str) -> bool:
+    return (RESULTS / f"{name}.json").is_file()
 
 
 def _stored(name: str) -> dict[str, Any]:
