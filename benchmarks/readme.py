@@ -18,9 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from readme_abuse import abuse_table
+from readme_adaptive import (
+    adaptive_cases_table,
+    adaptive_margins_table,
+    adaptive_passes_table,
+    adaptive_plants_table,
+)
 from readme_design import (
     bounds_table,
     complexity_table,
+    falsification_table,
     feedforward_table,
     gains_table,
     margins_table,
@@ -52,6 +59,8 @@ FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 """Policies of the sweep."""
+ADAPTIVE_SWEEPS = ("all",)
+"""Distributions of the sweeps of the adaptive observer."""
 COMPARED_ROBOTS = ("planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
@@ -63,10 +72,15 @@ SCRIPTS: dict[str, list[str]] = {
     "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
+    "adaptive_tuning": [],
+    "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
+    "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
     "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
+    "tip_falsification": [],
+    "tip_mutations": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
@@ -97,6 +111,10 @@ def measure() -> None:
         _fuzzyarm("sweep", *policies, "--plants", "10000", "--out", folder / "sweep")
         shutil.copy(folder / "sweep" / "sweep.json", RESULTS / "sweep.json")
         shutil.copy(folder / "sweep" / "spread.png", FIGURES / "sweep.png")
+        for drawn in ADAPTIVE_SWEEPS:
+            own = ("--policy", "adaptive-observer", "--distribution", drawn, "--seed", "200000")
+            _fuzzyarm("sweep", *own, "--plants", "10000", "--out", folder / drawn)
+            shutil.copy(folder / drawn / "sweep.json", RESULTS / f"adaptive_{drawn}.json")
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
@@ -130,7 +148,10 @@ def fill(text: str) -> str:
 
 def readme_sections() -> dict[str, str]:
     """Return the marked sections of the README from the stored results."""
-    return {"results": overview_table(_stored("evaluate")), "speed": speed_lines(_stored("bench"))}
+    return {
+        "results": overview_table(_stored("evaluate"), _stored("tip_bound")),
+        "speed": speed_lines(_stored("bench")),
+    }
 
 
 def sections() -> dict[str, str]:
@@ -157,8 +178,15 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
         "tip-bound": tip_bound_table(stored["tip_bound"]),
+        "tip-falsification": falsification_table(stored["tip_falsification"]),
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "abuse": abuse_table(stored["abuse"]),
+        "adaptive-cases": adaptive_cases_table(stored["adaptive_cases"]),
+        "adaptive-passes": adaptive_passes_table(stored["adaptive_cases"]),
+        "adaptive-plants": adaptive_plants_table(
+            stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
+        ),
+        "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
         "robots": robots_table(),
         "robot-speed": robot_speed_table(_stored("robot_speed")),
         "robot-comparison": robot_comparison_tables(

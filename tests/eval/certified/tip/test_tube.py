@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from flint import arb, ctx
 from slow_twins import slow_but
 from support.command_line import one_line_error
 
@@ -18,9 +19,10 @@ from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, problem_of
 from fuzzyarm.eval.certified.tip.bound_file import check_bound, save_bound
 from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.eval.certified.tip.centre import Mode
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
+from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
-from fuzzyarm.eval.certified.tip.transition import ROWS
+from fuzzyarm.eval.certified.tip.transition import ROWS, STATES
+from fuzzyarm.eval.certified.tip.tube import Tube
 
 STEPS = 40
 ROUNDING = 1e-15  # of a tip that is computed in floats [m]
@@ -77,6 +79,26 @@ def test_sticking_and_slipping_are_in_the_tube(exact):
     assert Mode.REST in modes and len(modes) > 1
     assert max(len(step.segments) for step in exact.steps) > 1
     assert sum(segment.duration for segment in exact.steps[2].segments) == 1e-3
+
+
+def test_a_sample_holds_the_torque_of_every_state_and_the_curvature_of_the_law_is_needed():
+    """The torque at a deviation Z g is the linear one within the columns that the sample adds; 1 % would not do."""
+    problem, rng, gaps = problem_of(claim()), np.random.default_rng(4), []
+    tube = Tube(problem)
+    tube._set.add(np.diag([1e-3, 1e-3, 0.0, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0]), 0)
+    before = tube._set.columns.copy()
+    with ctx.workprec(BITS):
+        torque = tube._sample(0)
+        held = slice(STATES, STATES + 2)
+        linear, added = tube._set.columns[held, : before.shape[1]], tube._set.columns[held, before.shape[1] :]
+        allowed = np.abs(added).sum(axis=1) + tube._set.box[held]
+        for _ in range(40):
+            g = rng.choice([-1.0, 1.0], before.shape[1]) * rng.uniform(0.5, 1.0, before.shape[1])
+            state = problem.start + (before @ g)[:STATES]
+            parts = [[arb(x) for x in pair] for pair in (state[:2], state[4:6], (0.0, 0.0))]
+            found = np.array([float(u.mid()) for u in problem.law.torque(*parts, problem.samples[0]).value])
+            gaps.append(np.abs(found - torque - linear @ g) / allowed)
+    assert np.max(gaps) <= 1.0 and np.max(gaps) > 0.01
 
 
 @pytest.mark.parametrize("late", slow_but([1], [0, 1]))
