@@ -13,7 +13,7 @@ __all__ = ["Options", "run"]
 
 @dataclass(frozen=True)
 class Options:
-    """Rank the policies of results files by the geometric mean over the cases of the rms tip error.
+    """Rank the policies of results files by the largest tip error of all cases.
 
     Files of different conditions or versions are refused.
     """

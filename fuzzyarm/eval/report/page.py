@@ -28,7 +28,7 @@ from fuzzyarm.eval.report.headline import headline, rule
 from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
-from fuzzyarm.eval.report.summary import error_charts, finished, metrics_table
+from fuzzyarm.eval.report.summary import declared_table, error_charts, finished, metrics_table
 from fuzzyarm.eval.report.tubes import checked_bounds, tube_section
 from fuzzyarm.policies import resolve
 
@@ -67,6 +67,7 @@ def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "
         sampling=escape(_sampling(config, data["stride"])),
         table=metrics_table(stored.rows),
         table_note=escape(_table_note(config, early)),
+        declared=declared_table(config.policies, stored.certificates),
         beliefs=_beliefs(stored),
         scope=escape(SCOPE),
         bounds=bound_charts(stored, observed),

@@ -245,7 +245,7 @@ def test_without_ray_the_extra_is_named(tmp_path, capsys, monkeypatch):
 
 def test_a_folder_of_an_older_format_is_refused(folder, capsys):
     path = folder / "run.json"
-    path.write_text(path.read_text().replace("fuzzyarm-sweep/2", "fuzzyarm-sweep/1"))
+    path.write_text(path.read_text().replace("fuzzyarm-sweep/3", "fuzzyarm-sweep/1"))
     refused(capsys, folder, ["--resume", "--out", str(folder)], "'fuzzyarm-sweep/1', this version reads")
 
 
