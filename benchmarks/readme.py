@@ -33,6 +33,7 @@ from readme_design import (
     margins_table,
     synthesis_table,
     tip_bound_table,
+    tip_gamma_table,
 )
 from readme_markdown import made_with
 from readme_results import (
@@ -80,6 +81,7 @@ SCRIPTS: dict[str, list[str]] = {
     "certified_bounds": [],
     "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
     "tip_falsification": [],
+    "tip_gamma": [],
     "tip_mutations": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
@@ -178,6 +180,7 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
         "tip-bound": tip_bound_table(stored["tip_bound"]),
+        "tip-gamma": tip_gamma_table(stored["tip_gamma"]),
         "tip-falsification": falsification_table(stored["tip_falsification"]),
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "abuse": abuse_table(stored["abuse"]),

@@ -19,6 +19,7 @@ __all__ = [
     "margins_table",
     "synthesis_table",
     "tip_bound_table",
+    "tip_gamma_table",
 ]
 
 
@@ -129,6 +130,18 @@ def feedforward_table(document: dict[str, Any]) -> str:
 
 
 _SIDES = ("tip", "motors")
+
+
+def tip_gamma_table(document: dict[str, Any]) -> str:
+    """Return the table of proven bounds of the tip error against γ of the design."""
+    rows = [
+        [f"{row['gamma']:.1e}", row["reason"] if row["bound_mm"] is None else at_most(row["bound_mm"], 4)]
+        for row in document["rows"]
+    ]
+    return (
+        f"{table(['γ [rad/(N m)]', 'proven [mm]'], rows, left=0)}\n\nSet: stiffness ± 10 %; fastest pole "
+        f"{document['fastest_pole']:g} 1/s. `{document['command']}`; {made_with(document)}"
+    )
 
 
 def falsification_table(document: dict[str, Any]) -> str:

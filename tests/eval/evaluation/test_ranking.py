@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluation.ranking import rank_policies
+from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.evaluation.statistics import estimate
 
@@ -166,3 +166,12 @@ def test_markdown_has_the_same_cells(write, capsys):
     assert {line.count("|") for line in lines[:4]} == {9}
     assert lines[2].startswith("| 1 | fuzzy&#124;4 | 4.00 (2.00 to 6.00) | 2.00 |")
     assert "bootstrap interval of 95 %" in lines[-1]
+
+
+def test_what_is_proven_of_the_tip_stands_beside_its_policy(write):
+    board = rank_policies(
+        [write("a", document({"a": [[1.0], [8.0], [27.0]], "b": [[1.0]] * 3}))], {"b": "tip within 1 mm"}
+    )
+    assert {standing.policy: standing.tip for standing in board.standings} == {"a": "", "b": "tip within 1 mm"}
+    lines = [line for line in markdown(board).splitlines() if "tip within 1 mm" in line]
+    assert len(lines) == 1 and "| b |" in lines[0]
