@@ -1,5 +1,6 @@
 """The numbers of episodes against independent loops over the environments, and against each other."""
 
+import copy
 import math
 from collections import deque
 
@@ -10,7 +11,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import MEASURED
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import CASES, case_for
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -129,8 +130,12 @@ SOFT = SweepConfig(
 )  # fmt: skip
 
 
+WINDING = copy.copy(POLICIES["fuzzy-4"])
+WINDING.integral_at = None  # not held at the torque limits: it loses a heavy payload on soft joints
+
+
 def test_an_episode_that_ends_early_counts_up_to_its_end():
-    policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
+    policies = {"fuzzy-4": WINDING}
     found = run_plants(SOFT, policies, range(4))
     ended = np.flatnonzero(~found.completed[0, 0])
     assert 0 < len(ended) < 4
@@ -178,11 +183,11 @@ def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(g
 
 def test_a_lane_that_ended_does_not_disturb_its_neighbours():
     plants = Plants.draw(SOFT, range(4))
-    seen = [step.running.copy() for step in steps(plants, plants.environment(["payload"]), POLICIES["fuzzy-4"])]
+    seen = [step.running.copy() for step in steps(plants, plants.environment(["payload"]), WINDING)]
     lengths = np.sum(seen, axis=0)
     assert len(seen) == lengths.max() == 1500 and lengths.min() < 1500
-    alone = run_plants(SOFT, {"fuzzy-4": POLICIES["fuzzy-4"]}, [0])
-    assert np.array_equal(run_plants(SOFT, {"fuzzy-4": POLICIES["fuzzy-4"]}, range(4)).max_mm[..., :1], alone.max_mm)
+    alone = run_plants(SOFT, {"fuzzy-4": WINDING}, [0])
+    assert np.array_equal(run_plants(SOFT, {"fuzzy-4": WINDING}, range(4)).max_mm[..., :1], alone.max_mm)
 
 
 def test_plants_are_drawn_around_the_robot():
@@ -195,7 +200,7 @@ def test_plants_are_drawn_around_the_robot():
     found = run_plants(config, policies, range(2))
     for i in range(2):
         env = FuzzyArmEnv(
-            disturbance=CASES["machining"].disturbance,
+            disturbance=case_for("machining", robot).disturbance,
             parameters=robot,
             reference=JointReference(parameters=robot),
             randomisation=DISTRIBUTIONS["plants"].randomisation(),
