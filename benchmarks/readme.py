@@ -60,7 +60,7 @@ FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 """Policies of the sweep."""
-ADAPTIVE_SWEEPS = ("all",)
+ADAPTIVE_SWEEPS = ("all", "loads")
 """Distributions of the sweeps of the adaptive observer."""
 COMPARED_ROBOTS = ("planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 
 import numpy as np
 
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.scenario.cases import CASES, Case
 from fuzzyarm.eval.episodes.beliefs import BELIEFS
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.chart import figure
@@ -23,19 +24,23 @@ WIDTH, HEIGHT, LEFT, BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the ma
 POINTS = 300  # of a curve
 
 
-def belief_charts(rollouts: list[Rollout]) -> str:
-    """Return a chart of every first episode of a policy with beliefs; an empty text if no policy has any."""
+def belief_charts(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
+    """Return a chart of every first episode of a policy with beliefs; an empty text if no policy has any.
+
+    `cases` by name, with the loads that were carried.
+    """
     seen: set[tuple[str, str]] = set()
     charts = []
     for run in rollouts:
         if run.beliefs.size and (run.case, run.policy) not in seen:
             seen.add((run.case, run.policy))
-            charts.append(figure(f"{CASES[run.case].title}, {run.policy}", _chart(run)))
+            case = cases[run.case]
+            charts.append(figure(f"{case.title}, {run.policy}", _chart(run, case.disturbance.payload.mass)))
     return "".join(charts)
 
 
-def _chart(run: Rollout) -> str:
-    """Return the SVG of one episode."""
+def _chart(run: Rollout, mass: float) -> str:
+    """Return the SVG of one episode under a payload [kg]."""
     column = dict(zip(BELIEFS, run.beliefs.T, strict=True))
     truth = np.hypot(run.external_force[:, 0], run.external_force[:, 1])
     size = np.hypot(column["force_x"], column["force_y"])
@@ -51,7 +56,6 @@ def _chart(run: Rollout) -> str:
         return "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x[::every], y(force)[::every], strict=True))
 
     back = "L".join(reversed(curve(np.maximum(size - deviation, 0.0)).split("L")))
-    mass = CASES[run.case].disturbance.payload.mass
     words = (
         f"payload: {column['payload'][-1]:.1f} ± {column['payload_deviation'][-1]:.1f} kg believed, {mass:g} kg true"
     )

@@ -94,7 +94,7 @@ def _part(name: str) -> str:
 
 def _beliefs(stored: StoredEvaluation) -> str:
     """Return the section of what policies believed; an empty text if none says it."""
-    charts = belief_charts(stored.rollouts)
+    charts = belief_charts(stored.rollouts, {name: stored.config.case(name, None) for name in stored.config.cases})
     if not charts:
         return ""
     return (

@@ -7,6 +7,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.eval.episodes.beliefs import BELIEFS
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.beliefs import belief_charts
 from fuzzyarm.policies import load_policy
 
@@ -43,3 +44,5 @@ def test_the_page_shows_a_chart_of_those_who_say_what_they_believe(runs):
     drawn = belief_charts(runs)
     assert drawn.count("<figure>") == 1 and "adaptive-observer" in drawn and "kg true" in drawn
     assert belief_charts(runs[1:]) == ""
+    heavier = EvaluationConfig(payload=7.5).case("payload", None)
+    assert "7.5 kg true" in belief_charts(runs, {"machining": heavier})
