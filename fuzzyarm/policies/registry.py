@@ -87,8 +87,8 @@ _FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1")
 _CONTROLLERS = _PACKAGE / "fuzzy_policy" / "controllers"
 _TRAINED = _PACKAGE / "learned_policy" / "policies"
 
-LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
-"""Policies trained with PPO, of each the median seed; their ``policy.json`` says what they were trained on."""
+LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer")
+"""Trained policies, of each the median seed; their ``policy.json`` says what they were trained on."""
 
 POLICIES: dict[str, NamedPolicy] = {
     **{name: NamedPolicy(Kind.CONTROLLER, path=_CONTROLLERS / f"{name}.json", has_tip=True) for name in _FUZZY},

@@ -1,0 +1,197 @@
+"""How stable the loop with a network is: the linear map over a control period, and a loss of its eigenvalues.
+
+At a posture, in a condition of `fuzzyarm margins` (loop gain κ, lateness d, plant), the linear loop has the states
+plant x, observer (x̂, d̂)⁻, last ρ, h, and the torques that have not acted yet:
+
+    ν = C (x - x̂⁻),    z = S_ν ν + S_d (d̂⁻ + L_d ν) + S_ρ ρ⁻,    (h⁺, ρ) by the slopes of the network,
+    u = D x + C_s (x̂, d̂)⁻ + R ρ,    (x̂, d̂)⁺ = G x + F (x̂, d̂)⁻ + E R ρ,    x⁺ = A x + B κ u late by d.
+
+D, C_s, G, F are those of the elastic observer, see `eval.stability.local_loop`. The loss is Σ max(|λ| - λ_max, 0) over
+the eigenvalues λ of this map.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from scipy.linalg import eig
+
+from fuzzyarm.envs.observation import JOINTS, START
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.stability.linearisation import linearise
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy
+from fuzzyarm.learned_policy.estimate.signals import COARSE, FINE, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS
+from fuzzyarm.rl_baselines.estimate.student import Student
+
+__all__ = ["Condition", "Loops", "eigenvalue_loss"]
+
+_PLANT, _OBSERVER = 4 * JOINTS, 5 * JOINTS
+_DEFECTIVE = 1e-8  # overlap of left and right eigenvectors below which a derivative is left out
+_LATE = 2  # torques that have not acted yet
+_MEASURED = np.r_[0:JOINTS, 2 * JOINTS : 3 * JOINTS]
+
+
+class Condition(NamedTuple):
+    """How the plant differs from the one that is known: κ, d [control periods], factor on stiffness, payload [kg]."""
+
+    gain: float = 1.0
+    delay: float = 0.0
+    stiffness: float = 1.0
+    payload: float = 0.0
+
+
+CONDITIONS = (
+    Condition(),
+    Condition(gain=0.67),
+    Condition(gain=1.5),
+    Condition(delay=0.5),
+    Condition(delay=1.0),
+    Condition(stiffness=0.8),
+    Condition(stiffness=1.2),
+    Condition(payload=5.0),
+)
+_ANGLES = tuple((0.6, q2) for q2 in (0.0, 0.7, 1.2, 1.6, 2.0, 2.6))  # rad
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Loops:
+    """The linear loops without the network, one for each posture and condition.
+
+    Attributes:
+        base: (loops, m, m) the map without the network; m states with an empty place for h at the end.
+        sees: (loops, z, m) the linear part of z at small signals: asinh ξ = ξ.
+        acts: (loops, m, 2) what ρ adds.
+        context: (loops, c) at rest.
+        cosine: (loops,) of q_2.
+        reference: (loops,) the largest |λ| without the network.
+    """
+
+    base: torch.Tensor
+    sees: torch.Tensor
+    acts: torch.Tensor
+    context: torch.Tensor
+    cosine: np.ndarray
+    reference: torch.Tensor
+
+    @classmethod
+    def of(cls, policy: LearnedObserverPolicy) -> Loops:
+        """Linearise the observer of a policy."""
+        rows = [_loop(policy, np.array(q), condition) for q in _ANGLES for condition in CONDITIONS]
+        base, sees, acts, context = (torch.from_numpy(np.array(part)) for part in zip(*rows, strict=True))
+        cosine = np.repeat([np.cos(q[1]) for q in _ANGLES], len(CONDITIONS))
+        return cls(base, sees, acts, context, cosine, torch.linalg.eigvals(base).abs().amax(dim=1))
+
+
+def _loop(policy: LearnedObserverPolicy, q: np.ndarray, condition: Condition) -> tuple[np.ndarray, ...]:
+    """Return `base`, `sees`, `acts` and `context` of a posture and a condition."""
+    arm, period = policy.parameters, policy.control_period
+    observer = ElasticObserverPolicy(arm, period)
+    stiffer = (condition.stiffness * arm.stiffness[0], condition.stiffness * arm.stiffness[1])
+    plant = dataclasses.replace(arm, stiffness=stiffer)
+    loop = linearise(observer, plant, q, period, Payload(condition.payload))
+    known = linearise(observer, arm, q, period)
+    # unit vectors of (x, observer, last ρ, past torques, ρ)
+    size = _PLANT + _OBSERVER + JOINTS + _LATE * JOINTS
+    unit = np.eye(size + JOINTS)
+    x, s = unit[:_PLANT], unit[_PLANT : _PLANT + _OBSERVER]
+    last, rho = unit[_PLANT + _OBSERVER :][:JOINTS], unit[size:]
+    past = unit[size - _LATE * JOINTS : size]
+    # What the target remembers follows from the reference alone: its rows and columns are left out.
+    rows, columns = loop.law.shape
+    own_rows = np.r_[0:JOINTS, rows - _OBSERVER : rows]
+    law = loop.law[np.ix_(own_rows, np.r_[0:_PLANT, columns - _OBSERVER : columns])] @ np.vstack([x, s])
+    own = law[:JOINTS] + np.diag(TORQUES) @ rho
+    following = law[JOINTS:].copy()
+    following[:_PLANT] += known.plant[:, _PLANT:] @ np.diag(TORQUES) @ rho
+    torques = np.vstack([condition.gain * own, past])
+    first = int(np.ceil(condition.delay)) * JOINTS
+    if float(condition.delay).is_integer():
+        moved = loop.plant @ np.vstack([x, torques[first : first + JOINTS]])
+    else:
+        moved = loop.half_plant @ np.vstack([x, torques[first : first + JOINTS]])
+        moved = loop.half_plant @ np.vstack([moved, torques[first - JOINTS : first]])
+    full = np.vstack([moved, following, rho, torques[:-JOINTS]])
+    innovation = (x - s[:_PLANT])[_MEASURED]
+    gain = _load_gain(policy, q)
+    sees = np.zeros((UNEXPLAINED, size))
+    sees[UNEXPLAINED_PARTS.fine] = (innovation / np.array(FINE)[:, None])[:, :size]
+    sees[UNEXPLAINED_PARTS.coarse] = (innovation / np.array(COARSE)[:, None])[:, :size]
+    sees[UNEXPLAINED_PARTS.load] = ((s[_PLANT:] + gain @ innovation) / np.array(TORQUES)[:, None])[:, :size]
+    sees[UNEXPLAINED_PARTS.residual] = last[:, :size]
+    return full[:, :size], sees, full[:, size:], _context(policy, q)
+
+
+def _load_gain(policy: LearnedObserverPolicy, q: np.ndarray) -> np.ndarray:
+    """Return the rows (2, 4) of L for d̂ at a posture (2,) [rad]."""
+    table = policy._gains.observer
+    place = 0.5 * (np.cos(q[1]) + 1.0) * (len(table) - 1)
+    left = min(int(place), len(table) - 2)
+    rows: np.ndarray = ((left + 1 - place) * table[left] + (place - left) * table[left + 1])[_PLANT:]
+    return rows
+
+
+def _context(policy: LearnedObserverPolicy, q: np.ndarray) -> np.ndarray:
+    """Return c at rest at a posture (2,) [rad]."""
+    observation, seen = np.zeros((1, START.ddq_reference + JOINTS)), np.zeros((1, SEEN))
+    observation[0, START.q_motor :][:JOINTS] = observation[0, START.q_reference :][:JOINTS] = q
+    policy.observe(observation, np.zeros((1, policy.memory_size)), np.empty((1, JOINTS)), seen)
+    return seen[0, SEEN_PARTS[1]].copy()
+
+
+def eigenvalue_loss(
+    student: Student,
+    loops: Loops,
+    which: torch.Tensor,
+    largest: float,
+    z: torch.Tensor,
+    c: torch.Tensor,
+    h: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the loss, and the largest |λ| (points,), of the loops `which` (points,) at points z, c, h.
+
+    z (points, ·), c (points, ·) and h (points, hidden) are in double precision.
+    """
+    slopes = student.slopes(z, c, h)
+    size, hidden, points = loops.base.shape[-1], h.shape[1], len(which)
+    sees = loops.sees[which].clone()
+    for part in (UNEXPLAINED_PARTS.fine, UNEXPLAINED_PARTS.coarse):
+        sees[:, part] /= torch.cosh(z[:, part])[:, :, None]  # the slope of asinh ξ by ξ
+    acts = loops.acts[which]
+    rho = torch.cat([slopes.rho_z @ sees, slopes.rho_h], dim=2)
+    top = torch.cat([loops.base[which], torch.zeros(points, size, hidden, dtype=torch.float64)], dim=2) + acts @ rho
+    full = torch.cat([top, torch.cat([slopes.h_z @ sees, slopes.h_h], dim=2)], dim=1)
+    # No loop has to be better than the observer alone.
+    allowed = torch.clamp(loops.reference[which] + 1e-3, min=largest).numpy()
+    excess, slope, radius = _excess(full.detach().numpy(), allowed)
+    product = (full * torch.from_numpy(slope)).sum() / points
+    return product - product.detach() + excess / points, torch.from_numpy(radius)
+
+
+def _excess(matrices: np.ndarray, allowed: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return Σ max(|λ| - allowed, 0), its derivatives by the matrices (points, m, m), and max |λ| (points,).
+
+    A simple eigenvalue with right and left vectors v and w moves by wᴴ dM v/(wᴴ v).
+    """
+    total, slope, radius = 0.0, np.zeros_like(matrices), np.zeros(len(matrices))
+    for point, (matrix, bound) in enumerate(zip(matrices, allowed, strict=True)):
+        radius[point] = np.abs(np.linalg.eigvals(matrix)).max()
+        if radius[point] <= bound:
+            continue
+        values, left, right = eig(matrix, left=True)
+        for number in np.flatnonzero(np.abs(values) > bound):
+            value, w, v = values[number], left[:, number].conj(), right[:, number]
+            overlap = w @ v
+            if abs(overlap) > _DEFECTIVE:
+                total += abs(value) - bound
+                slope[point] += np.real(np.conj(value) / abs(value) * np.outer(w, v) / overlap)
+    return total, slope, radius
+
+
+def known_arm() -> ArmParameters:
+    """Return the arm that students are trained for."""
+    return ArmParameters()
