@@ -87,15 +87,15 @@ _FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1")
 _CONTROLLERS = _PACKAGE / "fuzzy_policy" / "controllers"
 _TRAINED = _PACKAGE / "learned_policy" / "policies"
 
-LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer")
-"""Trained policies, of each the median seed; their ``policy.json`` says what they were trained on."""
+LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
+"""Policies trained with PPO, of each the median seed; their ``policy.json`` says what they were trained on."""
 
 POLICIES: dict[str, NamedPolicy] = {
     **{name: NamedPolicy(Kind.CONTROLLER, path=_CONTROLLERS / f"{name}.json", has_tip=True) for name in _FUZZY},
     "computed-torque": NamedPolicy(Kind.LAW, factory=_computed_torque, has_tip=True),
     "elastic-observer": NamedPolicy(Kind.LAW, factory=_elastic_observer),
     "adaptive-observer": NamedPolicy(Kind.LAW, factory=_adaptive_observer),
-    **{name: NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in LEARNED},
+    **{name: NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
 }
 """All policies by name, without the ending `TIP`; `add_policy` adds one."""
 

@@ -43,8 +43,9 @@ __all__ = [
 POSTURES = 16
 """Number of instants, evenly spaced over the paper's path; with 300 a gain margin changes by 0.2 %."""
 _PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
-# Of the law, relative to max(1, |s|) for its memory: an integral can move the torque by 5e8 N m per rad s, and a network
-# may bend within 1e-6 rad. One step for what is measured and what is remembered of it keeps their differences exact.
+# Of the law, relative to max(1, |s|) for its memory: an integral can move the torque by 5e8 N m per rad s, and a
+# network may bend within 1e-6 rad. What is measured and what is remembered of it have one step, so that their
+# differences stay exact.
 _LAW_STEP = 1e-8
 _TORQUE_STEP = 1.0  # N m; the plant is linear in the torque
 _NEWTON_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01)  # of a step

@@ -41,8 +41,8 @@ _TARGET, _STARTED, _PREDICTED, _RESIDUAL, _HIDDEN = consecutive(
     memory_size(JOINTS), 1, estimate_parts(JOINTS).load.stop, JOINTS, 1
 )
 
-SEEN_PARTS = consecutive(UNEXPLAINED, CONTEXT, JOINTS, JOINTS)
-"""Where z, c, u_ff [N m] and the observer's own u [N m], without residual, lie in what `observe` gives."""
+SEEN_PARTS = consecutive(UNEXPLAINED, CONTEXT, JOINTS)
+"""Where z, c and the observer's own u [N m], without residual, lie in what `observe` gives."""
 
 SEEN: int = SEEN_PARTS[-1].stop
 """Numbers that `LearnedObserverPolicy.observe` gives."""
@@ -54,6 +54,7 @@ class LearnedObserverPolicy(Policy):
     Attributes:
         network: ρ.
         hidden: where h lies in a lane's memory.
+        gains: K and L of the observer.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class LearnedObserverPolicy(Policy):
         self.hidden = slice(_HIDDEN.start, _HIDDEN.start + network.hidden)
         self.memory_size = self.hidden.stop
         self._substeps = whole_substeps(control_period, None)
-        self._gains = gain_tables(arm, self.control_period, weights or ObserverWeights())
+        self.gains = gain_tables(arm, self.control_period, weights or ObserverWeights())
         self._know(arm)
 
     def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
@@ -109,9 +110,9 @@ class LearnedObserverPolicy(Policy):
         """Take `arm` for the arm that is predicted; the gains stay."""
         self.parameters: ArmParameters = arm
         self._target = ElasticTarget(arm, self.control_period)
-        schedule = self._gains.schedule
+        schedule = self.gains.schedule
         self._arguments: tuple[Any, ...] = (
-            *(self._gains.feedback, self._gains.observer, schedule.kept, schedule.cosine, schedule.points),
+            *(self.gains.feedback, self.gains.observer, schedule.kept, schedule.cosine, schedule.points),
             *(constants_of(arm), np.array(arm.stiffness), self._torque_limit, np.array(arm.length)),
             *(self.control_period / self._substeps, self._substeps),
         )
@@ -121,7 +122,7 @@ _PHYSICS = two_joints()
 _ARM_IN, _PER_JOINT = reader(_PHYSICS.Arm, in_list), reader(_PHYSICS.PerJoint, in_columns)
 _ESTIMATED, _BEGIN, _PREDICT = estimated_of(JOINTS), begin_of(_PHYSICS), predict_of(_PHYSICS)
 _CORRECT, _ACT = correct_of(JOINTS), act_of(JOINTS)
-_Z, _C, _FEEDFORWARD, _OWN = SEEN_PARTS
+_Z, _C, _OWN = SEEN_PARTS
 _FIRST_HIDDEN = _HIDDEN.start
 
 
@@ -165,7 +166,6 @@ def _observe_and_act(
         _CORRECT(lane, o, predicted, observer, index, weight, innovation)
         z, c = seen[lane, _Z], seen[lane, _C]
         see_context(lane, o, torque[lane], torque_limit, length, c)
-        seen[lane, _FEEDFORWARD] = torque[lane]
         _ACT(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
         seen[lane, _OWN] = torque[lane]
         see_unexplained(innovation, estimate.load[lane], residual[lane], z)

@@ -2,10 +2,11 @@
 
 With the innovation ν = y - ŷ⁻ of the observer, one number for each motor angle and velocity,
 
-    z = (asinh(ν/s), asinh(ν/S), d̂, the last residual torque),
+    z = (asinh(ν/s), asinh(ν/S) ν²/(s² + ν²), d̂/R, the last ρ),
 
-with `FINE` units s and `COARSE` units S: the one resolves what is small, the other is linear in what is large. d̂ is
-what the observer believes to load the links; both torques are in units of `TORQUES`. From the observation follows
+with `FINE` units s, `COARSE` units S and the torques R = `TORQUES`: the first part resolves what is small; the second
+is linear in what is large and flat about zero, so that it does not bear on small deviations. d̂ is what the observer
+believes to load the links. From the observation follows
 
     c = (cos and sin of θ_1 and θ_1 + θ_2, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e),
 
@@ -73,7 +74,8 @@ def see_unexplained(innovation: np.ndarray, load: np.ndarray, residual: np.ndarr
     """Fill z (`UNEXPLAINED`,) from ν (2 n,) [rad, rad/s], d̂ (n,) [N m] and the last ρ (n,)."""
     for k in range(2 * JOINTS):
         z[_Z_FINE][k] = np.arcsinh(innovation[k] / FINE[k])
-        z[_Z_COARSE][k] = np.arcsinh(innovation[k] / COARSE[k])
+        square = innovation[k] * innovation[k]
+        z[_Z_COARSE][k] = np.arcsinh(innovation[k] / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
     for i in range(JOINTS):
         z[_Z_LOAD][i] = load[i] / TORQUES[i]
         z[_Z_RESIDUAL][i] = residual[i]

@@ -29,9 +29,9 @@ class EstimateConfig:
     """Numbers that the network remembers (1 to 512)."""
     modulation: int = 16
     """Numbers by which the context weighs them (1 to 512)."""
-    chunks: int = 200
+    chunks: int = 110
     """Chunks of experience, each of which is learned from before the next."""
-    lanes: int = 256
+    lanes: int = 192
     """Number of arms that are simulated at once (1 to 65536)."""
     steps: int = 250
     """Control periods of a chunk, a multiple of 50."""
@@ -73,8 +73,8 @@ class EstimateConfig:
         real("largest", self.largest, low=0.9, high=1.0)
         if self.steps % SEGMENT or self.window % SEGMENT or self.window > self.steps:
             raise ValueError(
-                f"steps = {self.steps} and window = {self.window}: both must be multiples of {SEGMENT}, the window at most "
-                "the steps"
+                f"steps = {self.steps} and window = {self.window}: both must be multiples of {SEGMENT}, the "
+                "window at most the steps"
             )
 
     def to_dict(self) -> dict[str, Any]:

@@ -6,8 +6,7 @@ Cases 2 and 3 are not among the draws, nor are the courses and seeds of the comp
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
 v the velocity of the tip and Q a rotation: by nothing (along the course) or by any angle (across it). Encoders are
-noisy in half of the lanes, torques late in half of them (by 0.5 to 2 control periods), and the loop gain κ differs
-from 1 in half of them: the motors then apply u_ff + κ (u - u_ff).
+noisy in half of the lanes, torques late in a quarter of them, by 0.5 to 2 control periods.
 """
 
 from __future__ import annotations
@@ -34,7 +33,6 @@ CIRCLES = 0.25  # share of lanes on the paper's circle
 STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg
 FADES = 5e-3, 0.1  # m/s, range of v_0
 LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
-GAINS = 0.67, 1.5  # range of κ
 NOISIEST = 2.0  # in units of the encoder noise of the sweeps
 NOISE = 1e-5, 1e-3  # rad, rad/s
 
@@ -78,14 +76,12 @@ class Courses:
         start: (lanes, 8) where episodes begin; nan: at rest on the reference.
         noise: (lanes,) of the encoders, in units of `NOISE`.
         delay: (lanes,) lateness of the torques [control periods], in halves.
-        gain: (lanes,) κ.
     """
 
     lanes: Lanes
     start: np.ndarray
     noise: np.ndarray
     delay: np.ndarray
-    gain: np.ndarray
 
 
 def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.random.Generator) -> Courses:
@@ -113,9 +109,7 @@ def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.ra
     start = np.array(starts)
     start[generator.random(count) < 0.5] = np.nan
     noise = NOISIEST * generator.random(count) * (generator.random(count) < 0.5)
-    gain = np.exp(generator.uniform(*np.log(GAINS), count))
-    gain[generator.random(count) < 0.9] = 1.0
-    return Courses(lanes, start, noise, generator.choice(LATENESS, count), gain)
+    return Courses(lanes, start, noise, generator.choice(LATENESS, count))
 
 
 def _force(duration: float, generator: np.random.Generator) -> TipForce | None:

@@ -20,20 +20,36 @@ import torch
 from scipy.linalg import eig
 
 from fuzzyarm.envs.observation import JOINTS, START
-from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix
 from fuzzyarm.eval.stability.linearisation import linearise
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.observer_gains import sampled_arm
 from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy
 from fuzzyarm.learned_policy.estimate.signals import COARSE, FINE, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS
 from fuzzyarm.rl_baselines.estimate.student import Student
 
-__all__ = ["Condition", "Loops", "eigenvalue_loss"]
+__all__ = ["CONDITIONS", "Condition", "Loops", "Points", "eigenvalue_loss"]
 
 _PLANT, _OBSERVER = 4 * JOINTS, 5 * JOINTS
 _DEFECTIVE = 1e-8  # overlap of left and right eigenvectors below which a derivative is left out
 _LATE = 2  # torques that have not acted yet
 _MEASURED = np.r_[0:JOINTS, 2 * JOINTS : 3 * JOINTS]
+
+
+class Points(NamedTuple):
+    """Where loops are linearised.
+
+    Attributes:
+        loop: (points,) numbers of loops.
+        z: (points, numbers of z).
+        c: (points, numbers of c).
+        h: (points, hidden).
+    """
+
+    loop: torch.Tensor
+    z: torch.Tensor
+    c: torch.Tensor
+    h: torch.Tensor
 
 
 class Condition(NamedTuple):
@@ -86,28 +102,46 @@ class Loops:
         cosine = np.repeat([np.cos(q[1]) for q in _ANGLES], len(CONDITIONS))
         return cls(base, sees, acts, context, cosine, torch.linalg.eigvals(base).abs().amax(dim=1))
 
+    def points(self, which: np.ndarray, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor) -> Points:
+        """Return points in the loops `which` (points,): the first at visited z, c and h, the others at rest.
+
+        At a visited state (visited, ·) the loop is that of the nearest posture, in the condition of the drawn one.
+        """
+        loop, visited = torch.from_numpy(which), len(z)
+        context = self.context[loop].clone()
+        context[:visited] = c.double()
+        c1, s1, c12, s12 = context[:visited, : 2 * JOINTS].T
+        cosine = (c1 * c12 + s1 * s12).numpy()
+        count = len(CONDITIONS)
+        nearest = np.abs(cosine[:, np.newaxis] - self.cosine[::count]).argmin(axis=1)
+        loop[:visited] = torch.from_numpy(nearest * count) + loop[:visited] % count
+        unexplained = torch.zeros(len(which), UNEXPLAINED, dtype=torch.float64)
+        memory = torch.zeros(len(which), h.shape[1], dtype=torch.float64)
+        unexplained[:visited], memory[:visited] = z.double(), h.double()
+        return Points(loop, unexplained, context, memory)
+
 
 def _loop(policy: LearnedObserverPolicy, q: np.ndarray, condition: Condition) -> tuple[np.ndarray, ...]:
     """Return `base`, `sees`, `acts` and `context` of a posture and a condition."""
     arm, period = policy.parameters, policy.control_period
-    observer = ElasticObserverPolicy(arm, period)
     stiffer = (condition.stiffness * arm.stiffness[0], condition.stiffness * arm.stiffness[1])
     plant = dataclasses.replace(arm, stiffness=stiffer)
-    loop = linearise(observer, plant, q, period, Payload(condition.payload))
-    known = linearise(observer, arm, q, period)
     # unit vectors of (x, observer, last ρ, past torques, ρ)
     size = _PLANT + _OBSERVER + JOINTS + _LATE * JOINTS
     unit = np.eye(size + JOINTS)
-    x, s = unit[:_PLANT], unit[_PLANT : _PLANT + _OBSERVER]
-    last, rho = unit[_PLANT + _OBSERVER :][:JOINTS], unit[size:]
-    past = unit[size - _LATE * JOINTS : size]
-    # What the target remembers follows from the reference alone: its rows and columns are left out.
-    rows, columns = loop.law.shape
-    own_rows = np.r_[0:JOINTS, rows - _OBSERVER : rows]
-    law = loop.law[np.ix_(own_rows, np.r_[0:_PLANT, columns - _OBSERVER : columns])] @ np.vstack([x, s])
-    own = law[:JOINTS] + np.diag(TORQUES) @ rho
-    following = law[JOINTS:].copy()
-    following[:_PLANT] += known.plant[:, _PLANT:] @ np.diag(TORQUES) @ rho
+    x, s, last, past, rho = np.split(unit, np.cumsum([_PLANT, _OBSERVER, JOINTS, _LATE * JOINTS]).tolist())
+    observer = ElasticObserverPolicy(arm, period)
+    loop = linearise(observer, plant, q, period, Payload(condition.payload))
+    known = linearise(observer, arm, q, period).plant
+    # what a load of the links does in a control period
+    inertia = np.array(mass_matrix(np.cos(q[1]), arm_constants(arm)))[[[0, 1], [1, 2]]]
+    loaded = sampled_arm(arm, period, inertia)[0][:_PLANT, _PLANT:]
+    innovation = (x - s[:_PLANT])[_MEASURED]
+    corrected = s + _at(policy.gains.observer, q) @ innovation
+    bent, load = corrected[:_PLANT].copy(), corrected[_PLANT:]
+    bent[:JOINTS] += load / np.array(arm.stiffness)[:, None]
+    own = np.diag(TORQUES) @ rho - load - _at(policy.gains.feedback, q) @ bent
+    following = known[:, :_PLANT] @ corrected[:_PLANT] + loaded @ load + known[:, _PLANT:] @ own
     torques = np.vstack([condition.gain * own, past])
     first = int(np.ceil(condition.delay)) * JOINTS
     if float(condition.delay).is_integer():
@@ -115,24 +149,25 @@ def _loop(policy: LearnedObserverPolicy, q: np.ndarray, condition: Condition) ->
     else:
         moved = loop.half_plant @ np.vstack([x, torques[first : first + JOINTS]])
         moved = loop.half_plant @ np.vstack([moved, torques[first - JOINTS : first]])
-    full = np.vstack([moved, following, rho, torques[:-JOINTS]])
-    innovation = (x - s[:_PLANT])[_MEASURED]
-    gain = _load_gain(policy, q)
+    full = np.vstack([moved, following, load, rho, torques[:-JOINTS]])
     sees = np.zeros((UNEXPLAINED, size))
-    sees[UNEXPLAINED_PARTS.fine] = (innovation / np.array(FINE)[:, None])[:, :size]
-    sees[UNEXPLAINED_PARTS.coarse] = (innovation / np.array(COARSE)[:, None])[:, :size]
-    sees[UNEXPLAINED_PARTS.load] = ((s[_PLANT:] + gain @ innovation) / np.array(TORQUES)[:, None])[:, :size]
-    sees[UNEXPLAINED_PARTS.residual] = last[:, :size]
+    part = UNEXPLAINED_PARTS
+    for where, row in (
+        (part.fine, innovation / np.array(FINE)[:, None]),
+        (part.coarse, innovation / np.array(FINE)[:, None]),
+        (part.load, load / np.array(TORQUES)[:, None]),
+        (part.residual, last),
+    ):
+        sees[where] = row[:, :size]
     return full[:, :size], sees, full[:, size:], _context(policy, q)
 
 
-def _load_gain(policy: LearnedObserverPolicy, q: np.ndarray) -> np.ndarray:
-    """Return the rows (2, 4) of L for d̂ at a posture (2,) [rad]."""
-    table = policy._gains.observer
+def _at(table: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return gains (rows, columns), interpolated from a table over cos q_2, at a posture (2,) [rad]."""
     place = 0.5 * (np.cos(q[1]) + 1.0) * (len(table) - 1)
     left = min(int(place), len(table) - 2)
-    rows: np.ndarray = ((left + 1 - place) * table[left] + (place - left) * table[left + 1])[_PLANT:]
-    return rows
+    gain: np.ndarray = (left + 1 - place) * table[left] + (place - left) * table[left + 1]
+    return gain
 
 
 def _context(policy: LearnedObserverPolicy, q: np.ndarray) -> np.ndarray:
@@ -143,33 +178,30 @@ def _context(policy: LearnedObserverPolicy, q: np.ndarray) -> np.ndarray:
     return seen[0, SEEN_PARTS[1]].copy()
 
 
-def eigenvalue_loss(
-    student: Student,
-    loops: Loops,
-    which: torch.Tensor,
-    largest: float,
-    z: torch.Tensor,
-    c: torch.Tensor,
-    h: torch.Tensor,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the loss, and the largest |λ| (points,), of the loops `which` (points,) at points z, c, h.
+def eigenvalue_loss(student: Student, loops: Loops, points: Points, largest: float) -> tuple[torch.Tensor, float]:
+    """Return the mean over points of Σ max(|λ| - λ_max, 0), with λ_max = `largest`, and the largest |λ|.
 
-    z (points, ·), c (points, ·) and h (points, hidden) are in double precision.
+    Where the observer alone has a larger |λ|, its own is allowed, and 0.001 more.
     """
-    slopes = student.slopes(z, c, h)
-    size, hidden, points = loops.base.shape[-1], h.shape[1], len(which)
+    which, z = points.loop, points.z
+    slopes = student.slopes(z, points.c, points.h)
+    size, hidden, count = loops.base.shape[-1], points.h.shape[1], len(which)
     sees = loops.sees[which].clone()
-    for part in (UNEXPLAINED_PARTS.fine, UNEXPLAINED_PARTS.coarse):
-        sees[:, part] /= torch.cosh(z[:, part])[:, :, None]  # the slope of asinh ξ by ξ
+    fine, coarse = UNEXPLAINED_PARTS.fine, UNEXPLAINED_PARTS.coarse
+    # the slopes of asinh ξ and of asinh(ξ s/S) ξ²/(1 + ξ²) by ξ = ν/s
+    xi, ratio = torch.sinh(z[:, fine]), torch.tensor(FINE, dtype=torch.float64) / torch.tensor(COARSE)
+    share, scaled = xi * xi / (1.0 + xi * xi), ratio * xi
+    bent = ratio * share * torch.rsqrt(1.0 + scaled**2) + torch.asinh(scaled) * 2.0 * xi / (1.0 + xi * xi) ** 2
+    sees[:, fine] *= torch.rsqrt(1.0 + xi * xi)[:, :, None]
+    sees[:, coarse] *= bent[:, :, None]
     acts = loops.acts[which]
     rho = torch.cat([slopes.rho_z @ sees, slopes.rho_h], dim=2)
-    top = torch.cat([loops.base[which], torch.zeros(points, size, hidden, dtype=torch.float64)], dim=2) + acts @ rho
+    top = torch.cat([loops.base[which], torch.zeros(count, size, hidden, dtype=torch.float64)], dim=2) + acts @ rho
     full = torch.cat([top, torch.cat([slopes.h_z @ sees, slopes.h_h], dim=2)], dim=1)
-    # No loop has to be better than the observer alone.
     allowed = torch.clamp(loops.reference[which] + 1e-3, min=largest).numpy()
     excess, slope, radius = _excess(full.detach().numpy(), allowed)
-    product = (full * torch.from_numpy(slope)).sum() / points
-    return product - product.detach() + excess / points, torch.from_numpy(radius)
+    product = (full * torch.from_numpy(slope)).sum() / count
+    return product - product.detach() + excess / count, float(radius.max())
 
 
 def _excess(matrices: np.ndarray, allowed: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -190,8 +222,3 @@ def _excess(matrices: np.ndarray, allowed: np.ndarray) -> tuple[float, np.ndarra
                 total += abs(value) - bound
                 slope[point] += np.real(np.conj(value) / abs(value) * np.outer(w, v) / overlap)
     return total, slope, radius
-
-
-def known_arm() -> ArmParameters:
-    """Return the arm that students are trained for."""
-    return ArmParameters()

@@ -17,7 +17,7 @@ from fuzzyarm.envs.physics.dynamics import Arm, rigid_inverse_dynamics, tip_jaco
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import columns
-from fuzzyarm.fuzzy_policy.laws.observer_gains import gain_tables, ObserverWeights
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, gain_tables
 from fuzzyarm.rl_baselines.estimate.courses import Courses
 
 __all__ = ["Teacher"]
