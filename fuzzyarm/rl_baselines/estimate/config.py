@@ -31,7 +31,7 @@ class EstimateConfig:
     """Numbers by which the context weighs them (1 to 512)."""
     chunks: int = 110
     """Chunks of experience, each of which is learned from before the next."""
-    lanes: int = 192
+    lanes: int = 160
     """Number of arms that are simulated at once (1 to 65536)."""
     steps: int = 250
     """Control periods of a chunk, a multiple of 50."""

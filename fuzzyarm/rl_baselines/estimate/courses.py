@@ -1,7 +1,8 @@
 """What the episodes of the training are drawn from: courses, plants, loads, sensors and drives, a draw for each lane.
 
 Cases 2 and 3 are not among the draws, nor are the courses and seeds of the comparisons. Courses are those of
-`reference_family` and, in a quarter of the lanes, the paper's circle. Loads are a payload at the tip and one force:
+`reference_family`; in a quarter of the lanes the paper's circle; in a sixth a circle of millimetres, on which the arm
+all but stands, so that the student learns to rest under a load. Loads are a payload at the tip and one force:
 
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
@@ -21,6 +22,7 @@ from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TipForce
+from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference, Reference
 from fuzzyarm.envs.scenario.reference_family import reference_family
@@ -29,7 +31,8 @@ from fuzzyarm.envs.scenario.scenario import Scenario
 __all__ = ["Courses", "TravelForce", "draw_courses"]
 
 FAMILY = 256  # references of which lanes draw
-CIRCLES = 0.25  # share of lanes on the paper's circle
+CIRCLES, RESTS = 0.25, 0.16  # share of lanes on the paper's circle and all but at rest
+SMALLEST, LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres
 STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg
 FADES = 5e-3, 0.1  # m/s, range of v_0
 LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
@@ -90,9 +93,12 @@ def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.ra
     circle = JointReference(parameters=arm)
     scenarios, starts = [], []
     for _ in range(count):
+        kind = generator.random()
         reference: Reference = circle
-        if generator.random() >= CIRCLES:
+        if kind >= CIRCLES + RESTS:
             reference = family[int(generator.integers(len(family)))]
+        elif kind >= CIRCLES:
+            reference = _all_but_rest(arm, generator)
         mass = generator.uniform(0.0, HEAVIEST) if generator.random() < 0.6 else 0.0
         force = _force(reference.duration, generator)
         scenarios.append(Scenario(Disturbance(tip_force=force, payload=Payload(mass)), reference))
@@ -129,6 +135,14 @@ def _force(duration: float, generator: np.random.Generator) -> TipForce | None:
         angle=0.0 if generator.random() < 0.6 else generator.uniform(-math.pi, math.pi),
         fade_speed=math.exp(generator.uniform(*np.log(FADES))),
     )
+
+
+def _all_but_rest(arm: ArmParameters, generator: np.random.Generator) -> Reference:
+    """Return a slow circle of millimetres between 0.45 and 0.85 of the reach."""
+    distance, bearing = sum(arm.length) * generator.uniform(0.45, 0.85), generator.uniform(-0.3, 1.9)
+    center = distance * math.cos(bearing), distance * math.sin(bearing)
+    path = Circle(center=center, radius=generator.uniform(SMALLEST, LARGEST))
+    return JointReference(path, duration=generator.uniform(0.8, 2.0), parameters=arm)
 
 
 def _rest(arm: ArmParameters, reference: Reference) -> np.ndarray:

@@ -28,10 +28,11 @@ from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObs
 from fuzzyarm.learned_policy.estimate.signals import COARSE, FINE, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS
 from fuzzyarm.rl_baselines.estimate.student import Student
 
-__all__ = ["CONDITIONS", "Condition", "Loops", "Points", "eigenvalue_loss"]
+__all__ = ["CONDITIONS", "Condition", "Loops", "Points", "eigenvalue_loss", "rest_under_loads"]
 
 _PLANT, _OBSERVER = 4 * JOINTS, 5 * JOINTS
 _DEFECTIVE = 1e-8  # overlap of left and right eigenvectors below which a derivative is left out
+_SETTLING, _ROUNDS = 20, 3  # control periods, and how often the last ρ follows
 _LATE = 2  # torques that have not acted yet
 _MEASURED = np.r_[0:JOINTS, 2 * JOINTS : 3 * JOINTS]
 
@@ -119,6 +120,21 @@ class Loops:
         memory = torch.zeros(len(which), h.shape[1], dtype=torch.float64)
         unexplained[:visited], memory[:visited] = z.double(), h.double()
         return Points(loop, unexplained, context, memory)
+
+
+def rest_under_loads(student: Student, points: Points, which: slice, load: np.ndarray) -> None:
+    """Put points at rest under believed loads (points, 2), in units of `TORQUES`, where z has no innovation.
+
+    h and the last ρ are what the network comes to under them.
+    """
+    with torch.no_grad():
+        z, c = points.z[which].float(), points.c[which].float()
+        z[:, UNEXPLAINED_PARTS.load] = torch.from_numpy(load).float()
+        h, still = torch.zeros(len(z), points.h.shape[1]), torch.ones(_SETTLING, len(z), 1)
+        for _ in range(_ROUNDS):
+            rho, after = student(z.expand(_SETTLING, -1, -1), c.expand(_SETTLING, -1, -1), h, still)
+            z[:, UNEXPLAINED_PARTS.residual], h = rho[-1].clamp(-1.0, 1.0), after[-1]
+        points.z[which], points.h[which] = z.double(), h.double()
 
 
 def _loop(policy: LearnedObserverPolicy, q: np.ndarray, condition: Condition) -> tuple[np.ndarray, ...]:
