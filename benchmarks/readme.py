@@ -18,15 +18,25 @@ from pathlib import Path
 from typing import Any
 
 from readme_abuse import abuse_table
-from readme_design import bounds_table, complexity_table, gains_table, margins_table, synthesis_table, tip_bound_table
+from readme_design import (
+    bounds_table,
+    complexity_table,
+    feedforward_table,
+    gains_table,
+    margins_table,
+    synthesis_table,
+    tip_bound_table,
+)
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
+    exported_table,
     leaderboard_table,
     learned_tables,
     overview_table,
     paper_line,
     peer_line,
+    saturation_table,
     soak_line,
     speed_lines,
     speed_table,
@@ -47,12 +57,15 @@ SCRIPTS: dict[str, list[str]] = {
     "accuracy": [],
     "computed_torque_tuning": [],
     "tip_feedforward": [],
+    "saturation": [],
+    "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
     "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
+    "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
 
@@ -125,6 +138,8 @@ def sections() -> dict[str, str]:
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(stored['evaluate'])}\n\n"
         f"{paper_line(stored['evaluate'])}",
         "tip": tip_table(stored["tip_feedforward"]),
+        "saturation": saturation_table(stored["saturation"]),
+        "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),
@@ -136,6 +151,7 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
         "tip-bound": tip_bound_table(stored["tip_bound"]),
+        "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "abuse": abuse_table(stored["abuse"]),
         "robots": robots_table(),
     }

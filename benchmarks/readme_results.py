@@ -14,10 +14,12 @@ from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 
 __all__ = [
     "accuracy_table",
+    "exported_table",
     "leaderboard_table",
     "learned_tables",
     "paper_line",
     "peer_line",
+    "saturation_table",
     "soak_line",
     "speed_table",
     "sweep_table",
@@ -90,6 +92,52 @@ def tip_table(document: dict[str, Any]) -> str:
         for row in document["rows"]
     ]
     return f"{table(headings, rows, left=2)}\n\n`{document['command']}`; {made_with(document)}"
+
+
+def saturation_table(document: dict[str, Any]) -> str:
+    """Return the table of pushes beyond the torque limits, with the integral held there and not."""
+    headings = ["law", "push [N]", "integral", "at a limit [ms]", "max [mm]", "rms after the push [mm]", "episode"]
+    rows = [
+        [
+            row["law"],
+            f"{row['force']:.0f}",
+            "held" if row["held"] else "not held",
+            f"{row['at_limit_ms']}",
+            f"{row['max_mm']:#.3g}",
+            "" if row["rms_after_mm"] is None else f"{row['rms_after_mm']:#.3g}",
+            "completed" if row["completed"] else "leaves the domain",
+        ]
+        for row in document["rows"]
+    ]
+    return f"{table(headings, rows)}\n\n`{document['command']}`; {made_with(document)}"
+
+
+def exported_table(document: dict[str, Any]) -> str:
+    """Return the table of the exported C: bits, times and what float costs."""
+    compilers = list(document["compilers"])
+    headings = [
+        "law",
+        "ticks",
+        "numbers that differ",
+        *(f"{name}, ns a tick: median (5 to 95 %)" for name in compilers),
+        "`predict` [ns]",
+        "float: torque off, rms / max [N m]",
+        "float: largest tip error, not double's [mm]",
+    ]
+    rows = [
+        [
+            row["law"],
+            f"{row['ticks']:,}",
+            ", ".join(str(row["differing"][name]) for name in compilers),
+            *("{median:.0f} ({p5:.0f} to {p95:.0f})".format(**row["nanoseconds"][name]) for name in compilers),
+            f"{row['python_nanoseconds']:.0f}",
+            f"{row['float']['torque_rms']:.2g} / {row['float']['torque_max']:.2g}",
+            f"{row['float']['tip_float_mm']:.3g}, not {row['float']['tip_double_mm']:.3g}",
+        ]
+        for row in document["rows"]
+    ]
+    versions = ", ".join(document["compilers"].values())
+    return f"{table(headings, rows)}\n\n`{document['command']}`; {versions}; {made_with(document)}"
 
 
 def learned_tables(document: dict[str, Any]) -> str:

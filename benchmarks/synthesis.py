@@ -65,7 +65,9 @@ def specification(form: str, rules: int) -> Specification:
     """Return what is asked of a design."""
     if form == "consistent":
         return Specification(NAMED_RULES[rules])
-    return Specification(NAMED_RULES[rules], "paper", gamma=1000.0, integral=False, common_multiplier=True)
+    return Specification(
+        NAMED_RULES[rules], "paper", gamma=1000.0, integral=False, common_multiplier=True, feedforward=None
+    )
 
 
 # Plain cvxpy ---------------------------------------------------------------------------------------------------------

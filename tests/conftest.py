@@ -13,6 +13,8 @@ for _library in ("OMP", "OPENBLAS", "MKL"):
 FAST, SLOW = 5.6, 7.0  # min of processor time, as measured on an AMD EPYC
 COMPILING = 1.0  # min more the first time
 
+_NO_SIMULATION = {"synthesis", "proof"}  # folders of tests
+
 
 def pytest_report_header(config) -> str:
     """Return the line about the expected duration on this machine."""
@@ -27,8 +29,16 @@ def pytest_report_header(config) -> str:
 
 
 def pytest_collection_modifyitems(items) -> None:
-    """Run the commands of the README, the longest test, first: at the end it would run alone in one process."""
-    items.sort(key=lambda item: item.path.name != "test_readme.py")
+    """Let the first of two processes begin with what compiles the simulation, the second with what needs none of it.
+
+    Each process is given an equal share of consecutive tests and takes from the others when it is done. If both began
+    with a simulation, both would compile the same kernels.
+    """
+    still = [item for item in items if _NO_SIMULATION.intersection(item.path.parts)]
+    rest = [item for item in items if not _NO_SIMULATION.intersection(item.path.parts)]
+    rest.sort(key=lambda item: item.path.name != "test_readme.py")  # it uses every kernel
+    half = len(items) // 2
+    items[:] = [*rest[:half], *still, *rest[half:]]
 
 
 @pytest.fixture

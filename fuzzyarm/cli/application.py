@@ -36,6 +36,8 @@ GROUPS = {
         "verify": "Prove controller files, and files of bounds, again.",
         "prove": "Prove a bound of the tip error on the elastic arm.",
         "margins": "Measure how far policies are from instability.",
+        "show": "Print the law of a policy and its gains, as numbers.",
+        "export": "Write a policy as C source for a controller board.",
     },
     "Learn policies": {
         "train": "Train a policy by reinforcement learning.",

@@ -12,7 +12,7 @@ from fuzzyarm.cli.usage import UsageError, output_file
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.scheduled import Premise
-    from fuzzyarm.synthesis import ScheduledSpecification, Specification
+    from fuzzyarm.synthesis import ScheduledDesign, ScheduledSpecification, Specification
 
 __all__ = ["Options", "run"]
 
@@ -35,14 +35,17 @@ class Options:
     theorem: Literal["consistent", "paper", "semidefinite"] | None = None
     """Consistent-reference form, Theorem 1 or 2 of the paper with the reference model in the loop, or the semidefinite
     form for any number of joints (default: consistent for the two-joint arm, semidefinite for a robot of joints)"""
-    alpha: Annotated[float | Literal["max"], Parameter(metavar="RATE", show_choices=False)] = 20.0
-    """Decay rate [1/s], or "max" for the largest"""
+    alpha: Annotated[float | Literal["max"] | None, Parameter(metavar="RATE", show_choices=False)] = None
+    """Decay rate [1/s], or "max" for the largest (default: 20; in the semidefinite form the largest up to 20 with which
+    the loop on the sampled elastic arm stays stable with twice its gain and with one sample of delay)"""
     gamma: Annotated[float | Literal["min"] | None, Parameter(metavar="GAIN", show_choices=False)] = None
     """Bound of the L2 gain, in the consistent and the semidefinite form in rad/(N m), or "min" for the smallest
     (default: 2e-4, with --theorem paper 1000; semidefinite: what the fastest pole allows)"""
     gain_bound: Annotated[float | None, Parameter(metavar="BOUND")] = None
     """Bound of the feedback [N m/rad], on joint 1's position gain, on the others in proportion to their units
     (default: as small as the rest allows)"""
+    feedforward: Annotated[float | None, Parameter(metavar="SHARE")] = None
+    """L of the paper's form as a share in [0, 1] of the consistent form's (default: 0, the smallest L)"""
     fastest_pole: Annotated[float | None, Parameter(metavar="RATE")] = None
     """Bound of the decay rate from above [1/s]: the rigid loop frozen at any state of the box has no pole with a real
     part below -RATE (default: no bound). Semidefinite form: no pole with a modulus above RATE (default: 1.5 times what
@@ -75,6 +78,8 @@ def run(options: Options) -> int:
                 found = design_scheduled(wanted, robot)
             found.controller.save(options.out)
             text = describe_scheduled(found)
+            with status("measuring margins"):
+                text += "\n\n" + _margins(found)
         else:
             specification = _specification(options)
             with status("solving and proving"):
@@ -97,6 +102,7 @@ def _scheduled_specification(options: Options) -> ScheduledSpecification:
         "--gamma min": options.gamma == "min",
         "--gain-bound": options.gain_bound is not None,
         "--common-multiplier": options.common_multiplier,
+        "--feedforward": options.feedforward is not None,
         "--no-integral": not options.integral,
     }
     for option, given in unfit.items():
@@ -110,6 +116,15 @@ def _scheduled_specification(options: Options) -> ScheduledSpecification:
         gamma=options.gamma,  # type: ignore[arg-type]
         fastest_pole=options.fastest_pole,
     )
+
+
+def _margins(found: ScheduledDesign) -> str:
+    """Return the stability margins of the policy on the sampled elastic robot, in words."""
+    from fuzzyarm.eval.stability.margins import CONTROL_PERIOD, margins_in_words
+    from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
+
+    policy = ScheduledPolicy(found.controller, CONTROL_PERIOD)
+    return margins_in_words(policy, found.controller.robot, CONTROL_PERIOD)
 
 
 def _premise(text: str) -> Premise:
@@ -141,16 +156,19 @@ def _specification(options: Options) -> Specification:
         raise UsageError(f"--rules {rules} is unknown; choose from: {', '.join(map(str, NAMED_RULES))}")
     kept = NAMED_RULES[rules] if options.keep is None else tuple(name for name in options.keep.split(",") if name)
     form = "consistent" if options.theorem is None else options.theorem
-    gamma = options.gamma
+    gamma, alpha = options.gamma, 20.0 if options.alpha is None else options.alpha
     if gamma is None:
         gamma = 2e-4 if form == "consistent" else 1000.0
+    if options.feedforward is not None and form != "paper":
+        raise UsageError("--feedforward goes with --theorem paper; leave it out")
     return Specification(
         kept=kept,
         form=form,
-        alpha=None if options.alpha == "max" else options.alpha,
+        alpha=alpha if isinstance(alpha, float) else None,
         gamma=None if gamma == "min" else gamma,
         gain_bound=options.gain_bound,
         integral=options.integral,
         common_multiplier=options.common_multiplier,
+        feedforward=0.0 if options.feedforward is None else options.feedforward,
         fastest_pole=options.fastest_pole,
     )

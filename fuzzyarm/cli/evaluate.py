@@ -35,6 +35,9 @@ class Options:
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Another robot: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm (default: the paper's
     arm). Its loads are scaled, see the documentation"""
+    passes: int | None = None
+    """Episodes along the same path one after the other; the results are those of the last. adaptive-observer learns
+    from each for the next, policies with the ending -tip by classical iterative learning control (default: 1)"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
@@ -54,7 +57,7 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import print_results
+    from fuzzyarm.eval.evaluation.result_table import print_passes, print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
     from fuzzyarm.eval.evaluation.verdict import verdict
 
@@ -73,6 +76,8 @@ def run(options: Options) -> int:
     else:
         console = output()
         print_results(evaluation.rows, console, titles)
+        if config.passes > 1:
+            print_passes(evaluation.rows, config.passes, console)
         print_paragraphs(console, _certificates(evaluation))
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
@@ -87,7 +92,8 @@ def _config(options: Options) -> EvaluationConfig:
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.physics.robot import Robot
-    from fuzzyarm.eval.evaluation.run import ANY_ROBOT, EvaluationConfig
+    from fuzzyarm.eval.evaluation.run import EvaluationConfig
+    from fuzzyarm.policies import ANY_ROBOT
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
 
@@ -96,6 +102,7 @@ def _config(options: Options) -> EvaluationConfig:
         "cases": options.case or None,
         "seeds": options.seeds,
         "encoder_noise": options.encoder_noise,
+        "passes": options.passes,
         "parameters" if isinstance(arm, ArmParameters) else "robot": arm,
     }
     return EvaluationConfig(**{name: value for name, value in given.items() if value is not None})

@@ -15,16 +15,18 @@ __all__ = ["Options", "run"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Linearise the loop of each policy with the sampled elastic arm along the paper's path.
+    """Linearise the loop of each policy with the sampled elastic arm along its default path.
 
     Print its spectral radius, nominal and with another loop gain, delay, stiffness or payload, and its gain margins.
     """
 
     policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """Policy: fuzzy-4, computed-torque, ..., a controller file (.json), a learned policy's folder, or code of your own
-    as package.module:factory, which must act on batches. May be repeated (default: all policies that have a name)"""
-    robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """TOML file of another arm (default: Table 1 of the paper)"""
+    as package.module:factory, which must act on batches. May be repeated (default: all policies that have a name; for
+    another robot computed-torque, with and without -tip, and elastic-observer)"""
+    robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """Another robot: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm (default: Table 1 of the
+    paper)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Results file to write (.json; default: none)"""
     json: bool = False
@@ -38,12 +40,11 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import output, progress, say
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, print_margins
-    from fuzzyarm.policies import NAMES
 
     if options.out is not None:
         output_file(options.out, ".json")
-    config = MarginsConfig(policies=options.policy or NAMES, robot=options.robot)
-    with progress("policies", len(config.policies)) as advance:
+    config = MarginsConfig(policies=options.policy or None, robot=options.robot)
+    with progress("policies", len(config.names())) as advance:
         document = measure_margins(config, advance)
     text = json.dumps(document, indent=1)
     if options.out is not None:

@@ -21,7 +21,15 @@ from fuzzyarm.fuzzy_policy.hexadecimal import decoded, digest_of, encoded, signe
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
-__all__ = ["FORMS", "GAINS", "POLE_ARRAYS", "RATES", "Controller", "ControllerFileError"]
+__all__ = [
+    "FORMS",
+    "GAINS",
+    "POLE_ARRAYS",
+    "RATES",
+    "Controller",
+    "ControllerFileError",
+    "consistent_feedforward",
+]
 
 SCHEMA = "fuzzyarm-controller/1"
 FORMS = ("consistent", "paper")  # of Theorem 2: with a consistent feedforward, and as printed
@@ -183,12 +191,8 @@ class Controller:
 
     @property
     def feedforward_gains(self) -> np.ndarray:
-        """L (N, N_e, 2, 6): the stored one, or L_ik = [-A_pi[3:4, :], E_pk[3:4, 3:4]] of the consistent form."""
-        if self.feedforward is not None:
-            return self.feedforward
-        model = self.model
-        pairs = [[(-A[VELOCITY], E[VELOCITY, VELOCITY]) for E in model.E_vertices] for A in model.A_vertices]
-        return np.array([[np.hstack(pair) for pair in row] for row in pairs])
+        """L (N, N_e, 2, 6): the stored one, or that of the consistent form."""
+        return consistent_feedforward(self.model) if self.feedforward is None else self.feedforward
 
     def save(self, path: str | Path) -> None:
         """Write the controller file, atomically."""
@@ -264,3 +268,9 @@ class Controller:
             origin=document.origin,
             **arrays,
         )
+
+
+def consistent_feedforward(model: TSModel) -> np.ndarray:
+    """Return L_ik = [-A_pi[3:4, :], E_pk[3:4, 3:4]] (N, N_e, 2, 6) of the consistent form, in SI units."""
+    pairs = [[(-A[VELOCITY], E[VELOCITY, VELOCITY]) for E in model.E_vertices] for A in model.A_vertices]
+    return np.array([[np.hstack(pair) for pair in row] for row in pairs])

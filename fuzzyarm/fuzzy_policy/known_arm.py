@@ -21,6 +21,7 @@ __all__ = [
     "drives_of",
     "joints_of",
     "per_joint_of",
+    "with_drives",
     "without_dry_friction",
 ]
 
@@ -70,17 +71,24 @@ def constants_of(arm: AnyArm) -> np.ndarray:
     return np.array(flat(physics.constants(physics.plant_of(arm), 0.0, 0.0, 0.0)), dtype=np.float64)
 
 
-def without_dry_friction(arm: AnyArm) -> AnyArm:
-    """Return the same arm without static and Coulomb friction."""
+def with_drives(arm: AnyArm, **quantities: np.ndarray) -> AnyArm:
+    """Return the same arm with other quantities of its drives, each (n,) by name, SI units as in `Drive`."""
     if isinstance(arm, Robot):
         joints = (
             dataclasses.replace(
-                joint, drive=dataclasses.replace(joint.drive, static_friction=0.0, coulomb_friction=0.0)
+                joint, drive=dataclasses.replace(joint.drive, **{name: float(q[k]) for name, q in quantities.items()})
             )
-            for joint in arm.joints
+            for k, joint in enumerate(arm.joints)
         )
         return dataclasses.replace(arm, joints=tuple(joints))
-    return dataclasses.replace(arm, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
+    parts: dict[str, Any] = {name: tuple(q.tolist()) for name, q in quantities.items()}
+    return dataclasses.replace(arm, **parts)
+
+
+def without_dry_friction(arm: AnyArm) -> AnyArm:
+    """Return the same arm without static and Coulomb friction."""
+    none = np.zeros(joints_of(arm))
+    return with_drives(arm, static_friction=none, coulomb_friction=none)
 
 
 @register_jitable

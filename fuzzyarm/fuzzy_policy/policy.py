@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.scenario.reference import Reference
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
-__all__ = ["Policy", "Predictor"]
+__all__ = ["Policy", "Predictor", "Repeated"]
 
 
 class Predictor(Protocol):
@@ -36,10 +36,19 @@ class Predictor(Protocol):
         ...
 
 
+class Repeated(Predictor, Protocol):
+    """A policy that learns from one pass over a path for the next; what it has learned is in its state."""
+
+    def begin_pass(self, state: Any) -> Any:
+        """Return the state with which the next pass begins, from the last one of this pass."""
+        ...
+
+
 class Policy(abc.ABC):
     """A feedback law with a memory: u(t_k) and the memory for t_(k+1) from observation and memory at t_k.
 
-    Torques are clipped to the robot's limits. For n joints an observation has 5 n numbers and an action n.
+    Torques are clipped to the robot's limits, and an integral is held while it would drive a torque further beyond its
+    limit (`command`). For n joints an observation has 5 n numbers and an action n.
 
     Attributes:
         parameters: the two-joint arm or the robot, as the policy knows it.
@@ -48,7 +57,10 @@ class Policy(abc.ABC):
         memory_size: numbers that a lane remembers, all zero when an episode begins. By default one for each joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
         action_period: time for which an action is held [s]; the control period, if not said otherwise.
+        integral_at: where in a lane's memory the n numbers x_I begin that are held at the torque limits; None: nowhere.
     """
+
+    integral_at: int | None = None
 
     def __init__(self, parameters: AnyArm, control_period: float) -> None:
         """Keep the robot and the control period T [s].
@@ -83,8 +95,28 @@ class Policy(abc.ABC):
         For `observation` (lanes, 5 n); nothing is checked, see `predict`.
         """
 
+    def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
+        """Do what `act` does, within the limits of the torques; return whether all torques are numbers.
+
+        The torque of joint j is clipped to ±Γ_j [N m]. Where it lies beyond, x_I,j stays as it was if its change would
+        drive the torque further: u_j > Γ_j and Δx_I,j < 0, or u_j < -Γ_j and Δx_I,j > 0. Arguments and shapes as for
+        `act`: observation (lanes, 5 n), memory (lanes, memory_size), torque (lanes, n).
+        """
+        at = self.integral_at
+        before = memory if at is None else memory[:, at : at + self.joints].copy()
+        self.act(observation, memory, torque)
+        return bool(_limit(torque, self._torque_limit, memory, before, -1 if at is None else at))
+
     def certificate(self, reference: Reference) -> PolicyCertificate | None:
         """Return what is proven of this policy along a reference; None where nothing is."""
+        return None
+
+    def clipped(self, torque: np.ndarray) -> np.ndarray:
+        """Return torques (..., n) [N m] within the robot's limits."""
+        return np.asarray(np.clip(torque, -self._torque_limit, self._torque_limit))
+
+    def repeated(self) -> Repeated | None:
+        """Return this policy for passes over one path again and again; None where it learns nothing from them."""
         return None
 
     def predict(
@@ -135,19 +167,26 @@ class Policy(abc.ABC):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0
         action = np.empty((lanes, self.joints))
-        self.act(batch, memory, action)
-        if not _clip(action, self._torque_limit) and np.isfinite(batch).all():
+        if not self.command(batch, memory, action) and np.isfinite(batch).all():
             largest = np.abs(batch).max()
             raise ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
         return (action[0], memory[0]) if single else (action, memory)
 
 
 @kernel
-def _clip(torque: np.ndarray, limit: np.ndarray) -> bool:
-    """Bring torques (lanes, n) within ±limit (n,), in place; return whether all are numbers."""
+def _limit(torque: np.ndarray, limit: np.ndarray, memory: np.ndarray, before: np.ndarray, first: int) -> bool:
+    """Bring torques (lanes, n) within ±limit (n,), in place; hold integrals; return whether all torques are numbers.
+
+    The integrals are memory[:, first : first + n], and were `before` (lanes, n); a negative `first`: there are none.
+    """
     numbers = True
     for lane in range(len(torque)):
         for joint in range(len(limit)):
-            torque[lane, joint] = min(max(torque[lane, joint], -limit[joint]), limit[joint])
-            numbers &= not np.isnan(torque[lane, joint])
+            wanted, largest = torque[lane, joint], limit[joint]
+            if first >= 0:
+                change = memory[lane, first + joint] - before[lane, joint]
+                if (wanted > largest and change < 0.0) or (wanted < -largest and change > 0.0):
+                    memory[lane, first + joint] = before[lane, joint]
+            torque[lane, joint] = min(max(wanted, -largest), largest)
+            numbers &= not np.isnan(wanted)
     return numbers

@@ -100,7 +100,7 @@ class LearnedPolicy(Policy):
         if self.base is not None:
             shifted = observation.copy()
             shifted[:, _MOTORS] -= torque  # with a base `_hold` gives the shift of its target [rad]
-            self.base.act(shifted, memory[:, self._base_memory :], torque)
+            self.base.command(shifted, memory[:, self._base_memory :], torque)
         self._features.command(torque, memory[:, _FEATURES : self._base_memory])
 
     def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:

@@ -1,10 +1,11 @@
 """From a name, a file, a folder or code to a policy."""
 
 from fuzzyarm.policies.recorded import found_again, recorded
-from fuzzyarm.policies.registry import COMPARED, LEARNED, NAMES, Kind, add_policy
+from fuzzyarm.policies.registry import ANY_ROBOT, COMPARED, LEARNED, NAMES, Kind, add_policy
 from fuzzyarm.policies.spec import PolicySpec, load_policy, resolve, resolve_all
 
 __all__ = [
+    "ANY_ROBOT",
     "COMPARED",
     "LEARNED",
     "NAMES",

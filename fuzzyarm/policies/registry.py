@@ -12,7 +12,18 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["COMPARED", "LEARNED", "NAMES", "POLICIES", "TIP", "Kind", "NamedPolicy", "add_policy", "known_names"]
+__all__ = [
+    "ANY_ROBOT",
+    "COMPARED",
+    "LEARNED",
+    "NAMES",
+    "POLICIES",
+    "TIP",
+    "Kind",
+    "NamedPolicy",
+    "add_policy",
+    "known_names",
+]
 
 TIP = "-tip"
 """Ending of a policy's name that wraps its law in `fuzzy_policy.laws.tip.TipPolicy`, which leads the tip along the
@@ -114,6 +125,9 @@ COMPARED = (
 )
 """What `fuzzyarm evaluate` runs by default. `ppo-nominal` is left out: it leaves the domain on conditions absent from
 its training."""
+
+ANY_ROBOT = ("computed-torque", "computed-torque-tip", "elastic-observer")
+"""Policies that are compared on a robot other than the two-joint arm, if none are named."""
 
 
 def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:

@@ -95,7 +95,7 @@ class LearningEnvs(VecEnvWrapper):
             shifted = self._observation.copy()
             q_motor = observed(shifted).q_motor
             q_motor -= torque  # with a base this is the shift of its target [rad]
-            self._base.act(shifted, self._base_memory, torque)
+            self._base.command(shifted, self._base_memory, torque)
         self._features.command(torque, self._memory)
         self.venv.step_async(torque)
 

@@ -134,6 +134,8 @@ def program(model: ReducedModel, problem: Problem) -> Program:
     given[layout.gamma2] = (problem.gamma or 0.0) ** 2 * model.weight_norm
     gain_bound = problem.gain_bound or 0.0
     given[layout.g] = gain_bound**2 * problem.floor if problem.bound == "K" else gain_bound
+    if system.given_L is not None:
+        given[layout.L], fixed[layout.L] = system.given_L, True
     q = np.zeros(size)
     if problem.minimise != "nothing":
         q[layout.g if problem.minimise == "gain_bound" else layout.gamma2] = 1.0

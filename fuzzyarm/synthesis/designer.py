@@ -98,6 +98,7 @@ def to_controller(model: TSModel, specification: Specification, scaling: Scaling
         origin={
             "objective": specification.objective,
             "status": solution.status,
+            **({"feedforward": _feedforward_in_words(specification)} if paper else {}),
             **{name: version(name) for name in ("fuzzyarm", "clarabel")},
         },
         fastest_pole=specification.fastest_pole,
@@ -105,3 +106,8 @@ def to_controller(model: TSModel, specification: Specification, scaling: Scaling
         pole_X=pole_X,
         pole_tau=pole_tau,
     )
+
+
+def _feedforward_in_words(specification: Specification) -> str:
+    share = specification.feedforward
+    return "L left to the solver" if share is None else f"L = {share:g} times that of the consistent form"

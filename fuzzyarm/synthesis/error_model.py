@@ -6,7 +6,7 @@ blended by the memberships; |f| <= 1 for each uncertainty. With the integral x_I
 ē = (e, x_I), else ē = e.
 
 *Consistent reference* (this project): x = ē, w = d, z = position error; L is fixed and cancels the reference.
-*Paper* (theorems 1 and 2, (10) and Remark 2): x = (ē, x_r), w = (d, r), z = Q^(1/2) e; L is free.
+*Paper* (theorems 1 and 2, (10) and Remark 2): x = (ē, x_r), w = (d, r), z = Q^(1/2) e; L is free or given.
 
 The solver uses this model. The proof has its own in `fuzzy_policy.proof`: `theorem1`, `theorem2` and
 `consistent_reference`. It shares none of this code; tests compare the two.
@@ -20,6 +20,7 @@ import numpy as np
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.fuzzy_policy.controller import consistent_feedforward
 from fuzzyarm.fuzzy_policy.proof.vertices import reference_model
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, INTEGRAL, PLANT, PLANT_STATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
@@ -60,9 +61,10 @@ class ErrorModel:
         D: N_e matrices (n, n_w).
         C: (n_z, n).
         blocks: sizes of the diagonal blocks of P; feedback acts on the first.
-        feedforward: the columns of w that L acts on, empty if L is not free.
+        feedforward: the columns of w that L acts on, empty in the consistent form.
         uncertainties: the dropped premises.
         disturbance_weight: (n_w, n_w) weight of wᵀw, the identity in SI units.
+        given_L: (N, N_e, 2, n_r), the L that is given; None: it is free.
     """
 
     E: list[np.ndarray]
@@ -74,6 +76,7 @@ class ErrorModel:
     feedforward: range
     uncertainties: list[UncertainBlock]
     disturbance_weight: np.ndarray
+    given_L: np.ndarray | None = None
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -100,10 +103,13 @@ def consistent_form(model: TSModel, integral: bool) -> ErrorModel:
     )
 
 
-def paper_form(model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool) -> ErrorModel:
+def paper_form(
+    model: TSModel, integral: bool, weight: np.ndarray, *, common_multiplier: bool, share: float | None = None
+) -> ErrorModel:
     """Return the augmented dynamics (10) with the corrected (11) and Remark 2; `weight` is the diagonal (4,) of Q.
 
-    With `common_multiplier` the dropped premises of A share one uncertain block, as printed in Theorem 2.
+    With `common_multiplier` the dropped premises of A share one uncertain block, as printed in Theorem 2. L is `share`
+    times that of the consistent form, or free.
     """
     n_e = ERROR_STATES if integral else PLANT_STATES
     n, (A_r, B_r) = n_e + PLANT_STATES, reference_model()
@@ -138,8 +144,9 @@ def paper_form(model: TSModel, integral: bool, weight: np.ndarray, *, common_mul
     if common_multiplier:
         blocks = _merged(blocks)
     return ErrorModel(
-        E, A, B, D, C, (n_e, PLANT_STATES), range(_COMMAND.start, _COMMAND.stop), blocks, np.eye(_COMMAND.stop)
-    )
+        E, A, B, D, C, (n_e, PLANT_STATES), range(_COMMAND.start, _COMMAND.stop), blocks, np.eye(_COMMAND.stop),
+        None if share is None else share * consistent_feedforward(model),
+    )  # fmt: skip
 
 
 def reversed_time(system: ErrorModel) -> ErrorModel:

@@ -95,7 +95,12 @@ class Scaling:
                 for n, b in zip(self.uncertainty, system.uncertainties, strict=True)
             ],
             disturbance_weight=c / sigma * V @ system.disturbance_weight @ V,
+            given_L=None if system.given_L is None else self._scaled_L(system.given_L),
         )
+
+    def _scaled_L(self, L: np.ndarray) -> np.ndarray:
+        scaled: np.ndarray = L * self.disturbance[len(self.disturbance) - L.shape[-1] :] / self.torque[:, np.newaxis]
+        return scaled
 
     def congruence(self, system: ErrorModel) -> np.ndarray:
         """Return the diagonal of D in Ψ = c D Ψ̃ D; rows ordered x, ẋ, w, z, uncertainties."""

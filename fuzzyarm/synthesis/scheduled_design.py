@@ -13,6 +13,8 @@ import numpy as np
 from fuzzyarm.common.checks import instance, real, whole
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
+from fuzzyarm.fuzzy_policy.laws.sampled_margins import ONE_AT_A_TIME, places_of, worst_radius
+from fuzzyarm.fuzzy_policy.laws.scheduled import linear_scheduled
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, MOST_PREMISES, Premise, ScheduledController
@@ -24,6 +26,11 @@ __all__ = ["MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_pre
 
 MOST_JOINTS = 7
 """More joints than that would need more than one split of the chain."""
+
+ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
+"""Decay rates [1/s] that are tried where none is asked for; the premises are chosen for the first."""
+
+CONTROL_PERIOD = 1e-3  # s, of the margins that decide between them
 
 POLE_FACTOR = 1.5
 """Fastest pole over the smallest one where neither it nor γ is asked for."""
@@ -37,10 +44,15 @@ WIDENINGS = (2e-3, 1e-2, 4e-2)
 class ScheduledSpecification:
     """What is asked of a design. Without γ and fastest pole, that pole is 1.5 times the smallest possible one.
 
+    The theorem is about the rigid arm in continuous time, and the bounds of the inertia decide how fast its poles must
+    be for a decay rate. Where none is asked for, it is the largest of `ALPHAS` with which the loop on the elastic arm,
+    sampled at 1 kHz, is stable with twice its gain and with one sample of delay, at random postures; the last of them
+    if there is none.
+
     Attributes:
         premises: the kept ones; None for the best ones, found automatically.
         rules: 1, 2, 4, 8 or 16, twice as many with each premise; read where `premises` is None.
-        alpha: decay rate [1/s].
+        alpha: decay rate [1/s]; None for the largest with margins on the sampled elastic arm.
         gamma: bound of the L2 gain [rad/(N m)], in Euclidean norms; None for the smallest with the fastest pole.
         fastest_pole: bound of the decay rate from above [1/s]; None for the smallest with this γ.
 
@@ -51,7 +63,7 @@ class ScheduledSpecification:
 
     premises: tuple[Premise, ...] | None = None
     rules: int = 1
-    alpha: float = 20.0
+    alpha: float | None = None
     gamma: float | None = None
     fastest_pole: float | None = None
 
@@ -60,11 +72,12 @@ class ScheduledSpecification:
         if self.rules not in [2**k for k in range(MOST_PREMISES + 1)]:
             raise ValueError(f"rules = {self.rules} is out of range; allowed: 1, 2, 4, 8 or 16")
         whole("rules", self.rules, low=1)
-        real("alpha", self.alpha, "1/s", low=RATES[0], high=RATES[1])
+        slowest = ALPHAS[-1] if self.alpha is None else self.alpha
+        real("alpha", slowest, "1/s", low=RATES[0], high=RATES[1])
         if self.gamma is not None:
             real("gamma", self.gamma, "rad/(N m)", low=GAINS[0], high=GAINS[1])
         if self.fastest_pole is not None:
-            real("fastest_pole", self.fastest_pole, "1/s", above=self.alpha, high=RATES[1])
+            real("fastest_pole", self.fastest_pole, "1/s", above=slowest, high=RATES[1])
             if self.gamma is not None:
                 raise ValueError("gamma and fastest_pole are both given; leave out one: it follows from the other")
 
@@ -108,7 +121,7 @@ def design_scheduled(
         premises = ()
         while 2 ** len(premises) < specification.rules:
             progress(f"looking for premise {len(premises) + 1}")
-            premises = (*premises, best_premise(robot, premises, specification.alpha))
+            premises = (*premises, best_premise(robot, premises, specification.alpha or ALPHAS[0]))
     _check_premises(robot, premises)
     progress("bounding the inertia")
     metric = fitted_metric(robot, premises, split_of(robot, premises), count=SAMPLES)
@@ -117,7 +130,7 @@ def design_scheduled(
     failed = ""
     for widening in WIDENINGS:
         progress("proving")
-        controller = _controller(specification, robot, metric, widening)
+        controller = _chosen(specification, robot, metric, widening)
         certificate = certify_scheduled(controller)
         if certificate.proven:
             return ScheduledDesign(controller, certificate, searched, time.perf_counter() - begin)
@@ -152,15 +165,35 @@ def _check_premises(robot: Robot, premises: tuple[Premise, ...]) -> None:
             )
 
 
-def _controller(
+def _chosen(
     specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float
 ) -> ScheduledController:
-    """Return the controller of a metric whose bounds are widened by a share."""
+    """Return the controller with the decay rate that is asked for, or the largest with margins."""
+    if specification.alpha is not None:
+        return _controller(specification, robot, metric, widening, specification.alpha)
+    places, found, reason = places_of(robot, CONTROL_PERIOD), None, None
+    for alpha in ALPHAS:
+        try:
+            found = _controller(specification, robot, metric, widening, alpha)
+        except DesignFailed as error:  # the wanted pole is too slow, or γ too small, for this rate
+            reason = error
+            continue
+        if all(worst_radius(place, linear_scheduled(found, place), ONE_AT_A_TIME) < 1.0 for place in places):
+            break
+    if found is None:
+        raise reason or AssertionError
+    return found
+
+
+def _controller(
+    specification: ScheduledSpecification, robot: Robot, metric: Metric, widening: float, alpha: float
+) -> ScheduledController:
+    """Return the controller of a metric whose bounds are widened by a share, for a decay rate α [1/s]."""
     inertia = (1.0 - widening) * metric.inertia
     kappa = _rounded(metric.kappa * (1.0 + 2.0 * widening), math.ceil)
     floor = _rounded(metric.floor * (1.0 - 3.0 * widening), math.floor)
     rates = np.array([_rounded(rate * (1.0 + widening) + 1e-4, math.ceil) for rate in metric.rates.tolist()])
-    fast = specification.alpha + Metric.rate(dataclasses.replace(metric, rates=rates), robot)
+    fast = alpha + Metric.rate(dataclasses.replace(metric, rates=rates), robot)
     feedback = _feedback(specification, kappa, fast, floor)
     return ScheduledController(
         robot=robot,
@@ -174,7 +207,7 @@ def _controller(
         distal_high=0.5 * (metric.distal_high + metric.distal_high.T),
         feedback=feedback.k,
         lyapunov=feedback.X,
-        alpha=specification.alpha,
+        alpha=alpha,
         gamma=_rounded(feedback.gamma, math.ceil),
         fastest_pole=_rounded(feedback.fastest_pole, math.ceil),
         origin={

@@ -118,8 +118,13 @@ def error_system(model: TSModel, specification: Specification) -> ErrorModel:
     """Return the error dynamics of a specification's form, in SI units."""
     if specification.form == "consistent":
         return consistent_form(model, specification.integral)
-    weight = np.array(PAPER_WEIGHT)
-    return paper_form(model, specification.integral, weight, common_multiplier=specification.common_multiplier)
+    return paper_form(
+        model,
+        specification.integral,
+        np.array(PAPER_WEIGHT),
+        common_multiplier=specification.common_multiplier,
+        share=specification.feedforward,
+    )
 
 
 def scaled_problem(model: TSModel, specification: Specification, factor: float) -> tuple[Scaling, ErrorModel, Problem]:

@@ -30,6 +30,8 @@ class Specification:
             that the position gain of joint 1 stays below it and the others in proportion to their units.
         integral: whether to feed back the integral of the position error (Remark 2).
         common_multiplier: one multiplier for all dropped premises of A, as Theorem 2 prints it; otherwise one each.
+        feedforward: L of the paper's form as a share in [0, 1] of the consistent form's L: all need the same gains
+            within 0.3 %, so the default is the smallest. None leaves L to the solver: of no use on the arm.
         fastest_pole: bound β [1/s] of the decay rate from above, so that the real part of every pole of the frozen
             rigid loop lies between -β and -alpha; None for no bound. Consistent form only.
 
@@ -45,6 +47,7 @@ class Specification:
     gain_bound: float | None = None
     integral: bool = True
     common_multiplier: bool = False
+    feedforward: float | None = 0.0
     fastest_pole: float | None = None
 
     def __post_init__(self) -> None:
@@ -53,6 +56,8 @@ class Specification:
         choice("form", self.form, FORMS)
         truth("integral", self.integral)
         truth("common_multiplier", self.common_multiplier)
+        if self.feedforward is not None:
+            object.__setattr__(self, "feedforward", real("feedforward", self.feedforward, "", low=0.0, high=1.0))
         gain_unit = "rad/(N m)" if self.form == "consistent" else ""
         ranges = {
             "alpha": ("1/s", RATES),

@@ -408,6 +408,7 @@ def small(tmp_path, monkeypatch):
     return tmp_path / "benchmarks" / "learned"
 
 
+@pytest.mark.slow
 def test_command_of_the_document_makes_it_again(small):
     names = "my-ppo-0", "my-ppo-1", "other-7"
     for name in names:

@@ -256,6 +256,7 @@ def test_wrong_speed_arguments_are_named(lanes, threads, seconds):
         peer.steps_per_second(lanes, threads, 1e-3, "Euler", seconds)
 
 
+@pytest.mark.slow
 def test_main_writes_the_rows(tmp_path, monkeypatch, capsys):
     """At two time steps, with rates that count, not measure."""
     monkeypatch.setattr(peer, "SUBSTEPS", (1, 2))

@@ -84,7 +84,7 @@ def test_a_full_standard_output_is_one_line_and_no_success(folder, words):
     assert b"Traceback" not in err and b"Exception" not in err
 
 
-@pytest.mark.parametrize("words", [RUNS["leaderboard"], *BAD], ids=["leaderboard", *map(" ".join, BAD)])
+@pytest.mark.parametrize("words", [pytest.param(RUNS["leaderboard"], marks=pytest.mark.slow), *BAD], ids=" ".join)
 def test_without_standard_error_the_exit_code_and_the_output_are_the_same(folder, words):
     code, out, _ = shell(folder, words)
     for redirected in ("2>&-", "2>/dev/full", "<&- 2>&-"):

@@ -75,7 +75,8 @@ def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width
         assert COLUMNS[number][0] in note
 
 
-@pytest.mark.parametrize("width", [pytest.param(80, marks=pytest.mark.slow), 60])
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [80, 60])
 def test_a_real_terminal_ends_with_the_verdict(tmp_path, width):
     out = on_a_terminal(tmp_path, width, "evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--out", "x")
     lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", out).replace("\r", "").rstrip().splitlines()

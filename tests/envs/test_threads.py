@@ -50,7 +50,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 env = FuzzyArmEnv(control_period=0.1, substep=1e-3)
 env.reset(seed=0)
 last = 0.0
-for _ in range(400_000):
+for _ in range(40_000):
     env._ended = False  # as another thread may find it
     last = env.step(np.zeros(2))[-1]["time"]
 print(round(last, 9))

@@ -159,6 +159,7 @@ def test_streams_are_those_of_numpy_bit_for_bit(device):
 # ---- episodes: the NumPy environment's, lane by lane ----
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("case", "substep"), [("machining", None)])
 def test_trajectories_of_the_paper_are_the_numpy_ones(case, substep, device):
     compare_trajectory(case, substep, device, compiled=False)
@@ -516,9 +517,8 @@ for compiled in (False, True):
 """
 
 
-@pytest.mark.parametrize(
-    ("program", "printed"), [(SMALLEST, ""), pytest.param(WHOLE, "stepped\n", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("program", "printed"), [(SMALLEST, ""), (WHOLE, "stepped\n")])
 def test_without_a_compiler_one_line_says_what_to_do(program, printed, tmp_path):
     environment = {**os.environ, "CXX": "no-such-compiler", "PATH": "", "TORCHINDUCTOR_CACHE_DIR": str(tmp_path)}
     result = subprocess.run(

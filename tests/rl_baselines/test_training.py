@@ -87,6 +87,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
     folder = tmp_path / "run"
     flags = [*words(FLAGS), "--no-tensorboard", "--out", str(folder)]

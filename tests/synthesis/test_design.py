@@ -14,6 +14,7 @@ from fuzzyarm.eval.certified.frozen import find_worst_point
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.fuzzy_policy.controller import consistent_feedforward
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel
@@ -88,6 +89,21 @@ def test_every_model_up_to_2_rules_in_the_form_of_the_paper(kept):
     """As printed, with the integral: no number of rules is too few for Theorem 2."""
     asked = Specification(kept=kept, form="paper", gamma=1000.0, common_multiplier=True)
     assert design(asked).certificate.proven
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0, None])
+def test_the_inequalities_of_the_paper_hold_with_the_l_that_is_given(share):
+    """Every share of the consistent L is proven, and needs the same gains within 1 %; the solver's own L is huge."""
+    controllers = [
+        design(Specification((), "paper", gamma=1000.0, common_multiplier=True, feedforward=f)).controller
+        for f in (0.0, share)
+    ]
+    consistent = consistent_feedforward(controllers[1].model)
+    if share is None:
+        assert np.abs(controllers[1].feedforward).max() > 100.0 * np.abs(consistent).max()
+        return
+    np.testing.assert_allclose(controllers[1].feedforward, share * consistent, rtol=1e-12, atol=1e-12)
+    assert np.abs(controllers[1].gains).max() == pytest.approx(np.abs(controllers[0].gains).max(), rel=0.01)
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ def test_an_extreme_requirement_is_refused_in_one_line(tmp_path, capsys, option)
         ["--alpha=1e6"],
         ["--alpha=2e-6", "--gamma=1e-30"],
         ["--gain-bound=1e-30"],
-        ["--alpha=9e5", "--fastest-pole=9.9e5"],
+        pytest.param(["--alpha=9e5", "--fastest-pole=9.9e5"], marks=pytest.mark.slow),
         pytest.param(["--theorem=paper", "--gamma=1e-30"], marks=pytest.mark.slow),
     ],
     ids=" ".join,
@@ -79,7 +79,11 @@ def test_a_design_for_an_arm_of_another_size_is_proven_or_fails_in_words(scale):
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"alpha": 1e6}, "alpha would have to give: the largest that works for one vertex of the model alone is about"),
+        pytest.param(
+            {"alpha": 1e6},
+            "alpha would have to give: the largest that works for one vertex of the model alone is about",
+            marks=pytest.mark.slow,
+        ),
         pytest.param({"alpha": 9e5, "fastest_pole": 9.9e5}, "works for one vertex", marks=pytest.mark.slow),
         ({"gamma": 1e-30}, r"no decay rate down to 0\.02 1/s helps: raise gamma$"),
         ({"alpha": 1e5, "gamma": None, "gain_bound": 100.0}, "helps: raise the gain bound$"),
@@ -101,6 +105,7 @@ def test_the_32_rules_of_an_impossible_design_are_never_solved(monkeypatch, aske
     assert set(orders) == {1}
 
 
+@pytest.mark.slow
 def test_what_one_vertex_allows_is_an_upper_bound_of_what_all_allow():
     model = TSModel(ArmParameters(), NAMED_RULES[4])
     asked = Specification(kept=model.kept, alpha=1e4, gamma=1e-3, gain_bound=1e5)

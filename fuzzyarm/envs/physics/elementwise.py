@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numba.extending import overload, register_jitable
 
-__all__ = ["gaussian", "library_sine_cosine", "positive_part", "root", "select", "sign", "sine_cosine", "smaller"]
+__all__ = ["gaussian", "positive_part", "root", "select", "sign", "sine_cosine", "smaller"]
 
 # π/2 = sum of the three; the first two have 33 bits, so k times them is exact for |k| < 2^20 (Cody and Waite).
 HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"))
@@ -74,16 +74,6 @@ def sine_cosine(angle: Any) -> tuple[Any, Any]:
 @overload(sine_cosine, strict=False)
 def _compiled_sine_cosine(angle: Any) -> Any:
     return lambda angle: _sine_cosine(angle)
-
-
-def library_sine_cosine(angle: Any) -> tuple[Any, Any]:
-    """Return (sin, cos) of an angle [rad] by the C library: faster where the loop over lanes is not vectorised."""
-    return (angle.sin(), angle.cos()) if hasattr(angle, "sin") else (np.sin(angle), np.cos(angle))
-
-
-@overload(library_sine_cosine, strict=False)
-def _compiled_library_sine_cosine(angle: Any) -> Any:
-    return lambda angle: (np.sin(angle), np.cos(angle))
 
 
 def gaussian(x: Any) -> Any:

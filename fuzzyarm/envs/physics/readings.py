@@ -10,7 +10,7 @@ from typing import Any
 from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, joint_torque, mass_matrix
-from fuzzyarm.envs.physics.elementwise import library_sine_cosine, sine_cosine
+from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import friction_torque
 from fuzzyarm.envs.physics.records import PerJoint, Point, State
 
@@ -55,8 +55,8 @@ def mass_matrix_at(angles: PerJoint, arm: Arm) -> tuple[tuple[Any, Any], tuple[A
 @register_jitable
 def inverse_dynamics_at(angles: PerJoint, rates: PerJoint, accelerations: PerJoint, arm: Arm) -> PerJoint:
     """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] for angles [rad], their rates [rad/s] and accelerations [rad/s²]."""
-    sin1, sin12 = library_sine_cosine(angles.joint1)[0], library_sine_cosine(angles.joint1 + angles.joint2)[0]
-    sin2, cos2 = library_sine_cosine(angles.joint2)
+    sin1, sin12 = sine_cosine(angles.joint1)[0], sine_cosine(angles.joint1 + angles.joint2)[0]
+    sin2, cos2 = sine_cosine(angles.joint2)
     m11, m12, m22 = mass_matrix(cos2, arm)
     coriolis1, coriolis2 = coriolis_torque(sin2, rates.joint1, rates.joint2, arm)
     gravity1, gravity2 = gravity_torque(sin1, sin12, arm)

@@ -13,6 +13,7 @@ from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
+from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS, Believing
 from fuzzyarm.eval.episodes.loop import Step, Timed, episodes
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
@@ -41,6 +42,8 @@ class Rollout:
         external_force: (n, 2) or (n, 3) [N].
         reward: (n,).
         domain_use: (n,), largest share of the joint box (25) in use, 1 at its border.
+        beliefs: (n, 6), what the policy believed when it acted, the columns of `beliefs.BELIEFS`; (0, 0) of a policy
+            that says nothing.
     """
 
     policy: str
@@ -67,6 +70,7 @@ class Rollout:
     external_force: np.ndarray
     reward: np.ndarray
     domain_use: np.ndarray
+    beliefs: np.ndarray = dataclasses.field(default_factory=lambda: NO_BELIEFS)
 
 
 SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
@@ -95,6 +99,7 @@ class Signals:
         control_period: float,
         parameters: AnyArm,
         step_time: float = math.nan,
+        beliefs: np.ndarray = NO_BELIEFS,
     ) -> Rollout:
         """Return the episode; arguments as the fields of `Rollout`, times [s]; `parameters` for the joints' limits."""
         lane, last = self._lane, self._steps[-1]
@@ -113,14 +118,16 @@ class Signals:
             dq_reference=reference.dq_reference,
             reward=np.array([step.reward for step in self._steps])[:, lane],
             domain_use=_domain_use(signals, parameters),
+            beliefs=beliefs,
             **signals,
         )
 
 
 def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, case: str, seed: int) -> Rollout:
     """Run one episode of `env` from ``reset(seed=seed)`` under `policy` and record it."""
+    believing = Believing(policy)
     timed, signals = Timed(policy), Signals()
-    for step in episodes(env, timed, env.reset(seed=seed)):
+    for step in episodes(env, believing.around(timed), env.reset(seed=seed)):
         signals.add(step)
     return signals.rollout(
         policy=policy_name,
@@ -129,6 +136,7 @@ def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, cas
         control_period=env.control_period,
         parameters=env.parameters,
         step_time=timed.median,
+        beliefs=believing.rows(),
     )
 
 

@@ -13,7 +13,7 @@ from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 
-__all__ = ["COLUMNS", "markdown_table", "print_results", "table_rows"]
+__all__ = ["COLUMNS", "markdown_table", "print_passes", "print_results", "table_rows"]
 
 _DISPENSABLE = (7, 6, 5, 4, 2)
 """Columns of the table, with the policy as number 0, that a narrow terminal does without, in this order."""
@@ -77,6 +77,18 @@ def print_results(rows: Sequence[dict[str, Any]], console: Console, titles: Mapp
     if left_out := print_table(table, console, dispensable=_DISPENSABLE):
         names = ", ".join(COLUMNS[column - 1][0] for column in sorted(left_out))
         print_paragraphs(console, [f"Left out on {console.width} columns: {names}; results.csv has all."])
+
+
+def print_passes(rows: Sequence[dict[str, Any]], passes: int, console: Console) -> None:
+    """Print the largest tip error of each pass, a line for each case and policy; over several seeds the median."""
+    table = new_table(["largest tip error [mm], pass", *map(str, range(1, passes + 1))], console=console)
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["case"], row["policy"]), []).append(row)
+    for (case, policy), runs in groups.items():
+        errors = (median(run[f"pass_{number}_max_mm"] for run in runs) for number in range(1, passes + 1))
+        table.add_row(Text(f"{case}, {policy}"), *(f"{error:#.3g}" for error in errors))
+    print_table(table, console, dispensable=tuple(range(2, passes)))
 
 
 def markdown_table(rows: Sequence[dict[str, Any]]) -> str:

@@ -6,9 +6,11 @@ import dataclasses
 import datetime
 import json
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from fuzzyarm.common.checks import distinct, instance, reals, whole
 from fuzzyarm.common.files import csv_text, write_atomically
@@ -21,17 +23,18 @@ from fuzzyarm.envs.scenario.cases import PAPER_CASES, case_for, find_case
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
+from fuzzyarm.eval.episodes.passes import record_passes
+from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 
-__all__ = ["ANY_ROBOT", "SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
+__all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
 SCHEMA = "fuzzyarm-evaluation/1"  # of results.json
 
-ANY_ROBOT = ("computed-torque", "computed-torque-tip", "elastic-observer")
-"""Policies that are compared on a robot other than the two-joint arm, if none are named."""
+MOST_PASSES = 1000
+"""Passes that an evaluation may have."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +49,7 @@ class EvaluationConfig:
         control_period: time between two actions [s].
         parameters: the two-joint arm, for the plant and for the policies' models.
         robot: another robot in its place.
+        passes: episodes one after the other of which each result is the last; policies may learn in between.
     """
 
     policies: tuple[str, ...] = COMPARED
@@ -55,6 +59,7 @@ class EvaluationConfig:
     control_period: float = 1e-3
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
     robot: Robot | None = None
+    passes: int = 1
 
     def __post_init__(self) -> None:
         """Check names and numbers before anything runs."""
@@ -63,6 +68,7 @@ class EvaluationConfig:
         for case in self.cases:
             find_case(case)
         whole("seeds", self.seeds, low=1)
+        whole("passes", self.passes, low=1, high=MOST_PASSES)
         EncoderNoise(*reals("encoder_noise", self.encoder_noise, 2))
         checked_period("control_period", self.control_period)
         instance("parameters", self.parameters, ArmParameters)
@@ -104,6 +110,8 @@ class EvaluationConfig:
             words += ["--seeds", str(self.seeds)]
         if any(self.encoder_noise):
             words += ["--encoder-noise", *map(repr, self.encoder_noise)]
+        if self.passes != default.passes:
+            words += ["--passes", str(self.passes)]
         return shlex.join(words)
 
 
@@ -134,6 +142,8 @@ class Evaluation:
         }
         if self.config.robot is None:
             del config["robot"]
+        if self.config.passes == 1:
+            del config["passes"]
         return {
             "schema": SCHEMA,
             "config": config,
@@ -157,7 +167,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     policies = {label: _loaded(spec, config, label) for label, spec in specs.items()}
     reference: Any = default_reference(arm)
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
-    rollouts = []
+    rollouts, rows = [], []
     for case in config.cases:
         env = FuzzyArmEnv(
             disturbance=dataclasses.replace(case_for(case, config.arm).disturbance, encoder_noise=noise),
@@ -169,16 +179,13 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         for name, policy in policies.items():
             for seed in range(config.seeds):
                 try:
-                    rollouts.append(record_rollout(env, policy, policy_name=name, case=case, seed=seed))
+                    runs = record_passes(env, policy, config.passes, policy_name=name, case=case, seed=seed)
                 except ValueError as error:  # its action was refused, or it failed
                     raise ValueError(f"policy {name} in case {case}, seed {seed}: {error}") from error
+                rollouts.append(dataclasses.replace(runs[-1], seed=seed))
+                rows.append(_row(rollouts[-1], runs))
                 if progress:
                     progress()
-    rows = [
-        {"case": run.case, "policy": run.policy, "seed": run.seed, "completed": run.completed, "reason": run.reason}
-        | metrics_of(run)
-        for run in rollouts
-    ]
     proofs = {name: policy.certificate(reference) for name, policy in policies.items()}
     certificates = {name: None if proof is None else proof.text for name, proof in proofs.items()}
     bounds = {name: None if proof is None else proof.bounds for name, proof in proofs.items()}
@@ -189,6 +196,17 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
     return Evaluation(config, rollouts, rows, certificates, bounds, made_with)
+
+
+def _row(run: Rollout, passes: Sequence[Rollout]) -> dict[str, Any]:
+    """Return the row of an episode; with several passes also the tip errors of each."""
+    row = {"case": run.case, "policy": run.policy, "seed": run.seed, "completed": run.completed, "reason": run.reason}
+    row |= metrics_of(run)
+    if len(passes) > 1:
+        for number, earlier in enumerate(passes, start=1):
+            row[f"pass_{number}_max_mm"] = 1e3 * float(earlier.tip_error.max())
+            row[f"pass_{number}_rms_mm"] = 1e3 * float(np.sqrt(np.mean(np.square(earlier.tip_error))))
+    return row
 
 
 def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:

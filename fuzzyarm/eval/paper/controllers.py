@@ -1,7 +1,8 @@
 """The controllers of section 6.2, and two more that explain why our numbers differ from the paper's.
 
 "Printed form" is Theorem 1 or 2 with integral action, the paper's α and Q, one multiplier for all dropped premises of A
-and the bound (24). "Consistent form" is the form of this project, see `fuzzy_policy.proof.consistent_reference`.
+and the bound (24), with the smallest L that the inequalities allow, 0. "Consistent form" is the form of this project,
+see `fuzzy_policy.proof.consistent_reference`.
 """
 
 from __future__ import annotations
@@ -90,4 +91,7 @@ def compared_policies() -> dict[str, FuzzyPolicy]:
         gains=np.stack([np.concatenate([PAPER_K, PAPER_H], axis=-1)] * 2),
         feedforward=np.stack([PAPER_L] * 2),
     )
-    return policies | {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(papers)}
+    policies |= {SWAPPED: FuzzyPolicy(swapped), PAPERS_OWN: FuzzyPolicy(papers)}
+    for policy in policies.values():
+        policy.integral_at = None  # the paper's law does not hold the integral at the torque limits
+    return policies

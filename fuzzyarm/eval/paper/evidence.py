@@ -91,8 +91,8 @@ def prove_witnesses(step: Callable[[], None]) -> tuple[dict[str, Controller], fr
 
 
 def smallest_gamma(controller: Controller) -> float:
-    """Return the smallest γ in [1e3, 1e5] at which a controller is proven, to 1 %; infinite if not even 1e5 is."""
-    low, high = 1e3, 1e5
+    """Return the smallest γ in [1e2, 1e5] at which a controller is proven, to 1 %; infinite if not even 1e5 is."""
+    low, high = 1e2, 1e5
 
     def proven(gamma: float) -> bool:
         return certify(dataclasses.replace(controller, gamma=gamma)).proven

@@ -25,7 +25,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.paper.controllers import FEW, FORMS, MANY, RULES, key_of
 from fuzzyarm.eval.paper.evidence import Evidence
-from fuzzyarm.eval.paper.measures import circularity_of, peak
+from fuzzyarm.eval.paper.measures import circularity_of
 
 __all__ = ["BANDS", "BY_JOINT", "BY_RULES", "COLUMN_TITLES", "draw_figures", "write_figures"]
 
@@ -150,11 +150,9 @@ def _paths(evidence: Evidence) -> Figure:
 
 
 def _magnify_worst(axes: Axes, runs: Mapping[int, Rollout]) -> None:
-    """Add an inset around the largest error with 4 rules, if the tip stays inside the inset there."""
+    """Add an inset around the largest error with 4 rules."""
     few = runs[FEW]
     worst = int(np.argmax(np.abs(few.circularity_error)))
-    if np.linalg.norm(few.tip[worst] - few.tip_reference[worst]) >= 0.5 * ZOOM:
-        return
     inset = axes.inset_axes((0.35, 0.34, 0.32, 0.32))
     _draw_paths(inset, runs)
     x, y = few.tip_reference[worst]
@@ -205,36 +203,22 @@ def _circularity_figure(evidence: Evidence, spec: CircularityFigure) -> Figure:
                 axes.axhspan(*spec.stated, color=BANDS[0], zorder=0.5)
             for rules, run in zip(RULES, runs, strict=True):
                 axes.plot(run.time, 1e3 * circularity_of(run, side), **BY_RULES[rules])
-            _name_early_ends(axes, runs, side)
             label = "tip" if side == "tip" else "motors, as if rigid"
             axes.set_ylabel(f"{label} [mm]")
-        _fit_column(column, [run for run in runs if run.completed], spec.stated)
+        _fit_column(column, runs, spec.stated)
         column[-1].set_xlabel("time [s]")
     band = [] if spec.stated is None else [Patch(color=BANDS[0], label=f"stated: {_range(*spec.stated)} mm")]
     _legend(figure, [*_rule_handles(), *band])
     return figure
 
 
-def _fit_column(column: Sequence[Axes], completed: Sequence[Rollout], stated: tuple[float, float] | None) -> None:
-    """Scale a column to the completed episodes: the large errors of one that left the box would hide the others."""
-    values = [1e3 * circularity_of(run, side) for run in completed for side in SIDES]
+def _fit_column(column: Sequence[Axes], runs: Sequence[Rollout], stated: tuple[float, float] | None) -> None:
+    """Give a column one scale that holds both sides and what the paper states."""
+    values = [1e3 * circularity_of(run, side) for run in runs for side in SIDES]
     low = min([*(float(errors.min()) for errors in values), *(stated or ())])
     high = max([*(float(errors.max()) for errors in values), *(stated or ())])
     margin = 0.06 * (high - low)
     column[0].set_ylim(low - margin, high + margin)
-
-
-def _name_early_ends(axes: Axes, runs: Sequence[Rollout], side: str) -> None:
-    """Write into the axes which episodes left the box, when, and how large their error was."""
-    lines = []
-    for rules, run in zip(RULES, runs, strict=True):
-        if not run.completed:
-            size = 1e3 * peak(circularity_of(run, side))
-            lines.append(f"{rules} rules: out of the box (25) at {run.time[-1]:.2f} s, {size:.0f} mm")
-    if lines:
-        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
-        text = "\n".join(lines)
-        axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=8, bbox=box, zorder=6)
 
 
 def _joint_figure(evidence: Evidence, spec: JointFigure) -> Figure:

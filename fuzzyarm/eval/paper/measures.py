@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.eval.episodes.rollout import Rollout
-from fuzzyarm.eval.paper.controllers import FORMS, RULES, TITLES, key_of
+from fuzzyarm.eval.paper.controllers import FORMS, RULES, SWAPPED, TITLES, key_of
 from fuzzyarm.eval.paper.evidence import HIGH_GAIN, WITNESSES, Evidence
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
@@ -134,8 +134,8 @@ def largest_gain(columns: slice) -> Measure:
 
 
 def largest_feedforward_gain(evidence: Evidence) -> dict[str, float]:
-    """Return the largest entry of L of the printed forms."""
-    return {key: _largest(evidence.controllers[key].feedforward_gains) for key in _printed()}
+    """Return the largest entry of L of the printed forms, and with that of the consistent form."""
+    return {key: _largest(evidence.controllers[key].feedforward_gains) for key in (*_printed(), SWAPPED)}
 
 
 def gamma_with_other_L(evidence: Evidence) -> dict[str, float]:

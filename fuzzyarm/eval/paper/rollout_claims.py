@@ -78,7 +78,7 @@ ROLLOUTS: tuple[Claim, ...] = (
             unit="N m",
             paper=paper,
             measure=m.peak_torque(joint - 1),
-            reason=reasons.SATURATED,
+            reason=reasons.PEAKS,
             tolerance=SIMULATED,
         )
         for joint, paper in ((1, 228.0), (2, 47.0))
@@ -92,7 +92,6 @@ ROLLOUTS: tuple[Claim, ...] = (
         paper=1.5,
         decimals=1,
         measure=m.shortest_episode,
-        reason=reasons.LEFT_BOX,
         tolerance=SIMULATED,
     ),
     Claim(

@@ -21,6 +21,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.ranking import standings_of
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.eval.report.beliefs import WARNING, belief_charts
 from fuzzyarm.eval.report.certificates import SCOPE, Observations, bound_charts, bound_note, statements
 from fuzzyarm.eval.report.headline import headline, rule
 from fuzzyarm.eval.report.observed import observe_policies
@@ -62,6 +63,7 @@ def render_page(stored: StoredEvaluation, observed: Observations) -> str:
         sampling=escape(_sampling(config, data["stride"])),
         table=metrics_table(stored.rows),
         table_note=escape(_table_note(config, early)),
+        beliefs=_beliefs(stored),
         scope=escape(SCOPE),
         bounds=bound_charts(stored, observed),
         bounds_note=bound_note(observed),
@@ -82,6 +84,17 @@ def command(config: EvaluationConfig) -> str:
 
 def _part(name: str) -> str:
     return resources.files("fuzzyarm.eval.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _beliefs(stored: StoredEvaluation) -> str:
+    """Return the section of what policies believed; an empty text if none says it."""
+    charts = belief_charts(stored.rollouts)
+    if not charts:
+        return ""
+    return (
+        '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of the load</h2>'
+        f'<div class="charts">{charts}</div><p class="note">{escape(WARNING)}</p></section>'
+    )
 
 
 def _security_policy(style: str, script: str) -> str:

@@ -13,22 +13,21 @@ the moving arm; what is proven is in the certificates (`fuzzyarm.fuzzy_policy.pr
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
 import numpy as np
 
-from fuzzyarm.envs.observation import JOINTS, SIZE, START
+from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.periods import default_substeps
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
-from fuzzyarm.envs.physics.hold import hold_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import State, size
-from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.hold import force_line, hold_of
+from fuzzyarm.envs.physics.records import columns, flat, size
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.stability.local_loop import GainLimits, LocalLoop, gain_limits, largest_radius
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = [
@@ -41,7 +40,8 @@ __all__ = [
 ]
 
 POSTURES = 16
-"""Number of instants, evenly spaced over the paper's path; with 300 a gain margin changes by 0.2 %."""
+"""Number of instants, evenly spaced over the arm's default reference; with 300 of the paper's a gain margin changes by
+0.2 %."""
 _PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
 # Of the law, relative to max(1, |s|) for its memory: an integral can move the torque by 5e8 N m per rad s, and a
 # network may bend within 1e-6 rad. What is measured and what is remembered of it have one step, so that their
@@ -54,12 +54,6 @@ _SETTLING = 300  # control periods
 _RESTING = 2000  # control periods, after which a strongly nonlinear law is near its equilibrium
 _NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is that of another posture
 
-# A point is the plant's state, ordered as `State`, and the policy's memory; the law maps it to torque and next memory.
-_STATES = size(State)
-_PLANT, _MEMORY = slice(_STATES), slice(_STATES, None)
-_Q_MOTOR, _DQ_MOTOR = slice(JOINTS), slice(_STATES // 2, _STATES // 2 + JOINTS)
-_TORQUE, _NEXT_MEMORY = slice(JOINTS), slice(JOINTS, None)
-
 
 class Linearisable(Predictor, Protocol):
     """What can be linearised: a `Policy`, or anything with these two methods."""
@@ -71,7 +65,7 @@ class Linearisable(Predictor, Protocol):
 
 def spectral_radius(
     policy: Linearisable,
-    parameters: ArmParameters,
+    parameters: AnyArm,
     *,
     control_period: float,
     loop_gain: float = 1.0,
@@ -82,7 +76,7 @@ def spectral_radius(
 
     Args:
         policy: `predict` on batches, in double precision; its state an array or None.
-        parameters: the plant.
+        parameters: the plant, the two-joint arm or a robot.
         control_period: [s].
         loop_gain: κ, factor on the torque's deviation from equilibrium.
         delay: d, extra samples of delay, a multiple of 0.5.
@@ -97,7 +91,7 @@ def spectral_radius(
 
 def gain_margin(
     policy: Linearisable,
-    parameters: ArmParameters,
+    parameters: AnyArm,
     *,
     control_period: float,
     delay: float = 0.0,
@@ -111,10 +105,10 @@ def gain_margin(
 
 
 def linearise_path(
-    policy: Linearisable, parameters: ArmParameters, control_period: float, payload: Payload | None = None
+    policy: Linearisable, parameters: AnyArm, control_period: float, payload: Payload | None = None
 ) -> list[LocalLoop]:
-    """Return the loops at `POSTURES` instants of the paper's path; units and exceptions as for `spectral_radius`."""
-    reference = JointReference(parameters=parameters)
+    """Return the loops at `POSTURES` instants of the default reference; see `spectral_radius` for units, exceptions."""
+    reference = default_reference(parameters)
     postures = reference.sample(np.linspace(0.0, reference.duration, POSTURES)).q
     smooth = policy.without_dry_friction()  # once for all postures: it may design an observer anew
     return [_linearise(smooth, parameters, posture, control_period, payload) for posture in postures]
@@ -122,17 +116,17 @@ def linearise_path(
 
 def linearise(
     policy: Linearisable,
-    parameters: ArmParameters,
+    parameters: AnyArm,
     posture: np.ndarray,
     control_period: float,
     payload: Payload | None = None,
 ) -> LocalLoop:
-    """Return the loop at its equilibrium, for a reference at rest at `posture` (2,) [rad]; see `spectral_radius`."""
+    """Return the loop at its equilibrium, for a reference at rest at `posture` (n,) [rad]; see `spectral_radius`."""
     return _linearise(policy.without_dry_friction(), parameters, posture, control_period, payload)
 
 
 def _linearise(
-    policy: Predictor, parameters: ArmParameters, posture: np.ndarray, control_period: float, payload: Payload | None
+    policy: Predictor, parameters: AnyArm, posture: np.ndarray, control_period: float, payload: Payload | None
 ) -> LocalLoop:
     arm = _FrozenArm(policy, parameters, posture, control_period, payload)
     first = arm.start()
@@ -143,9 +137,9 @@ def _linearise(
             "policy not hold still there?"
         )
     # The torque must stay below its limits within the steps of the differences as well: a clipped torque has no slope.
-    slope = np.abs(loop.law[_TORQUE, _PLANT]).max(axis=1)
-    limit = parameters.torque_limit
-    if np.any(np.abs(loop.torque) + _PLANT_STEP * slope >= limit):
+    slope = np.abs(loop.law[arm.torque, arm.plant]).max(axis=1)
+    if np.any(np.abs(loop.torque) + _PLANT_STEP * slope >= arm.limit):
+        limit = tuple(arm.limit.tolist())
         raise ValueError(f"posture {posture} rad takes {loop.torque} N m of {limit} N m: no linear loop at a limit")
     return loop
 
@@ -159,7 +153,9 @@ def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> Loc
         matrix, change = loop.matrix(), (arm.advance(point) - point)[kept]
         if not (np.isfinite(matrix).all() and np.isfinite(change).all()):
             raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
-        if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and np.all(np.abs(point[_Q_MOTOR] - posture) <= _NEWTON_REACH):
+        if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and np.all(
+            np.abs(point[arm.q_motor] - posture) <= _NEWTON_REACH
+        ):
             return loop
         point = _nearer(arm, point, kept, np.linalg.lstsq(np.eye(len(change)) - matrix, change)[0])
     return None
@@ -185,28 +181,41 @@ def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarr
 
 
 class _FrozenArm:
-    """The nonlinear loop with a held reference; a point is plant state and policy memory, points are rows."""
+    """The nonlinear loop with a held reference.
+
+    A point is the plant's state, ordered as `State`, and the policy's memory; points are rows. The law maps a point to
+    torque and next memory.
+    """
 
     def __init__(
         self,
         policy: Predictor,
-        parameters: ArmParameters,
+        parameters: AnyArm,
         posture: np.ndarray,
         control_period: float,
         payload: Payload | None,
     ) -> None:
-        smooth = dataclasses.replace(parameters, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
-        self.policy, self.reference = policy, np.append(posture, np.zeros(SIZE - START.dq_reference))
-        self.arm = np.array(arm_constants(smooth, payload))[:, np.newaxis]
-        self.period, self.limit = control_period, np.array(parameters.torque_limit)
+        physics, smooth = equations_of(parameters), without_dry_friction(parameters)
+        carried = payload or Payload()
+        place = physics.payload_place(carried, parameters)
+        constants = physics.constants(physics.plant_of(smooth), carried.mass, place, 0.0)
+        self.policy, self.physics, self.joints = policy, physics, physics.joints
+        start = starts(self.joints)
+        self.reference = np.append(posture, np.zeros(PARTS * self.joints - start.dq_reference))
+        self.arm = np.array(flat(constants), dtype=float)[:, np.newaxis]
+        self.period, self.limit = control_period, per_joint_of(parameters, "torque_limit")
+        self.states, at = size(physics.State), columns(physics.State)
+        self.plant, self.memory = slice(self.states), slice(self.states, None)
+        self.torque, self.next_memory = slice(self.joints), slice(self.joints, None)
+        self.q_motor, self.dq_motor = at.motor, at.motor_velocity
 
     def start(self) -> np.ndarray:
         """Return a first guess: motors and links at the posture, the memory after the first call of an episode."""
-        posture = self.reference[:JOINTS]
-        plant = np.concatenate([posture, posture, np.zeros(_STATES - 2 * JOINTS)])
-        point = np.append(plant, self._act(plant[np.newaxis])[0, _NEXT_MEMORY])
+        posture = self.reference[: self.joints]
+        plant = np.concatenate([posture, posture, np.zeros(self.states - 2 * self.joints)])
+        point = np.append(plant, self._act(plant[np.newaxis])[0, self.next_memory])
         if np.any(
-            np.abs(self._act(point[np.newaxis])[0, _TORQUE]) >= self.limit
+            np.abs(self._act(point[np.newaxis])[0, self.torque]) >= self.limit
         ):  # a clipped torque has no slope: let the loop settle first
             return self.settled(point, _SETTLING)
         return point
@@ -219,34 +228,34 @@ class _FrozenArm:
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
         """Return the loop at `point`, and which entries of the point it keeps."""
-        torque, steps = self._act(point[np.newaxis])[0, _TORQUE], np.full(_STATES, _PLANT_STEP)
-        held, held_steps = np.append(point[_PLANT], torque), np.append(steps, np.full(JOINTS, _TORQUE_STEP))
+        torque, steps = self._act(point[np.newaxis])[0, self.torque], np.full(self.states, _PLANT_STEP)
+        held, held_steps = np.append(point[self.plant], torque), np.append(steps, np.full(self.joints, _TORQUE_STEP))
         plant, half_plant = (
             _differences(partial(self._move, duration), held, held_steps)
             for duration in (self.period, 0.5 * self.period)
         )
-        memory = point[_MEMORY]
-        law_steps = _LAW_STEP * np.append(np.ones(_STATES), np.maximum(1.0, np.abs(memory)))
+        memory = point[self.memory]
+        law_steps = _LAW_STEP * np.append(np.ones(self.states), np.maximum(1.0, np.abs(memory)))
         law = _differences(self._act, point, law_steps)
         # Entries are kept if the torque depends on them, directly or through other memory. Unread entries have
         # differences of exactly 0.
-        rows = np.append(np.ones(JOINTS, dtype=bool), np.zeros(len(memory), dtype=bool))
+        rows = np.append(np.ones(self.joints, dtype=bool), np.zeros(len(memory), dtype=bool))
         for _ in memory:
-            rows[_NEXT_MEMORY] |= np.any(law[rows, _MEMORY] != 0.0, axis=0)
-        kept = np.append(np.ones(_STATES, dtype=bool), rows[_NEXT_MEMORY])
+            rows[self.next_memory] |= np.any(law[rows, self.memory] != 0.0, axis=0)
+        kept = np.append(np.ones(self.states, dtype=bool), rows[self.next_memory])
         return LocalLoop(plant, half_plant, law[np.ix_(rows, kept)], point, torque), kept
 
     def advance(self, point: np.ndarray) -> np.ndarray:
         """Return `point` one control period later."""
         law = self._act(point[np.newaxis])[0]
-        moved = self._move(self.period, np.append(point[_PLANT], law[_TORQUE])[np.newaxis])[0]
-        return np.append(moved, law[_NEXT_MEMORY])
+        moved = self._move(self.period, np.append(point[self.plant], law[self.torque])[np.newaxis])[0]
+        return np.append(moved, law[self.next_memory])
 
     def _act(self, points: np.ndarray) -> np.ndarray:
-        """Return torques and next memory, (lanes, 2 + m); points without memory begin an episode."""
+        """Return torques and next memory, (lanes, n + m); points without memory begin an episode."""
         reference = np.tile(self.reference, (len(points), 1))
-        observation = np.hstack([points[:, _Q_MOTOR], points[:, _DQ_MOTOR], reference])
-        memory = points[:, _MEMORY] if points.shape[1] > _STATES else None
+        observation = np.hstack([points[:, self.q_motor], points[:, self.dq_motor], reference])
+        memory = points[:, self.memory] if points.shape[1] > self.states else None
         torque, memory = self.policy.predict(observation, state=memory, deterministic=True)
         if torque.dtype != np.float64 or not isinstance(memory, np.ndarray | None):
             raise TypeError(f"torque is {torque.dtype}, state {type(memory).__name__}; needed: float64, array or None")
@@ -254,10 +263,11 @@ class _FrozenArm:
 
     def _move(self, duration: float, plant_and_torque: np.ndarray) -> np.ndarray:
         """Return the plant states `duration` [s] later, (lanes, states)."""
-        state, torque = np.split(plant_and_torque.T.copy(), [_STATES])
-        arm, no_force = np.tile(self.arm, state.shape[1]), np.zeros((4, state.shape[1]))  # see `hold_of`
+        state, torque = np.split(plant_and_torque.T.copy(), [self.states])
+        lanes = state.shape[1]
+        arm, no_force = np.tile(self.arm, lanes), np.zeros((size(force_line(self.physics.axes)), lanes))
         substeps = default_substeps(duration)
-        hold_of(two_joints())(state, torque, no_force, arm, duration / substeps, substeps)
+        hold_of(self.physics)(state, torque, no_force, arm, duration / substeps, substeps)
         return np.transpose(state)
 
 

@@ -52,17 +52,17 @@ class GainLimits(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class LocalLoop:
-    """The loop of the module's equation at one posture; n plant states, m numbers of memory.
+    """The loop of the module's equation at one posture; n plant states, r torques, m numbers of memory.
 
     Memory that the torque never reads is left out: an integral without a gain would add an eigenvalue of exactly 1,
     which says nothing about the arm. An integral that is fed back has its eigenvalues elsewhere.
 
     Attributes:
-        plant: [A B], (n, n + 2) with two torques.
-        half_plant: [A_h B_h], (n, n + 2).
-        law: [D C; G F], (2 + m, n + m).
+        plant: [A B], (n, n + r).
+        half_plant: [A_h B_h], (n, n + r).
+        law: [D C; G F], (r + m, n + m).
         equilibrium: plant state and whole memory, (n + m or more,).
-        torque: at the equilibrium [N m], (2,).
+        torque: at the equilibrium [N m], (r,).
     """
 
     plant: np.ndarray

@@ -1,7 +1,7 @@
 """The stability margins of `fuzzyarm margins`, also of arms that differ from the one that the policies know.
 
-The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; this module has the conditions, the
-document and the printed table.
+The margins themselves are computed in `fuzzyarm.eval.stability.linearisation`; `conditions` has the
+conditions; this module has the document and the printed table.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ import datetime
 import math
 import shlex
 from collections.abc import Callable, Sequence
-from functools import cache, partial
-from pathlib import Path
-from typing import Any, Literal
+from functools import cache, cached_property, partial
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
@@ -22,24 +21,23 @@ from fuzzyarm.common.checks import distinct, instance
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.equations import two_joint_arm
+from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.conditions import LIMITS, Condition, Limit, conditions_for
 from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linearise_path
 from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies import NAMES, PolicySpec, recorded, resolve_all
+from fuzzyarm.policies import ANY_ROBOT, NAMES, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.user_code import UserPolicy
 
 __all__ = [
-    "CONDITIONS",
-    "LIMITS",
-    "Condition",
-    "Limit",
     "MarginsConfig",
     "margin_cells",
     "margin_notes",
+    "margins_in_words",
     "measure_margins",
     "policy_margins",
     "print_margins",
@@ -50,85 +48,40 @@ CONTROL_PERIOD = 1e-3  # s
 
 
 @dataclasses.dataclass(frozen=True)
-class Condition:
-    """How the loop differs from the one that the policy was designed for; the policy does not know.
-
-    Attributes:
-        name: heading in the table and key in the document.
-        loop_gain: factor on the torque's deviation from equilibrium.
-        delay: extra samples of delay, a multiple of 0.5.
-        stiffness: factor on the stiffness of both joints.
-        payload: what the arm carries.
-    """
-
-    name: str
-    loop_gain: float = 1.0
-    delay: float = 0.0
-    stiffness: float = 1.0
-    payload: Payload | None = None
-
-
-# The conditions of the columns, in their order.
-CONDITIONS = (
-    Condition("nominal"),
-    Condition("loop gain x 0.67", loop_gain=0.67),
-    Condition("loop gain x 1.5", loop_gain=1.5),
-    Condition("half a sample later", delay=0.5),
-    Condition("one sample later", delay=1.0),
-    Condition("stiffness - 20 %", stiffness=0.8),
-    Condition("stiffness + 20 %", stiffness=1.2),
-    Condition("5 kg payload", payload=Payload(5.0)),
-)
-
-
-@dataclasses.dataclass(frozen=True)
-class Limit:
-    """A limit of the loop gain on the nominal arm.
-
-    Attributes:
-        heading: in the table.
-        side: which of the `GainLimits`.
-        delay: extra samples of delay.
-    """
-
-    heading: str
-    side: Literal["lower", "upper"]
-    delay: float = 0.0
-
-
-LIMITS = {
-    "lower": Limit("loop gain from", "lower"),
-    "upper": Limit("to", "upper"),
-    "upper_one_sample_later": Limit("to, one sample later", "upper", delay=1.0),
-}
-"""By key in the document."""
-
-
-@dataclasses.dataclass(frozen=True)
 class MarginsConfig:
     """What is measured.
 
     Attributes:
-        policies: names, files, folders or code, see `fuzzyarm.policies.spec`.
-        robot: TOML file of another arm than Table 1, of the plant and of the policies' models.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: all that have a name, for a robot
+            `ANY_ROBOT`.
+        robot: name or TOML file of a robot or of a two-joint arm, for plant and policies alike; None: Table 1.
     """
 
-    policies: tuple[str, ...] = NAMES
-    robot: Path | None = None
+    policies: tuple[str, ...] | None = None
+    robot: str | None = None
 
     def __post_init__(self) -> None:
         """Check the names before anything runs."""
-        distinct("policies", self.policies)
+        if self.policies is not None:
+            distinct("policies", self.policies)
         if self.robot is not None:
-            instance("robot", self.robot, Path)
+            instance("robot", self.robot, str)
+
+    @cached_property
+    def arm(self) -> AnyArm:
+        """The arm; ValueError if there is none of this name."""
+        return chosen_arm(self.robot, None)
+
+    def names(self) -> tuple[str, ...]:
+        """Return the policies that are measured."""
+        return self.policies or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
 
     def command(self) -> str:
         """Return the command line of this configuration, with the last part of absolute paths."""
         words = ["fuzzyarm", "margins"]
-        if self.policies != NAMES:
-            words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
+        words += [word for policy in self.policies or () for word in ("--policy", recorded(policy))]
         if self.robot is not None:
-            words += ["--robot", recorded(str(self.robot))]
+            words += ["--robot", recorded(self.robot)]
         return shlex.join(words)
 
 
@@ -146,35 +99,35 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         ValueError: a policy is unknown or does not fit the robot, or the path does not fit it.
         OSError: a file cannot be read.
     """
-    parameters = two_joint_arm(config.robot) if config.robot else ArmParameters()
-    # An arm that cannot follow the path is a usage error, for which the table has no row
-    JointReference(parameters=parameters)
-    specs = resolve_all(config.policies, run_code=True)
-    policies = {label: _loaded(spec, parameters) for label, spec in specs.items()}
+    arm = config.arm
+    default_reference(arm)  # an arm that cannot follow it is a usage error, for which the table has no row
+    specs = resolve_all(config.names(), run_code=True)
+    policies = {label: _loaded(spec, arm) for label, spec in specs.items()}
     rows = []
     for name, policy in policies.items():
-        rows.append({"policy": name, **policy_margins(policy, parameters, policy.control_period)})
+        rows.append({"policy": name, **policy_margins(policy, arm, policy.control_period)})
         progress()
+    described = {"parameters": arm.to_dict()} if isinstance(arm, ArmParameters) else {"robot": dataclasses.asdict(arm)}
     return {
         "schema": SCHEMA,
         "command": config.command(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         **current_provenance(),
         "method": {"control_period": CONTROL_PERIOD, "postures": POSTURES, "gain_span": GAIN_SPAN},
-        "parameters": parameters.to_dict(),
-        "conditions": [dataclasses.asdict(condition) for condition in CONDITIONS],
+        **described,
+        "conditions": [dataclasses.asdict(condition) for condition in conditions_for(arm)],
         "rows": rows,
     }
 
 
-def _loaded(spec: PolicySpec, parameters: ArmParameters) -> Policy | UserPolicy:
+def _loaded(spec: PolicySpec, parameters: AnyArm) -> Policy | UserPolicy:
     """Return a policy for `CONTROL_PERIOD`, or for its action period: over that time its loop is one map."""
     policy = spec.load(CONTROL_PERIOD, parameters)
     period = policy.action_period
     return policy if period == CONTROL_PERIOD else spec.load(period, parameters)
 
 
-def policy_margins(policy: Linearisable, parameters: ArmParameters, control_period: float) -> dict[str, Any]:
+def policy_margins(policy: Linearisable, parameters: AnyArm, control_period: float) -> dict[str, Any]:
     """Return the stability margins of a policy that knows the arm `parameters` and acts every `control_period` [s].
 
     Returns:
@@ -184,8 +137,7 @@ def policy_margins(policy: Linearisable, parameters: ArmParameters, control_peri
 
     @cache
     def loops(stiffness: float, payload: Payload | None) -> list[LocalLoop]:
-        first, second = parameters.stiffness
-        plant = dataclasses.replace(parameters, stiffness=(stiffness * first, stiffness * second))
+        plant = with_drives(parameters, stiffness=stiffness * per_joint_of(parameters, "stiffness"))
         return linearise_path(policy, plant, control_period, payload)
 
     reasons: dict[str, str] = {}
@@ -206,10 +158,21 @@ def policy_margins(policy: Linearisable, parameters: ArmParameters, control_peri
 
     return {
         "control_period": control_period,
-        "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in CONDITIONS},
+        "spectral_radius": {c.name: number_or_reason(c.name, partial(radius, c)) for c in conditions_for(parameters)},
         "loop_gain": {key: number_or_reason(key, partial(limit, wanted)) for key, wanted in LIMITS.items()},
         "reasons": reasons,
     }
+
+
+def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -> str:
+    """Return the margins of one policy as a paragraph, for a control period [s]; see `policy_margins`."""
+    found = policy_margins(policy, arm, control_period)
+    radii = [f"{name} {_radius_cell(radius)}" for name, radius in found["spectral_radius"].items()]
+    limits = [f"{LIMITS[key].heading} {'-' if n is None else f'{n:.2f}'}" for key, n in found["loop_gain"].items()]
+    return (
+        f"On the elastic arm, sampled every {1e3 * control_period:g} ms, linearised at {POSTURES} postures of its "
+        f"default path (measured, not proven), spectral radius: {', '.join(radii)}; stable for {' '.join(limits)}"
+    )
 
 
 def _limit(loops: Sequence[LocalLoop], wanted: Limit) -> float:
@@ -226,11 +189,12 @@ def _limit(loops: Sequence[LocalLoop], wanted: Limit) -> float:
 
 def margin_cells(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Return the headings and the cells, which are text; a dash where there is no number."""
-    headings = ["policy", *(c.name for c in CONDITIONS), *(limit.heading for limit in LIMITS.values())]
+    conditions = list(rows[0]["spectral_radius"])  # every row has the same ones
+    headings = ["policy", *conditions, *(limit.heading for limit in LIMITS.values())]
     cells = [
         [
             row["policy"],
-            *(_radius_cell(row["spectral_radius"][c.name]) for c in CONDITIONS),
+            *(_radius_cell(row["spectral_radius"][name]) for name in conditions),
             *("-" if row["loop_gain"][key] is None else f"{row['loop_gain'][key]:.2f}" for key in LIMITS),
         ]
         for row in rows
@@ -246,10 +210,11 @@ def _radius_cell(radius: float | None) -> str:
 
 def margin_notes(document: dict[str, Any]) -> list[str]:
     """Return the notes below the table, a paragraph each."""
-    method = document["method"]
+    method, robot = document["method"], document.get("robot")
+    path = "the paper's path" if robot is None else f"the default reference of {robot['name']}"
     notes = [
         f"Spectral radius of the loop over one control period of {1e3 * method['control_period']:g} ms, the largest at "
-        f"{method['postures']} postures of the paper's path: below 1, small deviations decay. Then the factors on the "
+        f"{method['postures']} postures of {path}: below 1, small deviations decay. Then the factors on the "
         "loop gain between which it stays below 1.",
         "A local measurement and not a proof: postures frozen, dry friction removed, deviations small. Each policy "
         "keeps its nominal knowledge.",

@@ -20,37 +20,45 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
+from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
+from fuzzyarm.fuzzy_policy.laws.sampled_margins import ONE_AT_A_TIME, LinearLaw, Place, places_of, worst_radius
 from fuzzyarm.fuzzy_policy.policy import Policy
 
-__all__ = ["BANDWIDTH", "ComputedTorquePolicy"]
+__all__ = ["BANDWIDTH", "ComputedTorquePolicy", "bandwidth_for", "linear_computed_torque"]
 
 BANDWIDTH = 70.0
-"""Default ω [rad/s]."""
+"""Default ω [rad/s] of a two-joint arm, and the largest one of a robot."""
+
+STEP = 5.0  # rad/s
 
 
 class ComputedTorquePolicy(Policy):
     """Computed torque with integral action; the law is in the module's docstring."""
 
+    integral_at: int | None = 0
+
     def __init__(
         self,
         parameters: AnyArm | None = None,
         control_period: float = 1e-3,
-        bandwidth: float = BANDWIDTH,
+        bandwidth: float | None = None,
     ) -> None:
         """Prepare the law.
 
         Args:
             parameters: the arm or the robot, as the controller knows it; default Table 1.
             control_period: T, time between two calls [s].
-            bandwidth: ω [rad/s].
+            bandwidth: ω [rad/s]; None for that of `bandwidth_for`.
 
         Raises:
             TypeError: a number is none.
             ValueError: the control period or the bandwidth is not positive.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
-        self.bandwidth = real("bandwidth", bandwidth, "rad/s", above=0.0)
+        chosen = bandwidth_for(self.parameters, self.control_period) if bandwidth is None else bandwidth
+        self.bandwidth = real("bandwidth", chosen, "rad/s", above=0.0)
         self._arm = constants_of(self.parameters), drives_of(self.parameters)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
@@ -60,6 +68,36 @@ class ComputedTorquePolicy(Policy):
     @functools.cached_property
     def _law(self) -> Any:
         return _law_of(equations_of(self.parameters))
+
+
+@functools.lru_cache(maxsize=32)
+def bandwidth_for(arm: AnyArm, control_period: float) -> float:
+    """Return the default ω [rad/s] for an arm and a control period [s].
+
+    That of the two-joint arm was chosen by ``python benchmarks/computed_torque_tuning.py``: the largest that stays
+    stable with twice the loop gain and with one sample of delay. So it is for a robot, at random postures of its range:
+    the largest of 70, 65, ..., 5 rad/s, and 5 rad/s if there is none.
+    """
+    if not isinstance(arm, Robot):
+        return BANDWIDTH
+    places, bandwidth = places_of(arm, control_period), BANDWIDTH
+    while bandwidth > STEP and any(
+        worst_radius(place, linear_computed_torque(place, bandwidth), ONE_AT_A_TIME) >= 1.0 for place in places
+    ):
+        bandwidth -= STEP
+    return bandwidth
+
+
+def linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
+    """Return the law of a bandwidth [rad/s] near rest, at a posture of a robot; its memory is x_I."""
+    robot, joints = place.robot, len(place.robot)
+    part, nothing = estimate_parts(joints), np.zeros((joints, state_part(joints).stop))
+    inertia = place.inertia + np.diag(robot.drive("motor_inertia"))
+    D, G = nothing.copy(), nothing.copy()
+    D[:, part.q_motor] = -3.0 * bandwidth**2 * inertia
+    D[:, part.dq_motor] = -3.0 * bandwidth * inertia + np.diag(robot.drive("viscous_friction"))
+    G[:, part.q_motor] = place.control_period * np.eye(joints)
+    return LinearLaw(D, -(bandwidth**3) * inertia, G, np.eye(joints))
 
 
 @functools.cache

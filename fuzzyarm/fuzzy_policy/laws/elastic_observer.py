@@ -45,6 +45,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     state_part,
 )
 from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, predict_of
+from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["ElasticObserverPolicy"]
@@ -72,13 +73,14 @@ class ElasticObserverPolicy(Policy):
         Args:
             parameters: the arm or the robot, as the controller knows it.
             control_period: T [s], at most 0.1 s.
-            weights: of the Riccati equations.
+            weights: of the Riccati equations; None for those of `observer_weights.weights_for`.
 
         Raises:
             ValueError: the control period is out of range, or there are no gains for these arguments.
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
-        self.weights, self._substeps = weights or ObserverWeights(), whole_substeps(control_period, None)
+        self.weights = weights or weights_for(self.parameters, self.control_period)
+        self._substeps = whole_substeps(control_period, None)
         self._schedule, self.feedback, self.observer = gain_tables(self.parameters, self.control_period, self.weights)
         self._target_part, _, self._predicted = _memory_parts(self.joints)
         self.memory_size = self._predicted.stop

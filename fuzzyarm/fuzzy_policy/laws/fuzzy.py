@@ -14,6 +14,7 @@ from numba.extending import register_jitable
 from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -30,6 +31,8 @@ class FuzzyPolicy(Policy):
     Attributes:
         controller: the content of the file.
     """
+
+    integral_at: int | None = 0
 
     def __init__(self, controller: Controller, control_period: float = 1e-3) -> None:
         """Lay the controller out for the compiled law, at a control period T [s]."""
@@ -93,8 +96,8 @@ def _fuzzy_law(
     for lane in range(len(observation)):
         q1, q2, dq1, dq2 = o.q_motor[lane, 0], o.q_motor[lane, 1], o.dq_motor[lane, 0], o.dq_motor[lane, 1]
         # The premises (6) at the measured motor angles, as `premises` has them.
-        sinc12, sin2 = _sinc(q1 + q2), np.sin(q2)
-        z = (np.cos(q2), -c4 * _sinc(q1) - c5 * sinc12, -c5 * sinc12, c2 * dq2 * sin2, -c2 * dq1 * sin2)
+        sinc12, (sin2, cos2) = _sinc(q1 + q2), sine_cosine(q2)
+        z = (cos2, -c4 * _sinc(q1) - c5 * sinc12, -c5 * sinc12, c2 * dq2 * sin2, -c2 * dq1 * sin2)
         for index in range(len(omega)):  # the weight of the vertex at the premise's maximum
             low, high = bounds[index, 0], bounds[index, 1]
             omega[index] = min(max((z[index] - low) / (high - low), 0.0), 1.0)
@@ -127,4 +130,4 @@ def _weight(omega: float, at_maximum: int) -> float:
 @register_jitable
 def _sinc(angle: float) -> float:
     """Return sin(x)/x, 1 at x = 0."""
-    return 1.0 if angle == 0.0 else np.sin(angle) / angle
+    return 1.0 if angle == 0.0 else sine_cosine(angle)[0] / angle

@@ -17,11 +17,22 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.dynamics import mass_matrix as two_joint_mass_matrix
+from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
 
-__all__ = ["GRID", "MOST_KEPT", "POINTS", "GainSchedule", "kept_joints", "place_in_schedule", "schedule_of"]
+__all__ = [
+    "GRID",
+    "MOST_KEPT",
+    "POINTS",
+    "GainSchedule",
+    "kept_joints",
+    "nearest_inertia",
+    "place_in_schedule",
+    "random_angles",
+    "schedule_of",
+]
 
 GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
 POINTS = 8  # of an angle of a robot, 45° apart
@@ -55,7 +66,7 @@ def schedule_of(arm: AnyArm) -> GainSchedule:
 def kept_joints(robot: Robot) -> tuple[int, ...]:
     """Return the numbers of the joints on whose angles the mass matrix depends most, ascending; never the first."""
     count = min(MOST_KEPT, len(robot) - 1)
-    others = _random_angles(robot)
+    others = random_angles(robot)
     whole = np.mean(mass_matrix(robot, others), axis=0)
     size = np.sqrt(np.diagonal(whole))
     spread = []
@@ -68,7 +79,7 @@ def kept_joints(robot: Robot) -> tuple[int, ...]:
 @functools.lru_cache(maxsize=32)
 def _of_robot(robot: Robot) -> GainSchedule:
     kept = kept_joints(robot)
-    points = _turned_to(_random_angles(robot), kept)
+    points = _turned_to(random_angles(robot), kept)
     inertia = np.array([np.mean(mass_matrix(robot, q), axis=0) for q in points])
     names = [robot.joints[joint].name for joint in kept]
     places = tuple(
@@ -86,10 +97,19 @@ def _of_cosine(arm: Any) -> GainSchedule:
     return GainSchedule(np.array([1], dtype=np.int64), True, len(GRID), places, inertia)
 
 
-def _random_angles(robot: Robot) -> np.ndarray:
+def random_angles(robot: Robot) -> np.ndarray:
     """Return angles (`SAMPLES`, n) [rad] within the ranges of the joints, always the same."""
     low, high = np.array([joint.angle_range for joint in robot.joints]).T
     return np.random.default_rng(SEED).uniform(np.maximum(low, -np.pi), np.minimum(high, np.pi), (SAMPLES, len(robot)))
+
+
+def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
+    """Return M (n, n) [kg m²] of the point with the largest weight at angles q (n,) [rad]."""
+    corners = 1 << len(schedule.kept)
+    index, weight = np.empty(corners, dtype=np.int64), np.empty(corners)
+    place_in_schedule(q, schedule.kept, schedule.cosine, schedule.points, index, weight)
+    inertia: np.ndarray = schedule.inertia[index[np.argmax(weight)]]
+    return inertia
 
 
 def _turned_to(angles: np.ndarray, kept: tuple[int, ...]) -> list[np.ndarray]:
@@ -110,7 +130,7 @@ def place_in_schedule(
     index[:], weight[:] = 0, 1.0
     for number in range(len(kept)):
         if cosine:
-            place = 0.5 * (np.cos(q[kept[number]]) + 1.0) * (points - 1)
+            place = 0.5 * (sine_cosine(q[kept[number]])[1] + 1.0) * (points - 1)
             left = min(max(int(place), 0), points - 2)  # min and max also map a cosine that is nan into the table
             share, right = place - left, left + 1
         else:

@@ -17,18 +17,21 @@ import numpy as np
 from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
+from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
+from fuzzyarm.fuzzy_policy.laws.sampled_margins import LinearLaw, Place
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_policy_certificate
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
-__all__ = ["ScheduledPolicy", "scheduled_torque"]
+__all__ = ["ScheduledPolicy", "linear_scheduled", "scheduled_torque"]
 
 
 class ScheduledPolicy(Policy):
@@ -37,6 +40,8 @@ class ScheduledPolicy(Policy):
     Attributes:
         controller: the content of the file.
     """
+
+    integral_at: int | None = 0
 
     def __init__(self, controller: ScheduledController, control_period: float = 1e-3) -> None:
         """Lay the controller out for the compiled law of its robot, at a control period T [s].
@@ -108,8 +113,8 @@ def _law_of(physics: Physics) -> Any:
                 motor = drive.motor_inertia[joint] * o.ddq_reference[lane, joint]
                 torque[lane, joint] = links[joint] + motor + drive.viscous_friction[joint] * o.dq_motor[lane, joint]
             for place in range(len(kept)):
-                angle = turns[place] * o.q_motor[lane, kept[place]]
-                ratio[place] = 0.5 * (1.0 + (np.sin(angle) if sine[place] else np.cos(angle)))
+                sin, cos = sine_cosine(turns[place] * o.q_motor[lane, kept[place]])
+                ratio[place] = 0.5 * (1.0 + (sin if sine[place] else cos))
             for rule in range(len(inertia)):
                 h = 1.0
                 for place in range(len(kept)):  # the first premise changes fastest with the rule
@@ -119,6 +124,17 @@ def _law_of(physics: Physics) -> Any:
                         torque[lane, joint] -= h * inertia[rule, joint, other] * wanted[other]
 
     return scheduled_law
+
+
+def linear_scheduled(controller: ScheduledController, place: Place) -> LinearLaw:
+    """Return the law near rest, at a posture of its robot; its memory is x_I."""
+    joints, (k_p, k_d, k_i) = len(place.robot), controller.feedback
+    part, inertia = estimate_parts(joints), controller.inertia_at(place.q)
+    D, G = np.zeros((2, joints, state_part(joints).stop))
+    D[:, part.q_motor] = -k_p * inertia
+    D[:, part.dq_motor] = -k_d * inertia + np.diag(place.robot.drive("viscous_friction"))
+    G[:, part.q_motor] = place.control_period * np.eye(joints)
+    return LinearLaw(D, -k_i * inertia, G, np.eye(joints))
 
 
 def scheduled_torque(

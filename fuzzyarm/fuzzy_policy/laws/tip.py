@@ -23,6 +23,7 @@ from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.fuzzy_policy.laws.iterative_learning import TorqueLearning
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
@@ -50,6 +51,7 @@ class TipPolicy(Policy):
         self.law, self.friction, self.average = law, friction, average
         self._target = ElasticTarget(law.parameters, law.control_period, friction=friction, average=average)
         self.memory_size = law.memory_size + self._target.memory_size
+        self.integral_at = law.integral_at
         start, end = starts(law.joints), PARTS * law.joints
         self._measured = slice(start.q_motor, start.q_reference)  # (q, q̇) in an observation
         self._desired = slice(start.q_reference, start.ddq_reference)  # (q_d, q̇_d)
@@ -70,6 +72,21 @@ class TipPolicy(Policy):
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
+        own_feedforward, feedforward = self._act(observation, memory, torque)
+        torque += feedforward - own_feedforward
+
+    def feedback_and_feedforward(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the two parts of the torque, (lanes, 2) each [N m], not clipped, and advance the memory in place."""
+        torque = np.empty((len(observation), observation.shape[1] // PARTS))
+        own_feedforward, feedforward = self._act(observation, memory, torque)
+        return torque - own_feedforward, feedforward
+
+    def repeated(self) -> TorqueLearning:
+        """Return this policy with classical iterative learning control around it."""
+        return TorqueLearning(self)
+
+    def _act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Fill the law's torque; return its own feedforward and u_ff."""
         law_memory, target_memory = memory[:, : self.law.memory_size], memory[:, self.law.memory_size :]
         seen, resting = np.empty_like(observation), np.empty_like(observation)
         own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
@@ -80,7 +97,7 @@ class TipPolicy(Policy):
         resting[:, self._measured] = seen[:, self._desired]
         self.law.act(resting, np.zeros(law_memory.shape), own_feedforward)
         self.law.act(seen, law_memory, torque)
-        torque += feedforward - own_feedforward
+        return own_feedforward, feedforward
 
 
 def _motors_stay_in_box(reference: Reference) -> bool:

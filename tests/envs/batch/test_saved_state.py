@@ -81,12 +81,13 @@ def test_a_state_is_a_dictionary(envs, state):
         envs.set_state(state)
 
 
-def test_a_thousand_random_changes_are_refused_or_harmless(envs):
+@pytest.mark.parametrize("tries", [200, pytest.param(1000, marks=pytest.mark.slow)])
+def test_random_changes_are_refused_or_harmless(envs, tries):
     generator = np.random.default_rng(0)
     good = envs.get_state()
     own_state = columns(LAYOUT.Lane).state
     refused = 0
-    for _ in range(1000):
+    for _ in range(tries):
         state = {name: array.copy() for name, array in good.items()}
         name = generator.choice(["values", "clock", "drawn"])
         flat = state[name].reshape(-1).view(np.uint8)
@@ -102,7 +103,7 @@ def test_a_thousand_random_changes_are_refused_or_harmless(envs):
         assert all(same) or np.array_equal(state["clock"][CLOCK.first], good["clock"][CLOCK.first])
         for _ in range(3):
             envs.step(np.zeros((LANES, 2)))
-    assert refused > 500
+    assert refused > tries / 2
 
 
 def test_an_episode_that_is_not_random_keeps_its_state():

@@ -9,7 +9,7 @@ from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 
 
-@pytest.fixture(scope="module", params=["nominal", "machining", "payload"])
+@pytest.fixture(scope="module", params=["nominal", pytest.param("machining", marks=pytest.mark.slow), "payload"])
 def case(request):
     policy = load_policy("computed-torque")
     return policy, request.param, exact_tips(policy, request.param)

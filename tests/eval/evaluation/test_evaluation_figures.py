@@ -261,6 +261,7 @@ def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
     assert old.read_bytes() == b"old"
 
 
+@pytest.mark.slow
 def test_pyplot_is_not_imported(tmp_path):
     code = (
         "import pathlib, pickle, sys; from fuzzyarm.eval.evaluation.figures import write_figures; "

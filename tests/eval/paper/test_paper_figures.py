@@ -59,16 +59,6 @@ def test_what_the_paper_states_is_a_band_within_the_limits(figures, number, stat
             assert low < band[0] and band[1] < high
 
 
-def test_an_episode_that_left_the_box_is_named_and_flattens_nothing(figures, evidence):
-    top_left = figures[5].axes[0]
-    assert evidence.rollouts["printed-32", "machining"].time[-1] < 1.5
-    assert [text.get_text() for text in top_left.texts] == ["32 rules: out of the box (25) at 1.31 s, 720 mm"]
-    four = 1e3 * evidence.rollouts["printed-4", "machining"].circularity_error
-    low, high = top_left.get_ylim()
-    assert low < four.min() and four.max() < high < 1.5 * four.max()
-    assert not figures[5].axes[1].texts
-
-
 @pytest.mark.parametrize(
     ("number", "signal"),
     [
@@ -100,11 +90,11 @@ def test_the_force_has_its_components_and_their_range(figures, evidence):
 def test_paths_are_to_scale_and_the_inset_holds_the_worst_place(figures, evidence):
     printed, consistent = figures[2].axes
     assert printed.get_aspect() == consistent.get_aspect() == 1.0
-    assert not printed.child_axes  # centimetres need no magnification
-    (inset,) = consistent.child_axes
-    run = evidence.rollouts["consistent-4", "nominal"]
-    x, y = run.tip[np.argmax(np.abs(run.circularity_error))]
-    assert inset.get_xlim()[0] < x < inset.get_xlim()[1] and inset.get_ylim()[0] < y < inset.get_ylim()[1]
+    for axes, form in ((printed, "printed"), (consistent, "consistent")):
+        (inset,) = axes.child_axes
+        run = evidence.rollouts[f"{form}-4", "nominal"]
+        x, y = run.tip[np.argmax(np.abs(run.circularity_error))]
+        assert inset.get_xlim()[0] < x < inset.get_xlim()[1] and inset.get_ylim()[0] < y < inset.get_ylim()[1]
     np.testing.assert_array_equal(curves(printed)["solid"], evidence.rollouts["printed-4", "nominal"].tip)
 
 

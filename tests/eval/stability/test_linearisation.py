@@ -13,6 +13,7 @@ from support.two_joints import hold
 
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants, gravity_torque
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.stability import linearisation as margins
 from fuzzyarm.eval.stability.linearisation import gain_margin, linearise, linearise_path, spectral_radius
 from fuzzyarm.eval.stability.local_loop import LocalLoop
@@ -247,6 +248,17 @@ def test_payload_and_stiffness_change_the_radius_and_the_margin() -> None:
     for edge in (lower, upper):
         at_the_edge = spectral_radius(policy, ARM, control_period=PERIOD, loop_gain=edge, payload=Payload(5.0))
         assert at_the_edge == pytest.approx(1.0, abs=2e-4)
+
+
+def test_a_robot_has_the_loops_of_the_two_joint_arm_that_it_is() -> None:
+    """The same arm by its parameters and as a robot, whose equations are generated: equal loops, with a payload."""
+    robot, loaded = Robot.of(ARM), Payload(5.0)
+    expected = linearise(ComputedTorquePolicy(ARM, PERIOD, 50.0), ARM, POSTURE, PERIOD, loaded)
+    found = linearise(ComputedTorquePolicy(robot, PERIOD, 50.0), robot, POSTURE, PERIOD, loaded)
+    np.testing.assert_allclose(found.equilibrium, expected.equilibrium, atol=1e-10)
+    np.testing.assert_allclose(found.torque, expected.torque, atol=1e-6)
+    for delay in (0.0, 0.5, 1.0):
+        assert radius(found.matrix(delay=delay)) == pytest.approx(radius(expected.matrix(delay=delay)), abs=1e-6)
 
 
 def test_the_motors_carry_the_payload() -> None:

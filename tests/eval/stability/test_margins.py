@@ -18,12 +18,13 @@ from rich.console import Console
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.eval.stability import margins as margins_table
+from fuzzyarm.eval.stability.conditions import CONDITIONS, LIMITS, conditions_for
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.eval.stability.local_loop import GainLimits
 from fuzzyarm.eval.stability.margins import (
-    CONDITIONS,
-    LIMITS,
     MarginsConfig,
     margin_cells,
     margin_notes,
@@ -32,7 +33,7 @@ from fuzzyarm.eval.stability.margins import (
 )
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
-from fuzzyarm.policies import LEARNED, NAMES, load_policy
+from fuzzyarm.policies import ANY_ROBOT, LEARNED, NAMES, load_policy
 
 ARM = ArmParameters()
 NAMED = ("computed-torque", "fuzzy-4")
@@ -146,7 +147,7 @@ def test_the_command_makes_the_configuration_again(monkeypatch: pytest.MonkeyPat
     class Seen(Exception):
         """The configuration is as expected."""
 
-    config = MarginsConfig(("my own.json", "fuzzy-1"), Path("other arm.toml"))
+    config = MarginsConfig(("my own.json", "fuzzy-1"), "other arm.toml")
 
     def seen(given: MarginsConfig, *_: Any) -> None:
         assert given == config
@@ -162,7 +163,7 @@ def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
     """Torque limits that the payload exceeds: nothing there, numbers elsewhere, a dash in the table and the reason."""
     robot = tmp_path / "weak.toml"
     robot.write_text("torque_limit = [95.0, 45.0]\n")
-    document = measure_margins(MarginsConfig(("computed-torque",), robot))
+    document = measure_margins(MarginsConfig(("computed-torque",), str(robot)))
     (row,) = document["rows"]
     assert row["spectral_radius"].pop(PAYLOAD) is None
     assert all(0.9 < radius < 1.0 for radius in row["spectral_radius"].values())
@@ -227,12 +228,30 @@ def test_bad_configurations(tmp_path: Path) -> None:
         measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
     (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\n")
     with pytest.raises(ValueError, match="reach"):
-        measure_margins(MarginsConfig(("computed-torque",), tmp_path / "short.toml"))
+        measure_margins(MarginsConfig(("computed-torque",), str(tmp_path / "short.toml")))
+
+
+def test_a_robot_carries_the_payload_of_its_case() -> None:
+    """Its name is in the heading; the other conditions are those of every arm."""
+    payload = case_for("payload", robot_named("ur5")).disturbance.payload
+    *others, loaded = conditions_for(robot_named("ur5"))
+    assert tuple(others) == CONDITIONS[:-1] and conditions_for(ARM) == CONDITIONS
+    assert loaded.payload == payload and loaded.name == f"{payload.mass:g} kg payload" and payload.mass != 5.0
+
+
+@pytest.mark.slow
+def test_margins_of_a_robot() -> None:
+    """By default the laws of any robot, all stable in the nominal loop; the document holds the robot."""
+    document = measure_margins(MarginsConfig(robot="planar-3r"))
+    assert [row["policy"] for row in document["rows"]] == list(ANY_ROBOT)
+    assert document["robot"]["name"] == "planar-3r" and "parameters" not in document
+    assert all(row["spectral_radius"]["nominal"] < 1.0 for row in document["rows"])
+    assert "the default reference of planar-3r" in margin_notes(document)[0]
 
 
 def test_every_policy_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """By default each has its row, is stable in the nominal loop unless it was learned, and is reported when done."""
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 3)  # not 16: each row is tested
+    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 1)  # not 16: each row is tested
     steps: list[int] = []
     document = measure_margins(MarginsConfig(), lambda: steps.append(1))
     assert [row["policy"] for row in document["rows"]] == list(NAMES)

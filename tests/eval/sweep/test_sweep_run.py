@@ -143,6 +143,7 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
+@pytest.mark.slow
 def test_an_interrupted_and_then_a_killed_sweep_goes_on_to_the_same_end(tmp_path, capsys):
     folder = tmp_path / "sweep"
     arguments = ["--policy", "fuzzy-4", "--case", "machining", "--plants", "60", "--chunk", "2", "--seed", "5"]

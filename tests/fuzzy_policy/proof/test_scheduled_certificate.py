@@ -241,7 +241,9 @@ def test_mu_counts_the_speed_limits_of_kept_angles():
     [({"fastest_pole": 100.0}, "kappa"), ({"gamma": 1e-12}, "gamma"), ({"rules": 8}, "no angle is left")],
 )
 def test_what_cannot_be_had_is_said(asked, message):
-    specification = ScheduledSpecification(**({"premises": ()} | asked if "rules" not in asked else asked))
+    specification = ScheduledSpecification(
+        **({"premises": (), "alpha": 20.0} | asked if "rules" not in asked else asked)
+    )
     with pytest.raises(DesignFailed, match=message):
         design_scheduled(specification, robot_named("planar-3r"))
 

@@ -93,11 +93,11 @@ _LARGEST_FORCE = 4.0  # in unit forces
 _LARGEST_OFFSET = 0.2  # share of the torque limit
 _LIGHTEST, _HEAVIEST = -0.1, 2.0  # payload, in masses of the links; below zero: links lighter than known
 _FACTOR_RANGE = {
-    "stiffness": (0.3, 3.0),
-    "damping": (0.0, 4.0),
-    "friction": (0.0, 4.0),
-    "mass": (0.5, 2.0),
-    "motor_inertia": (0.4, 2.5),
+    "stiffness": (0.5, 1.9),
+    "damping": (0.0, 3.0),
+    "friction": (0.0, 3.0),
+    "mass": (0.5, 1.9),
+    "motor_inertia": (0.5, 1.9),
 }
 
 

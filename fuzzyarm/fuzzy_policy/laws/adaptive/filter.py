@@ -152,6 +152,7 @@ def predict(
     P: np.ndarray,
     torque: np.ndarray,
     torque_slope: np.ndarray,
+    line: np.ndarray,
     directions: np.ndarray,
     constants: np.ndarray,
     slopes: np.ndarray,
@@ -168,7 +169,8 @@ def predict(
         P: covariance of its error.
         torque: what the motors apply [N m], (n,).
         torque_slope: its derivative in the lateness.
-        directions: the force line of each unit force, (rows, forces).
+        line: the force line of what is known of the tip force, (rows,).
+        directions: that of each unit force, (rows, forces).
         constants: of the arm of p.
         slopes: S.
         steps: of the differences, one for each number of z but the lateness.
@@ -177,7 +179,7 @@ def predict(
         substeps: in a control period.
         lanes: room, see `lanes_of`.
     """
-    _spread_out(z, P, torque, torque_slope, directions, constants, slopes, steps, lanes)
+    _spread_out(z, P, torque, torque_slope, line, directions, constants, slopes, steps, lanes)
     hold(lanes.state, lanes.torque, lanes.force, lanes.constants, h, substeps)
     state, F, G = lanes.state, lanes.jacobian, lanes.product
     joints, states, size = len(torque), len(state), len(z)
@@ -212,6 +214,7 @@ def _spread_out(
     P: np.ndarray,
     torque: np.ndarray,
     torque_slope: np.ndarray,
+    line: np.ndarray,
     directions: np.ndarray,
     constants: np.ndarray,
     slopes: np.ndarray,
@@ -229,7 +232,7 @@ def _spread_out(
         lanes.torque[:, lane] = torque + z[offset : size - 1]
         lanes.constants[:, lane] = constants
         for i in range(len(lanes.force)):
-            total = 0.0
+            total = line[i]
             for j in range(forces):
                 total += directions[i, j] * z[states + j]
             lanes.force[i, lane] = total

@@ -21,9 +21,10 @@ from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import hold
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, BELIEFS, FORCES, affine_constants
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import act_on_estimate, begin_or_follow, room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import layout, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, BELIEFS, FORCES, SPACE, affine_constants
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import act_on_estimate, begin_or_follow
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, layout, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -99,6 +100,7 @@ def _follow(
     """Correct with fixed gains, act and predict in every lane."""
     joints = torque.shape[1]
     states, room, o = 4 * joints, room_for(joints, len(settings.spread), len(settings.base)), observed(observation)
+    nothing = np.zeros((KEPT + 1, SPACE))
     for lane in range(len(observation)):
         m = remembered(memory[lane], joints, len(settings.guess))
         begin_or_follow(lane, o, m, settings, room)
@@ -118,7 +120,7 @@ def _follow(
             at = i if i < states else i + 1  # the force along the path is part of the free one
             for k in range(2 * joints):
                 m.z[at] += gain[i, k] * room.measured[k]
-        act_on_estimate(m, settings, room, torque[lane])
+        act_on_estimate(m, settings, room, nothing, torque[lane])
         state, held, line, constants = room.one
         state[:, 0], constants[:, 0], held[:, 0], line[:, 0] = m.z[:states], room.constants, m.commands[0], 0.0
         for i in range(FORCES - 1):

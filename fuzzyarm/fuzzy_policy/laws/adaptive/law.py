@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 from numba.extending import register_jitable
 
@@ -19,20 +17,13 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.arm import (
     tip_direction,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, FORCES, SPACE
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
-    Lanes,
-    confine,
-    constants_at,
-    correct,
-    lanes_of,
-    predict,
-    read_noise,
-)
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, constants_at, correct, predict, read_noise
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
-__all__ = ["act_on_estimate", "begin_or_follow", "estimate_and_act", "room_for"]
+__all__ = ["act_on_estimate", "begin_or_follow", "estimate_and_act"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders
@@ -41,26 +32,15 @@ DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
 _PAYLOAD = BELIEF.payload.start
 
 
-class _Room(NamedTuple):
-    """Room for what is computed for one lane; n joints."""
-
-    lanes: Lanes
-    one: Any  # a state, torques, a force line and constants, each (rows, 1)
-    constants: Any
-    column: Any
-    measured: Any  # (2 n,), θ and θ̇
-    silent: Any  # (2 n,)
-    link_torque: Any  # τ_d of each kept reference (KEPT, n)
-    travel: Any  # direction of travel of each, then the next one (KEPT + 1, space)
-    directions: Any  # force line of each unit force (FORCE_ROWS, FORCES)
-    joints: Any  # (4, n), for short use
-    error: Any  # (4 n,)
-    gain: Any  # K (n, 4 n)
-
-
 @kernel
-def estimate_and_act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, settings: Settings) -> None:
-    """Fill `torque` (lanes, n) [N m], not clipped, and advance `memory`; nan for lanes whose filter has diverged."""
+def estimate_and_act(
+    observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray, settings: Settings
+) -> None:
+    """Fill `torque` (lanes, n) [N m], not clipped, and advance `memory`; nan for lanes whose filter has diverged.
+
+    `known` (lanes, `KEPT` + 1, space) is a tip force [N] known beforehand, which the estimated one adds to: at this
+    sample, at those before it, and at the next one.
+    """
     joints, s = torque.shape[1], settings
     room = room_for(joints, len(s.spread), len(s.base))
     o = observed(observation)
@@ -70,37 +50,14 @@ def estimate_and_act(observation: np.ndarray, memory: np.ndarray, torque: np.nda
         if m.flags[FLAG.lost] == 0.0:
             _correct(lane, o, m, s, room)
             if m.flags[FLAG.lost] == 0.0:
-                act_on_estimate(m, s, room, torque[lane])
+                act_on_estimate(m, s, room, known[lane], torque[lane])
                 _predict(m, s, room)
                 if not np.isfinite(np.sum(torque[lane])):
                     m.flags[FLAG.lost] = 1.0
 
 
 @register_jitable
-def room_for(joints: int, size: int, constants: int) -> _Room:
-    """Return room for one lane of an arm of n joints, `size` numbers of z and as many constants."""
-    one = np.empty((4 * joints, 1)), np.empty((joints, 1)), np.empty((FORCE_ROWS, 1)), np.empty((constants, 1))
-    directions = np.zeros((FORCE_ROWS, FORCES))
-    for i in range(SPACE):
-        directions[i, 1 + i] = 1.0
-    return _Room(
-        lanes_of(joints, size, constants),
-        one,
-        np.empty(constants),
-        np.empty(size),
-        np.empty(2 * joints),
-        np.empty(2 * joints),
-        np.empty((KEPT, joints)),
-        np.empty((KEPT + 1, SPACE)),
-        directions,
-        np.empty((4, joints)),
-        np.empty(4 * joints),
-        np.empty((joints, 4 * joints)),
-    )
-
-
-@register_jitable
-def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
+def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> None:
     """Take in what is measured and asked for, and begin if this is the first sample."""
     joints = len(m.noise)
     room.measured[:joints], room.measured[joints:] = o.q_motor[lane], o.dq_motor[lane]
@@ -114,14 +71,14 @@ def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: _Ro
 
 
 @register_jitable
-def act_on_estimate(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
-    """Fill the torque (n,) [N m] for z, and what of it the next step needs."""
-    _desire(m, s, room)
+def act_on_estimate(m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray) -> None:
+    """Fill the torque (n,) [N m] for z, and what of it the next step needs; `known` as `estimate_and_act` has it."""
+    _desire(m, s, room, known)
     _command(m, s, room, torque)
 
 
 @register_jitable
-def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> None:
+def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> None:
     """Correct z by what is measured, and note how well that fitted."""
     joints, measured = len(m.noise), room.measured
     begin_or_follow(lane, o, m, s, room)
@@ -138,16 +95,20 @@ def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: _Room) -> 
 
 
 @register_jitable
-def _begin(m: Memory, s: Settings, room: _Room) -> None:
+def _begin(m: Memory, s: Settings, room: Room) -> None:
     """Fill the first z and P: K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0."""
     joints = len(m.noise)
     states = 4 * joints
     for k in range(1, KEPT):
         m.references[k] = m.references[0]
-    m.P[:] = 0.0
-    for i in range(len(m.z)):
+    # What an earlier pass has taught is kept, but for the loads, which begin anew.
+    known = states + FORCES if m.flags[FLAG.taught] != 0.0 else len(m.z)
+    m.P[:known], m.P[:, :known] = 0.0, 0.0
+    for i in range(known):
         m.P[i, i] = s.spread[i] * s.spread[i]
-    m.z[states:] = s.guess
+        for j in range(known):
+            m.P[i, j] += s.shared[i] * s.shared[j]
+    m.z[states:known] = s.guess[: known - states]
     still, bent, link, force = room.joints[0], room.joints[1], m.z[joints : 2 * joints], room.travel[0]
     still[:], force[:] = 0.0, 0.0
     for j in range(joints):
@@ -164,7 +125,7 @@ def _begin(m: Memory, s: Settings, room: _Room) -> None:
 
 
 @register_jitable
-def _desire(m: Memory, s: Settings, room: _Room) -> None:
+def _desire(m: Memory, s: Settings, room: Room, known: np.ndarray) -> None:
     """Fill the constants of p, the directions of travel, their force lines, and τ_d of the kept references."""
     joints, period = len(m.noise), s.substep * s.substeps
     p = m.z[4 * joints :]
@@ -174,7 +135,7 @@ def _desire(m: Memory, s: Settings, room: _Room) -> None:
         q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
         tip_direction(q, dq, room.constants, room.travel[k])
         for i in range(SPACE):
-            force[i] = p[0] * room.travel[k, i] + p[1 + i]
+            force[i] = known[k, i] + p[0] * room.travel[k, i] + p[1 + i]
         link_torque(q, dq, ddq, force, room.constants, room.link_torque[k])
     for j in range(joints):
         dq, ddq = m.references[0, 1, j], m.references[0, 2, j]
@@ -184,10 +145,11 @@ def _desire(m: Memory, s: Settings, room: _Room) -> None:
     for i in range(SPACE):
         now, then = room.travel[0, i], room.travel[KEPT, i]
         room.directions[i, 0], room.directions[SPACE + i, 0] = 0.5 * (now + then), then - now
+        room.line[i], room.line[SPACE + i] = 0.5 * (known[0, i] + known[KEPT, i]), known[KEPT, i] - known[0, i]
 
 
 @register_jitable
-def _command(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
+def _command(m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
     """Fill the torque that the motors shall apply when it reaches them."""
     joints, period = len(m.noise), s.substep * s.substeps
     p = m.z[4 * joints :]
@@ -216,7 +178,7 @@ def _command(m: Memory, s: Settings, room: _Room, torque: np.ndarray) -> None:
 
 
 @register_jitable
-def _target(m: Memory, room: _Room, period: float, back: int, joint: int) -> tuple[float, float, float, float]:
+def _target(m: Memory, room: Room, period: float, back: int, joint: int) -> tuple[float, float, float, float]:
     """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction, `back` samples ago with today's p; see `elastic_target`."""
     inertia, viscous, stiffness, damping = drive_constants(room.constants, joint)
     now, last = room.link_torque[back, joint], room.link_torque[back + 1, joint]
@@ -231,13 +193,13 @@ def _target(m: Memory, room: _Room, period: float, back: int, joint: int) -> tup
 
 
 @register_jitable
-def _advance(m: Memory, s: Settings, room: _Room, lateness: float) -> None:
-    """Fill the first of `room.one` with x when the next command acts: x under the commands on their way."""
+def _advance(m: Memory, s: Settings, room: Room, lateness: float) -> None:
+    """Fill the first of `one` of the room with x when the next command acts: x under the commands on their way."""
     state, torque, line, constants = room.one
     joints = len(torque)
     state[:, 0], constants[:, 0] = m.z[: len(state)], room.constants
     for i in range(FORCE_ROWS):
-        line[i, 0] = 0.0
+        line[i, 0] = room.line[i]
         for j in range(FORCES):
             line[i, 0] += room.directions[i, j] * m.z[len(state) + j]
     whole = int(lateness)
@@ -253,7 +215,7 @@ def _advance(m: Memory, s: Settings, room: _Room, lateness: float) -> None:
 
 
 @register_jitable
-def _predict(m: Memory, s: Settings, room: _Room) -> None:
+def _predict(m: Memory, s: Settings, room: Room) -> None:
     """Step z and P to the next sample, under the commands that reach the motors until then."""
     joints, size = len(m.noise), len(m.z)
     lateness, wide = m.z[size - 1], np.sqrt(max(m.P[size - 1, size - 1], 0.0))
@@ -267,6 +229,7 @@ def _predict(m: Memory, s: Settings, room: _Room) -> None:
         m.P,
         applied,
         slope,
+        room.line,
         room.directions,
         room.constants,
         s.slopes,

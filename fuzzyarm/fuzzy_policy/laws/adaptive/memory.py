@@ -26,14 +26,16 @@ class Flags(NamedTuple):
         started: 1 once there has been a sample, else 0.
         surprise: ν²/s of the last samples, on average; about 1 where the filter is right.
         lost: 1 once the filter has diverged, else 0.
+        taught: 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0.
     """
 
     started: Any
     surprise: Any
     lost: Any
+    taught: Any
 
 
-FLAG = Flags(0, 1, 2)
+FLAG = Flags(0, 1, 2, 3)
 """Where they stand."""
 _FLAGS = len(FLAG)
 

@@ -31,6 +31,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     CAUTIOUS,
     FACTORS,
     FORCES,
+    SPACE,
     affine_constants,
     allowed,
     first_guess,
@@ -39,7 +40,8 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import estimate_and_act
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, layout
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout
+from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
@@ -126,12 +128,20 @@ class AdaptiveObserverPolicy(Policy):
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
-        estimate_and_act(observation, memory, torque, self.settings)
+        self.act_with(observation, memory, torque, np.zeros((len(observation), KEPT + 1, SPACE)))
+
+    def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
+        """Do what `act` does where a part of the tip force is known beforehand, see `law.estimate_and_act`."""
+        estimate_and_act(observation, memory, torque, known, self.settings)
         lost = memory[:, FLAG.lost] != 0.0
         if lost.any():
             seen, kept, answer = observation[lost], memory[lost, _OWN:], torque[lost]
-            self.fallback.act(seen, kept, answer)
+            self.fallback.command(seen, kept, answer)
             memory[lost, _OWN:], torque[lost] = kept, answer
+
+    def repeated(self) -> AdaptivePasses:
+        """Return this policy for passes over one path again and again."""
+        return AdaptivePasses(self)
 
     def without_dry_friction(self) -> FrozenObserver:
         """Return this policy with its adaptation frozen, for the same arm without dry friction."""
@@ -182,6 +192,9 @@ class AdaptiveObserverPolicy(Policy):
         factor_steps = np.full(BELIEFS - BELIEF.payload.stop, _FACTOR_STEP)
         state_steps = np.repeat([_ANGLE_STEP, _VELOCITY_STEP], 2 * JOINTS)
         cautious = np.zeros(_STATES + BELIEFS, dtype=np.bool_)
+        shared = np.zeros(_STATES + BELIEFS)
+        for name in FACTORS:
+            shared[_STATES:][getattr(BELIEF, name)] = weights.first_scale
         for name in CAUTIOUS:
             cautious[_STATES:][getattr(BELIEF, name)] = True
         return Settings(
@@ -190,6 +203,7 @@ class AdaptiveObserverPolicy(Policy):
             slopes=slopes,
             guess=first_guess(),
             spread=np.concatenate([np.repeat(first_state, JOINTS), first_spread(arm, weights)]),
+            shared=shared,
             low=low,
             high=high,
             noise=np.concatenate([still, still, shake, still, walks(arm, weights)]) ** 2 * period,

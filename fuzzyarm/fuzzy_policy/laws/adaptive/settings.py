@@ -16,6 +16,7 @@ class Settings(NamedTuple):
         slopes: S of `affine_constants`.
         guess: p_0.
         spread: standard deviations of z when an episode begins.
+        shared: what numbers of z share when an episode begins, times its standard deviation.
         low: lowest p.
         high: highest p.
         noise: diagonal of Q.
@@ -35,6 +36,7 @@ class Settings(NamedTuple):
     slopes: Any
     guess: Any
     spread: Any
+    shared: Any
     low: Any
     high: Any
     noise: Any

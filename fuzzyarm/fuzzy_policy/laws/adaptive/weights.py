@@ -39,6 +39,7 @@ class AdaptiveWeights:
         first_friction: of the factors of dry friction.
         first_inertia: of the factors of link masses and of motor inertias.
         first_offset: of the torques beside the motors', share of the torque limit.
+        first_scale: of a factor that all of the arm's constants share, as a wrong torque constant gives them.
         first_lateness: of the lateness [control periods].
         first_link_angle: of the link angles [rad].
         gate: squared standardised innovation above which a sample counts less.
@@ -49,13 +50,13 @@ class AdaptiveWeights:
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
-    link_angle: float = 0.005
+    link_angle: float = 0.0034
     link_velocity: float = 1.57
-    motor_torque: float = 6e-4
-    travel_walk: float = 1.0
-    force_walk: float = 0.2
+    motor_torque: float = 5.3e-4
+    travel_walk: float = 1.7
+    force_walk: float = 0.46
     encoder_angle: float = 2e-5
-    encoder_velocity: float = 2e-3
+    encoder_velocity: float = 1.9e-3
     first_force: float = 2e-3
     first_payload: float = 0.125
     first_stiffness: float = 0.12
@@ -63,10 +64,11 @@ class AdaptiveWeights:
     first_friction: float = 0.3
     first_inertia: float = 0.06
     first_offset: float = 0.01
+    first_scale: float = 0.1
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
-    gate: float = 4.0
-    dead_zone: float = 12.0
+    gate: float = 1.4
+    dead_zone: float = 16.0
 
     def __post_init__(self) -> None:
         """Check the weights."""

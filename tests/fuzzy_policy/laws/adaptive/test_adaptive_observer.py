@@ -7,15 +7,19 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import link_torque
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import constants_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, layout
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 POLICY = AdaptiveObserverPolicy()
+MEMORY = layout(2, BELIEFS)
 
 
 def follow(policy, disturbances, steps=1499, arms=None, late=0):
@@ -55,18 +59,45 @@ def test_it_errs_several_times_less_than_the_elastic_observer(paper_cases):
     assert 4.0 * rms(paper_cases[0])[1] < rms(other)[0]
 
 
-def test_it_finds_force_payload_and_stiffness():
+def wanted(state):
+    """q_d, q̇_d, q̈_d of the last sample."""
+    return state[MEMORY.references].reshape(-1, 3, 2)[0]
+
+
+def believed_torque(state):
+    """Torque [N m] that the links need along the reference, as the policy believes, less the offsets."""
+    p, s = state[MEMORY.z][8:], POLICY.settings
+    constants, torque = np.empty(len(s.base)), np.empty(2)
+    constants_at(p, s.guess, s.base, s.slopes, constants)
+    link_torque(*wanted(state), POLICY.beliefs(state).force, constants, torque)
+    return torque - POLICY.beliefs(state).offset
+
+
+def true_torque(state, payload):
+    """The same under the payload [kg] alone."""
+    torque = np.empty(2)
+    link_torque(*wanted(state), np.zeros(2), np.array(arm_constants(ARM, Payload(payload))), torque)
+    return torque
+
+
+def test_it_finds_force_and_stiffness():
     push = Disturbance(tip_force=ConstantForce((60.0, -40.0), 0.2))
     softer = dataclasses.replace(ARM, stiffness=(0.85 * ARM.stiffness[0], 1.15 * ARM.stiffness[1]))
-    _, state = follow(POLICY, [push, Disturbance(payload=Payload(4.0)), Disturbance()], 900, [ARM, ARM, softer])
+    _, state = follow(POLICY, [push, Disturbance()], 900, [ARM, softer])
     beliefs = POLICY.beliefs(state)
     np.testing.assert_allclose(beliefs.force[0], (60.0, -40.0), atol=10.0)
-    assert 1.5 < beliefs.payload[1] < 5.0  # a force and the links' masses share it
-    stiffness, deviation = beliefs.factors["stiffness"][2], beliefs.factors_deviation["stiffness"][2]
+    stiffness, deviation = beliefs.factors["stiffness"][1], beliefs.factors_deviation["stiffness"][1]
     assert stiffness[0] == pytest.approx(0.85, abs=0.05) and stiffness[1] > 1.0
     assert np.all(np.abs(stiffness - (0.85, 1.15)) < 2.5 * deviation)
     assert np.all(np.abs(beliefs.force[0] - (60.0, -40.0)) < 3.0 * beliefs.force_deviation[0])
     assert not beliefs.diverged.any()
+
+
+def test_it_finds_what_a_payload_asks_of_the_joints():
+    """A payload, a force, the links' masses and an offset share a load: what they ask together is what is known."""
+    state = follow(POLICY, [Disturbance(payload=Payload(4.0))], 600)[1][0]
+    np.testing.assert_allclose(believed_torque(state), true_torque(state, 4.0), rtol=0.03)
+    assert np.all(true_torque(state, 0.0) < 0.7 * true_torque(state, 4.0))
 
 
 def test_noise_alone_teaches_the_constants_nothing(paper_cases):

@@ -141,7 +141,7 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     found, left = z.copy(), P.copy()
     constants = base + slopes @ (z[STATES:] - first_guess())
     lanes = lanes_of(2, SIZE, len(base))
-    predict(found, left, torque, slope, directions, constants, slopes, steps, noise, 2e-4, 5, lanes)
+    predict(found, left, torque, slope, np.zeros(4), directions, constants, slopes, steps, noise, 2e-4, 5, lanes)
     np.testing.assert_array_equal(found[:STATES], moved(z, torque, directions, base, slopes))
     np.testing.assert_array_equal(found[STATES:], z[STATES:])
     np.testing.assert_allclose(left, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())

@@ -1,0 +1,142 @@
+"""Margins of the adaptive observer: the loop with adaptation frozen, the losses of the adapting one, and the front.
+
+    python benchmarks/adaptive_margins.py [--json FILE] [--figure FILE]
+
+Frozen: spectral radius and limits of the loop gain of the linear loop of `laws.adaptive.frozen`, in time and half a
+sample later, as `fuzzyarm margins` measures them.
+
+Adapting: of `LANES` random plants in each of the paper's cases, how many are lost (the episode ends early, or the tip
+is once more than `LOST_MM` off) with lateness, a factor on the torque of both motors, or encoder noise.
+
+Front: the same weights with the regulator and the walks of the forces slowed down together, from those in use to those
+of a loop that bears a loop gain of 0.8 to 1.25 and half a sample. For each, the range of the frozen loop's gain, and
+the mean over random arms (`adaptive_tuning`, another seed) of the largest tip error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+from adaptive_tuning import GROUPS, RandomArms
+
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
+from fuzzyarm.envs.scenario.disturbances import EncoderNoise
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import gain_limits, largest_radius
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+
+ARM, PERIOD, LANES, SEED, LOST_MM = ArmParameters(), 1e-3, 32, 77, 50.0
+LATENESS = (0, 1, 2, 3, 4)  # control periods
+TORQUE = (0.5, 0.6, 0.67, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0)
+NOISE = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # times 1e-5 rad and 1e-3 rad/s
+SLOWER = (1.0, 1.5, 2.5, 4.0, 6.0, 10.0, 16.0)
+FRONT_SEED = 21
+
+
+def slowed(factor: float) -> AdaptiveWeights:
+    """Return the weights with walks `factor` times slower and a regulator `factor` times softer, in its weight."""
+    own = AdaptiveWeights()
+    return dataclasses.replace(
+        own,
+        travel_walk=own.travel_walk / factor,
+        force_walk=own.force_walk / factor,
+        link_angle=own.link_angle * math.sqrt(factor),
+    )
+
+
+def frozen(weights: AdaptiveWeights) -> dict[str, Any]:
+    """Return the margins of the frozen loop."""
+    loops = linearise_path(AdaptiveObserverPolicy(ARM, PERIOD, weights), ARM, PERIOD)
+    limits = gain_limits(loops)
+    return {
+        "radius": largest_radius(loops),
+        "radius_gain_0.8": largest_radius(loops, 0.8),
+        "radius_gain_1.25": largest_radius(loops, 1.25),
+        "radius_half_a_sample_later": largest_radius(loops, 1.0, 0.5),
+        "gain": [None if not math.isfinite(limit) else limit for limit in limits],
+    }
+
+
+def lost(late: int = 0, torque: float = 1.0, noise: float = 0.0) -> dict[str, int]:
+    """Return how many of `LANES` plants are lost in each case."""
+    policy, found = AdaptiveObserverPolicy(ARM, PERIOD), {}
+    encoder = EncoderNoise(1e-5 * noise, 1e-3 * noise)
+    for case in PAPER_CASES:
+        load = dataclasses.replace(find_case(case).disturbance, encoder_noise=encoder)
+        envs = gym.make_vec("FuzzyArm-v0", num_envs=LANES, disturbance=load, randomisation="plants")
+        observation, _ = envs.reset(seed=SEED)
+        state, gone, ended, sent = None, np.zeros(LANES, bool), np.zeros(LANES, bool), []
+        while not ended.all():
+            action, state = policy.predict(observation, state)
+            sent = [*sent, action][-late - 1 :]
+            observation, _, terminated, truncated, info = envs.step(torque * sent[0])
+            far = ~truncated & (1e3 * info["tip_error"] > LOST_MM)
+            gone |= ~ended & (terminated | far)
+            ended |= terminated | truncated
+        found[case] = int(gone.sum())
+    return found
+
+
+def front() -> list[dict[str, Any]]:
+    """Return margins and errors of slower and slower weights."""
+    arms, rows = {group: RandomArms(FRONT_SEED, group) for group in GROUPS}, []
+    for factor in SLOWER:
+        weights = slowed(factor)
+        policy = AdaptiveObserverPolicy(ARM, PERIOD, weights)
+        errors = {group: float(drawn.largest_errors(policy).mean()) for group, drawn in arms.items()}
+        rows.append({"slower": factor, "frozen": frozen(weights), "mean_largest_error_mm": errors})
+        print(rows[-1], flush=True)
+    return rows
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw the front: error over the smallest loop gain at which the frozen loop is stable."""
+    figure, axes = plt.subplots(figsize=(6.0, 3.6), layout="constrained")
+    stable = [row for row in rows if row["frozen"]["gain"][0] is not None]
+    lower = [row["frozen"]["gain"][0] for row in stable]
+    for group in GROUPS:
+        errors = [row["mean_largest_error_mm"][group] for row in stable]
+        axes.plot(lower, errors, "o-", label=f"{group} arms")
+    axes.axvline(0.8, color="0.6", linestyle="--", linewidth=1.0)
+    axes.set_xlabel("smallest loop gain of a stable frozen loop")
+    axes.set_ylabel("largest tip error, mean over arms [mm]")
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Measure, print and optionally write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw the front here")
+    options = parser.parse_args()
+    found: dict[str, Any] = {"frozen": frozen(AdaptiveWeights()), "adapting": []}
+    print(found["frozen"])
+    for name, values in {"late": LATENESS, "torque": TORQUE, "noise": NOISE}.items():
+        for value in values:
+            counts = lost(**{name: value})
+            found["adapting"].append({"what": name, "value": value, "of": LANES, "lost": counts})
+            print(name, value, counts, flush=True)
+    found["front"] = front()
+    if options.figure:
+        draw(found["front"], options.figure)
+    if options.json:
+        document = {"command": "python benchmarks/adaptive_margins.py", **current_provenance(), **found}
+        write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+if __name__ == "__main__":
+    main()

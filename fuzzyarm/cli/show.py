@@ -1,0 +1,75 @@
+"""`fuzzyarm show`: the law of a policy and its gains, as numbers."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import UsageError
+
+if TYPE_CHECKING:
+    from fuzzyarm.fuzzy_policy.policy import Policy
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Print the law of a policy: equations in the order of computation, numbers with units, one state to check against.
+
+    What is proven of it follows, with numbers rounded to the side on which they hold. A controller file is proven anew
+    first; it is shown for the arm that it was designed for.
+    """
+
+    arguments: ClassVar[str] = "NAME|FILE"
+
+    policy: Annotated[str, Parameter(name="", metavar=arguments)]
+    """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, or a controller file (.json,
+    .json-tip)"""
+    _: KW_ONLY
+    robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """Robot by name, or TOML file of another arm or robot, for policies without a file (default: Table 1 of the
+    paper)"""
+    csv: bool = False
+    """Print the numbers as CSV, exactly"""
+    json: bool = False
+    """Print everything as JSON, with exact numbers"""
+
+
+def run(options: Options) -> int:
+    """Print the sheet."""
+    import json
+
+    from fuzzyarm.common.console import escaped, say
+    from fuzzyarm.export.laws import sheet_of
+
+    if options.csv and options.json:
+        raise UsageError("--csv and --json both choose the form; leave out one")
+    sheet = sheet_of(options.policy, loaded(options.policy, options.robot))
+    if options.csv:
+        say(sheet.to_csv())
+    else:
+        say(json.dumps(sheet.to_dict(), indent=1) if options.json else escaped(sheet.to_text(), lines=True))
+    return 0
+
+
+def loaded(name: str, robot: str | None) -> Policy:
+    """Return a policy by name for a robot; a controller file without one for the arm that it was designed for.
+
+    Raises:
+        ValueError: there is no such policy or robot, or they do not go together.
+        OSError: a file cannot be read.
+    """
+    from fuzzyarm.fuzzy_policy.controller import Controller
+    from fuzzyarm.fuzzy_policy.controller_files import load_controller
+    from fuzzyarm.policies import Kind, load_policy, resolve
+
+    spec = resolve(name)
+    if robot is None and spec.kind is Kind.CONTROLLER and not spec.named and spec.path is not None:
+        controller = load_controller(spec.path)
+        return load_policy(
+            name, robot=controller.model.parameters if isinstance(controller, Controller) else controller.robot
+        )
+    return load_policy(name, robot=robot)

@@ -1,0 +1,55 @@
+"""What a policy believes of the load while it acts, sample by sample: force at the tip and payload, with deviations.
+
+A policy has beliefs if it has a method ``beliefs(state)`` that returns an object with the attributes ``force``,
+``force_deviation`` (..., 2) [N], ``payload`` and ``payload_deviation`` (...) [kg].
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.fuzzy_policy.policy import Predictor
+
+__all__ = ["BELIEFS", "NO_BELIEFS", "Believing"]
+
+BELIEFS = ("force_x", "force_y", "force_x_deviation", "force_y_deviation", "payload", "payload_deviation")
+"""The numbers kept of each sample."""
+
+NO_BELIEFS = np.empty((0, 0))
+"""Those of a policy that says nothing."""
+
+
+class Believing:
+    """Notes what a policy believes after each of its calls of `predict`."""
+
+    def __init__(self, policy: Predictor) -> None:
+        """Look for the policy's beliefs."""
+        self._beliefs = getattr(policy, "beliefs", None)
+        self._rows: list[np.ndarray] = []
+        self._policy = policy
+
+    def around(self, policy: Predictor) -> Predictor:
+        """Return `policy`, which passes calls on to the one of this object, or this object around it."""
+        self._policy = policy
+        return policy if self._beliefs is None else self
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Return what the policy returns, and note what it believes."""
+        action, state = self._policy.predict(observation, state, episode_start, deterministic)
+        if self._beliefs is not None:
+            found = self._beliefs(state)
+            parts = found.force, found.force_deviation, found.payload, found.payload_deviation
+            self._rows.append(np.concatenate([np.ravel(part) for part in parts]))
+        return action, state
+
+    def rows(self) -> np.ndarray:
+        """Return what was noted, (samples, numbers of `BELIEFS`); `NO_BELIEFS` of a policy that says nothing."""
+        return np.array(self._rows) if self._rows else NO_BELIEFS

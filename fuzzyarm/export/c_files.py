@@ -1,0 +1,144 @@
+"""The files of an exported policy: header, source, and test vectors, in a folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import textwrap
+from pathlib import Path
+
+import numpy as np
+
+from fuzzyarm import __version__
+from fuzzyarm.common.checks import choice
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.export.c_program import Program, program_of, source_text
+from fuzzyarm.export.laws import certificate_of
+from fuzzyarm.export.sheet import certified_numbers
+from fuzzyarm.export.trace import Unsupported
+from fuzzyarm.export.vectors import CALLS, random_observations
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
+
+__all__ = ["NUMBERS", "c_name", "export_c"]
+
+NUMBERS = ("double", "float")
+"""Number types of the C source."""
+
+_UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")
+_WIDTH = 110
+SEED = 2022  # of the test vectors
+
+
+def export_c(label: str, policy: Policy, folder: Path, number: str = "double") -> list[Path]:
+    """Write a policy as C99 into a folder, which must exist; return the files.
+
+    They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python.
+
+    Args:
+        label: of the policy, which gives the files and the functions their name.
+        policy: the law.
+        folder: where they are written.
+        number: of the type in `NUMBERS`.
+
+    Raises:
+        ValueError: the policy's source has something that cannot be written in C.
+        OSError: a file cannot be written.
+    """
+    choice("number", number, NUMBERS)
+    name = c_name(label)
+    try:
+        program = program_of(policy)
+    except Unsupported as error:
+        raise ValueError(
+            f"{label} cannot be written in C: {error}; fuzzy, computed-torque, -tip and elastic-observer policies can"
+        ) from None
+    texts = {
+        f"{name}.h": _header(name, label, policy, program, number),
+        f"{name}.c": source_text(program, name, number),
+        f"{name}_vectors.csv": _vectors(policy),
+    }
+    for file, text in texts.items():
+        write_atomically(folder / file, text)
+    return [folder / file for file in texts]
+
+
+def c_name(label: str) -> str:
+    """Return the name in C of a policy called `label`."""
+    name = re.sub(r"\W+", "_", label, flags=re.ASCII).strip("_").lower()
+    return name if name and name[0].isalpha() else f"law_{name}".rstrip("_")
+
+
+def _header(name: str, label: str, policy: Policy, program: Program, number: str) -> str:
+    joints, guard, inputs = policy.joints, f"{name.upper()}_H", program.inputs
+    parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, _UNITS, strict=True))
+    limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
+    about = [
+        f"Policy {_plain(label)} of {joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
+        f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
+        "torques in between.",
+        f"observation: {parts}; {joints} numbers each, in this order, measured and asked for at the same instant.",
+        f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
+        "Not a number in, not a number out: check the sensors before. Angles may be up to 1e6 rad.",
+        *_certificate_lines(certificate_of(policy)),
+        f"Made from: {', '.join(program.sources)}.",
+    ]
+    comment = "\n".join(
+        textwrap.fill(line, _WIDTH, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
+        for line in about
+    )
+    return f"""/*
+{comment}
+ */
+#ifndef {guard}
+#define {guard}
+
+#include <float.h>
+
+#if FLT_EVAL_METHOD != 0
+#error "numbers must be rounded to their type: on x86 compile with -msse2 -mfpmath=sse"
+#endif
+
+typedef struct {{
+    {number} memory[{max(len(program.memory), 1)}];
+}} {name}_state;
+
+void {name}_init({name}_state *state);
+
+void {name}_step({name}_state *state, const {number} observation[{inputs}], {number} torque[{joints}]);
+
+#endif
+"""
+
+
+def _certificate_lines(certificate: PolicyCertificate | None) -> list[str]:
+    if certificate is None:
+        return ["Certificate: none."]
+    numbers = ", ".join(f"{name} = {value}" for name, value in certified_numbers(certificate).items())
+    scope = "The certificate is of the law in exact arithmetic; rounding is not covered."
+    return [f"Certificate: {numbers}.", _plain(certificate.text), scope]
+
+
+def _plain(text: str) -> str:
+    """Return text that ends no comment and holds no letters beyond ASCII."""
+    return text.replace("*/", "* /").encode("ascii", "replace").decode()
+
+
+def _vectors(policy: Policy) -> str:
+    """Return the observations and torques of consecutive calls as CSV, with all digits."""
+    text = io.StringIO()
+    writer, joints = csv.writer(text, lineterminator="\n"), range(policy.joints)
+    inputs = [f"{part}{joint + 1}" for part in Observation._fields for joint in joints]
+    writer.writerow(["call", *inputs, *(f"torque{joint + 1}" for joint in joints)])
+    state = None
+    for call, observation in enumerate(random_observations(policy, CALLS, SEED)):
+        torque, state = policy.predict(observation, state)
+        writer.writerow([call, *map(_exact, observation), *map(_exact, torque)])
+    return text.getvalue()
+
+
+def _exact(number: np.floating) -> str:
+    return repr(float(number))

@@ -1,0 +1,253 @@
+"""The C text of a recorded program: one statement an operation, in the order of the law's source.
+
+What nothing needs is left out; an operation that is used once and has no name of its own stands where it is used, in
+brackets, which changes neither its operands nor its rounding.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from fuzzyarm.export.trace import Block, Branch, Function, Kind, Scalar, Step, Value, kind_of
+
+__all__ = ["HELPERS", "Writer", "pruned"]
+
+LONGEST = 70  # characters of an operation that stands where it is used
+_INDENT = "    "
+_INFIX = ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=", "&&", "||")
+_WORDS = frozenset(
+    (
+        *("auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"),
+        *("float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed"),
+        *("sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while"),
+        *("state", "observation", "torque", "memory"),
+    )
+)
+
+HELPERS = {
+    "rint": """/* The nearest whole number, the even one of two; exact. */
+static {real} rint_({real} x)
+{{
+    const {real} large = {large};
+    {real} result = x;
+    if ((x > -large) && (x < large)) {{
+        result = (x > {zero}) ? ((x + large) - large) : ((x - large) + large);
+        if (result == {zero}) {{
+            result = x * {zero};
+        }}
+    }}
+    return result;
+}}
+""",
+    "floor": """/* The largest whole number that is not above x; exact. */
+static {real} floor_({real} x)
+{{
+    const {real} nearest = rint_(x);
+    return (nearest > x) ? (nearest - {one}) : nearest;
+}}
+""",
+    "abs": """static {real} abs_({real} x)
+{{
+    return (x <= {zero}) ? ({zero} - x) : x;
+}}
+""",
+    "sign": """static {real} sign_({real} x)
+{{
+    return (x > {zero}) ? {one} : ((x < {zero}) ? -{one} : ((x == {zero}) ? {zero} : x));
+}}
+""",
+    "whole": """/* x without its fraction; what is no small number becomes -32767. */
+static int whole_({real} x)
+{{
+    return ((x > {low}) && (x < {high})) ? (int)x : -32767;
+}}
+""",
+}
+"""By operation, the C function that does it without a library; `floor` needs `rint`."""
+
+
+def pruned(block: Block, needed: set[Value]) -> Block:
+    """Return a block without what nothing needs, and add what it needs to `needed`."""
+    kept: Block = []
+    for step in reversed(block):
+        if isinstance(step, Step):
+            if any(result in needed for result in step.results):
+                needed.update(operand for operand in step.operands if isinstance(operand, Value))
+                kept.append(step)
+            continue
+        merged = [entry for entry in step.merged if entry[0] in needed]
+        if not merged:
+            continue
+        needed.add(step.condition)
+        needed.update(value for _, *sides in merged for value in sides if isinstance(value, Value))
+        otherwise, then = pruned(step.otherwise, needed), pruned(step.then, needed)
+        kept.append(Branch(step.condition, then, otherwise, merged))
+    return kept[::-1]
+
+
+class Writer:
+    """Writes blocks of one function of a program.
+
+    Attributes:
+        used: the operations of `HELPERS` that were needed, and the names of functions that were called.
+    """
+
+    def __init__(self, real: str, taken: Iterable[str]) -> None:
+        """Begin a function.
+
+        Args:
+            real: "double" or "float".
+            taken: names that mean something else in the program.
+        """
+        self.used: set[str] = set()
+        self._real, self._taken = real, _WORDS | set(taken)
+        self._texts: dict[Value, str] = {}
+        self._uses: Counter[Value] = Counter()
+
+    def function(self, function: Function) -> str:
+        """Return the definition of a function of the program."""
+        several = len(function.results) > 1
+        names = [f"{self._real} {self._named(value)}" for value in function.parameters]
+        names += [f"{self._real} *result{k + 1}" for k in range(len(function.results))] if several else []
+        kind = "void" if several else self._type(kind_of(function.results[0]))
+        outputs = [f"*result{k + 1} = {{}};" for k in range(len(function.results))] if several else ["return {};"]
+        lines = self.body(function.body, list(zip(outputs, function.results, strict=True)))
+        return "\n".join([f"static {kind} {function.name}({', '.join(names)})", "{", *lines, "}", ""])
+
+    def body(self, block: Block, outputs: Sequence[tuple[str, Scalar]]) -> list[str]:
+        """Return the lines of a block, and then those of its outputs: a text with {} for the value, and the value."""
+        needed = {value for _, value in outputs if isinstance(value, Value)}
+        self._uses.update(value for _, value in outputs if isinstance(value, Value))
+        kept = pruned(block, needed)
+        self._count(kept)
+        lines = self._block(kept, _INDENT)
+        return lines + [_INDENT + text.format(self._text(value, Kind.REAL)) for text, value in outputs]
+
+    def literal(self, number: float, kind: Kind = Kind.REAL) -> str:
+        """Return a known number."""
+        if kind is not Kind.REAL:
+            return str(int(number))
+        text = repr(float(number)) + ("f" if self._real == "float" else "")
+        return f"({text})" if text.startswith("-") else text
+
+    def _count(self, block: Block) -> None:
+        for step in block:
+            if isinstance(step, Step):
+                self._uses.update(operand for operand in step.operands if isinstance(operand, Value))
+            else:
+                self._uses[step.condition] += 1
+                self._uses.update(side for _, *sides in step.merged for side in sides if isinstance(side, Value))
+                self._count(step.then)
+                self._count(step.otherwise)
+
+    def _type(self, kind: Kind) -> str:
+        return {Kind.REAL: self._real, Kind.WHOLE: "int", Kind.TRUTH: "_Bool"}[kind]
+
+    def _named(self, value: Value) -> str:
+        """Return a new name for a value, and let it mean the value from now on."""
+        name = base = re.sub(r"\W", "", value.name, flags=re.ASCII) or "v"
+        if base[0].isdigit():
+            name = base = f"v{base}"
+        number = 1
+        while name in self._taken or name == "v":
+            number += 1
+            name = f"{base}_{number}" if base != "v" else f"v{number - 1}"
+        self._taken = self._taken | {name}
+        self._texts[value] = name
+        return name
+
+    def _block(self, block: Block, indent: str) -> list[str]:
+        lines: list[str] = []
+        for step in block:
+            lines += self._step(step, indent) if isinstance(step, Step) else self._branch(step, indent)
+        return lines
+
+    def _step(self, step: Step, indent: str) -> list[str]:
+        if step.operation == "call":
+            self.used.add(step.detail)
+        arguments = [self._text(operand, Kind.REAL) for operand in step.operands] if step.operation == "call" else []
+        if len(step.results) > 1:
+            names = [self._named(result) for result in step.results]
+            lines = [f"{indent}{self._real} {name};" for name in names]
+            return [*lines, f"{indent}{step.detail}({', '.join([*arguments, *(f'&{name}' for name in names)])});"]
+        (result,) = step.results
+        text = f"{step.detail}({', '.join(arguments)})" if step.operation == "call" else self._expression(step)
+        if self._uses[result] == 1 and not result.name and len(text) <= LONGEST and step.operation != "input":
+            self._texts[result] = f"({text})" if " " in text and step.operation != "call" else text
+            return []
+        return [f"{indent}const {self._type(result.kind)} {self._named(result)} = {text};"]
+
+    def _branch(self, branch: Branch, indent: str) -> list[str]:
+        condition = self._text(branch.condition, Kind.TRUTH)
+        if not branch.then and not branch.otherwise:
+            chosen = []
+            for value, first, second in branch.merged:
+                ways = f"{self._text(first, value.kind)} : {self._text(second, value.kind)}"
+                chosen.append(f"{indent}const {self._type(value.kind)} {self._named(value)} = {condition} ? {ways};")
+            return chosen
+        sides = []
+        for number, block in enumerate((branch.then, branch.otherwise), start=1):
+            inner = self._block(block, indent + _INDENT)
+            sides.append((inner, [self._text(entry[number], entry[0].kind) for entry in branch.merged]))
+        names = [self._named(value) for value, *_ in branch.merged]
+        lines = [
+            f"{indent}{self._type(value.kind)} {name};" for name, (value, *_) in zip(names, branch.merged, strict=True)
+        ]
+        for word, (inner, texts) in zip((f"if ({_bare(condition)}) {{", "} else {"), sides, strict=True):
+            assigned = [f"{indent}{_INDENT}{name} = {text};" for name, text in zip(names, texts, strict=True)]
+            lines += [indent + word, *inner, *assigned]
+        return [*lines, f"{indent}}}"]
+
+    def _expression(self, step: Step) -> str:
+        operation, operands = step.operation, step.operands
+        if operation == "input":
+            return step.detail
+        if operation == "lookup":
+            return f"{step.detail}[{self._text(operands[0], Kind.WHOLE)}][{int(operands[1])}]"  # type: ignore[arg-type]
+        if operation in _INFIX:
+            kinds = {kind_of(operand) for operand in operands}
+            kind = Kind.TRUTH if operation in ("&&", "||") else Kind.WHOLE if kinds == {Kind.WHOLE} else Kind.REAL
+            if operation == "/":
+                kind = Kind.REAL
+            first, second = (self._text(operand, kind) for operand in operands)
+            return f"{first} {operation} {second}"
+        if operation == "%":  # Python's, whose sign is that of the divisor
+            first, second = (self._text(operand, Kind.WHOLE) for operand in operands)
+            return f"(({first} % {second}) + {second}) % {second}"
+        if operation == "select":
+            kind = step.results[0].kind
+            ways = " : ".join(self._text(operand, kind) for operand in operands[1:])
+            return f"{self._text(operands[0], Kind.TRUTH)} ? {ways}"
+        (operand,) = operands
+        if operation == "not":
+            return f"!{self._text(operand, Kind.TRUTH)}"
+        text = self._text(operand, Kind.REAL if operation in HELPERS else kind_of(operand))
+        if operation == "neg":
+            return f"-{text}"
+        if operation == "isnan":
+            return f"{text} != {text}"
+        self.used |= {operation, "rint"} if operation == "floor" else {operation}
+        return f"{operation}_({text})"
+
+    def _text(self, scalar: Scalar, kind: Kind) -> str:
+        """Return a value or a number as text of a kind."""
+        if not isinstance(scalar, Value):
+            return self.literal(float(scalar), kind)
+        text = self._texts[scalar]
+        if scalar.kind is kind or kind is Kind.TRUTH:
+            return text
+        if scalar.kind is Kind.TRUTH:
+            return f"({text} ? {self.literal(1, kind)} : {self.literal(0, kind)})"
+        return f"({self._type(kind)}){text}"
+
+
+def _bare(text: str) -> str:
+    """Return a condition without the brackets around all of it."""
+    inner = text[1:-1]
+    balanced, depth = text.startswith("(") and text.endswith(")"), 0
+    for mark in inner:
+        depth += {"(": 1, ")": -1}.get(mark, 0)
+        balanced = balanced and depth >= 0
+    return inner if balanced else text

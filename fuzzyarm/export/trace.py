@@ -1,0 +1,259 @@
+"""Numbers that are not known yet, and the program that computes them: what an export writes down.
+
+A `Value` is a number, a whole number or a truth value that depends on the observation or the memory. Arithmetic with it
+is not done but recorded, an operation a `Step`, in the order in which it is asked for; nothing is rearranged, and only
+operations between known numbers are done at once. The steps are in blocks: a branch on a value has two of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+__all__ = [
+    "UNKNOWN",
+    "Block",
+    "Branch",
+    "Function",
+    "Kind",
+    "Scalar",
+    "Step",
+    "Trace",
+    "Unsupported",
+    "Value",
+    "is_number",
+    "kind_of",
+]
+
+
+class Unsupported(ValueError):
+    """A law is written with something that cannot be exported; the message says what, and where."""
+
+
+class Kind(enum.StrEnum):
+    """What a value is."""
+
+    REAL = "real"
+    WHOLE = "whole"
+    TRUTH = "truth"
+
+
+@dataclasses.dataclass(eq=False)
+class Step:
+    """One operation: results from operands.
+
+    Attributes:
+        operation: "+", "<", "select", "input", ..., or "call" of a function.
+        operands: values and numbers.
+        results: the values that it defines.
+        detail: the name of what is called, read or looked up.
+    """
+
+    operation: str
+    operands: tuple[Scalar, ...]
+    results: tuple[Value, ...] = ()
+    detail: str = ""
+
+
+@dataclasses.dataclass(eq=False)
+class Branch:
+    """Two blocks of which one is executed, and the values that both define.
+
+    Attributes:
+        condition: the truth value.
+        then: the block if it is true.
+        otherwise: the block if it is not.
+        merged: of each value defined after the branch, it and what it is after either block.
+    """
+
+    condition: Value
+    then: Block
+    otherwise: Block
+    merged: list[tuple[Value, Scalar, Scalar]] = dataclasses.field(default_factory=list)
+
+
+Block: TypeAlias = list[Step | Branch]
+"""Operations and branches in the order in which they are executed."""
+
+
+@dataclasses.dataclass(eq=False)
+class Function:
+    """A function of the exported program: scalars in, scalars out.
+
+    Attributes:
+        name: in the program.
+        parameters: its arguments.
+        body: what it does.
+        results: what it returns.
+    """
+
+    name: str
+    parameters: tuple[Value, ...]
+    body: Block
+    results: tuple[Scalar, ...]
+
+
+class Value:
+    """A number that is known only when the exported program runs.
+
+    Attributes:
+        kind: whether it is a real number, a whole number or a truth value.
+        name: what the law's source calls it; empty: nothing.
+    """
+
+    __slots__ = ("_trace", "kind", "name")
+    __hash__ = object.__hash__
+
+    def __init__(self, trace: Trace, kind: Kind, name: str = "") -> None:
+        """Make a value of a trace."""
+        self._trace, self.kind, self.name = trace, kind, name
+
+    def __bool__(self) -> bool:
+        """Refuse to branch; the interpreter of the law never asks."""
+        raise Unsupported("a branch on a number that is not known, outside the law's own source")
+
+    def _with(self, operation: str, other: Any, *, swapped: bool = False, truth: bool = False) -> Any:
+        if not (isinstance(other, Value) or is_number(other)):
+            return NotImplemented
+        pair = (other, self) if swapped else (self, other)
+        if truth:
+            return self._trace.operation(operation, *pair, kind=Kind.TRUTH)
+        return self._trace.arithmetic(operation, *pair)
+
+    def __neg__(self) -> Value:
+        """Record -x."""
+        return self._trace.operation("neg", self, kind=self.kind)
+
+    def __abs__(self) -> Value:
+        """Record |x|."""
+        return self._trace.operation("abs", self, kind=self.kind)
+
+    def __invert__(self) -> Value:
+        """Record that x is not true."""
+        return self._trace.operation("not", self, kind=Kind.TRUTH)
+
+
+def _recorded(operation: str, *, swapped: bool = False, truth: bool = False) -> Callable[[Value, Any], Any]:
+    def method(self: Value, other: Any) -> Any:
+        return self._with(operation, other, swapped=swapped, truth=truth)
+
+    return method
+
+
+for _name, _operation in {"add": "+", "sub": "-", "mul": "*", "truediv": "/", "mod": "%"}.items():
+    setattr(Value, f"__{_name}__", _recorded(_operation))
+    setattr(Value, f"__r{_name}__", _recorded(_operation, swapped=True))
+for _name, _operation in {"and": "&&", "or": "||"}.items():
+    setattr(Value, f"__{_name}__", _recorded(_operation, truth=True))
+    setattr(Value, f"__r{_name}__", _recorded(_operation, swapped=True, truth=True))
+for _name, _operation in {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}.items():
+    setattr(Value, f"__{_name}__", _recorded(_operation, truth=True))
+
+Scalar: TypeAlias = Value | float | int | bool
+"""A value, or a known number."""
+
+
+def is_number(value: Any) -> bool:
+    """Return whether something is a known number or truth value."""
+    return isinstance(value, bool | int | float | np.number | np.bool_)
+
+
+class Trace:
+    """The program so far.
+
+    Attributes:
+        block: where the next step goes.
+        functions: what the program calls, by name, in the order of definition.
+        tables: constant arrays (rows, numbers of a row) that are looked up in, by name.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.block: Block = []
+        self.functions: dict[str, Function] = {}
+        self.tables: dict[str, np.ndarray] = {}
+
+    def operation(self, name: str, *operands: Scalar, kind: Kind, detail: str = "") -> Value:
+        """Record an operation with one result and return that."""
+        result = Value(self, kind)
+        self.block.append(Step(name, operands, (result,), detail))
+        return result
+
+    def arithmetic(self, name: str, first: Scalar, second: Scalar) -> Scalar:
+        """Record +, -, *, / or %; whole numbers stay whole but for /. Of whole numbers 0 + x is x, of real ones 1 x."""
+        whole = all(kind_of(operand) is Kind.WHOLE for operand in (first, second)) and name != "/"
+        if name == "*" and not whole:
+            for one, other in ((first, second), (second, first)):
+                if is_number(one) and one == 1.0 and kind_of(other) is Kind.REAL:
+                    return other
+        if name == "+" and whole and is_number(first) and first == 0:
+            return second
+        if name == "%" and not whole:
+            raise Unsupported("the remainder of a number that is not whole")
+        return self.operation(name, first, second, kind=Kind.WHOLE if whole else Kind.REAL)
+
+    def call(self, function: Function, operands: Sequence[Scalar]) -> tuple[Value, ...]:
+        """Record the call of a function and return its results."""
+        kinds = [kind_of(result) for result in function.results]
+        results = tuple(Value(self, kind) for kind in kinds)
+        self.block.append(Step("call", tuple(operands), results, function.name))
+        return results
+
+    def input(self, place: str, kind: Kind = Kind.REAL, name: str = "") -> Value:
+        """Record that a number is read, from a place in the program's own text, and return it."""
+        value = self.operation("input", kind=kind, detail=place)
+        value.name = name
+        return value
+
+    def table(self, array: np.ndarray, name: str) -> str:
+        """Return the name of a table with the rows of an array."""
+        rows = np.asarray(array, dtype=np.float64).reshape(len(array), -1)
+        for known, held in self.tables.items():
+            if held.shape == rows.shape and np.array_equal(held, rows):
+                return known
+        free = name if name not in self.tables else f"{name}{len(self.tables)}"
+        self.tables[free] = rows
+        return free
+
+    def merged(self, branch: Branch, first: Any, second: Any) -> Any:
+        """Return what something is after a branch, from what it is after its blocks; tuples part by part."""
+        if first is second or (is_number(first) and is_number(second) and _same(first, second)):
+            return first
+        if isinstance(first, tuple) and isinstance(second, tuple) and len(first) == len(second):
+            parts = [self.merged(branch, one, other) for one, other in zip(first, second, strict=True)]
+            return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
+        if not all(isinstance(one, Value) or is_number(one) for one in (first, second)):
+            return UNKNOWN
+        kinds = {kind_of(first), kind_of(second)}
+        value = Value(self, kinds.pop() if len(kinds) == 1 else Kind.REAL)
+        value.name = next((one.name for one in (first, second) if isinstance(one, Value) and one.name), "")
+        branch.merged.append((value, first, second))
+        return value
+
+
+class _Unknown:
+    """What a name refers to that only one side of a branch gave a meaning; using it is an error."""
+
+    def __repr__(self) -> str:
+        return "a name that only one side of a branch defines"
+
+
+UNKNOWN = _Unknown()
+"""The meaning of a name that only one side of a branch defines, and of an entry that was never written."""
+
+
+def _same(first: Any, second: Any) -> bool:
+    return type(first) is type(second) and repr(first) == repr(second)
+
+
+def kind_of(operand: Scalar) -> Kind:
+    """Return what a value or a known number is."""
+    if isinstance(operand, Value):
+        return operand.kind
+    if isinstance(operand, bool | np.bool_):
+        return Kind.TRUTH
+    return Kind.WHOLE if isinstance(operand, int | np.integer) else Kind.REAL

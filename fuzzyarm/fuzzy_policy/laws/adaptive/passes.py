@@ -1,0 +1,171 @@
+"""Again over the same path: what the adaptive observer learns of the load in one pass, it expects in the next.
+
+A pass is an episode along one reference. Beside its filter, a state keeps of every sample the estimated force at the
+tip and its variances. `begin_pass` makes of them the force that is expected at every sample of the next pass: the force
+that was expected plus the estimated ones, smoothed backward in time (Rauch, Tung and Striebel, each force alone),
+
+    x_s(k) = x(k) + P(k)/(P(k) + Q) (x_s(k+1) - x(k)),
+
+and then by a Butterworth filter of no phase. The constants of the arm, the payload and the lateness go on where they
+were, with `FORGETTING` times their standard deviation, at most the first one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from fuzzyarm.envs.observation import JOINTS, observed
+from fuzzyarm.envs.physics.dynamics import tip_jacobian
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS, FORCES, SPACE
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, layout
+
+if TYPE_CHECKING:
+    from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
+
+__all__ = ["AdaptivePasses", "PassState"]
+
+FORGETTING = 0.5
+CUT_OFF = 50.0  # Hz, of the Butterworth filter of the expected force
+ORDER = 2
+SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
+_STATES = 4 * JOINTS
+_MEMORY = layout(JOINTS, BELIEFS)
+_DIAGONAL = _MEMORY.P.start + (_STATES + np.arange(FORCES)) * (_STATES + BELIEFS + 1)
+
+
+@dataclasses.dataclass
+class PassState:
+    """A state between two samples, of one arm or of lanes.
+
+    Attributes:
+        memory: of the policy, (lanes, memory_size).
+        expected: tip force [N] that is expected at the samples of this pass, (samples, lanes, 2); empty: none.
+        path: q_d of the pass before, (samples, lanes, 2).
+        references: q_d of the samples so far.
+        forces: estimated f_t, F_x, F_y after each sample so far [N], (lanes, 3) each.
+        variances: theirs.
+        travels: directions of travel, (lanes, 2) each.
+        other_path: whether a lane has left the path of the pass before: it expects nothing any more.
+    """
+
+    memory: np.ndarray
+    expected: np.ndarray
+    path: np.ndarray
+    references: list[np.ndarray]
+    forces: list[np.ndarray]
+    variances: list[np.ndarray]
+    travels: list[np.ndarray]
+    other_path: np.ndarray
+
+
+class AdaptivePasses:
+    """The adaptive observer over one path again and again; `predict` as every policy's, its state a `PassState`.
+
+    Attributes:
+        policy: the adaptive observer.
+    """
+
+    def __init__(self, policy: AdaptiveObserverPolicy) -> None:
+        """Keep the policy."""
+        self.policy = policy
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: PassState | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, PassState]:
+        """Return the torques [N m] and the next state; None begins a first pass, `begin_pass` a further one.
+
+        Args:
+            observation: (10,) or (lanes, 10).
+            state: None, or what the last call or `begin_pass` returned; it goes on in place.
+            episode_start: ignored; a pass begins with its state.
+            deterministic: ignored.
+        """
+        seen = np.array(observation, dtype=np.float64, ndmin=2)
+        lanes = len(seen)
+        if state is None:
+            state = _first(np.zeros((lanes, self.policy.memory_size)))
+        if len(state.memory) != lanes:
+            raise ValueError(f"the state is that of {len(state.memory)} lanes, the observation has {lanes}")
+        q = observed(seen).q_reference.copy()
+        sample = len(state.references)
+        if sample < len(state.path):
+            state.other_path |= np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH
+        torque = np.empty((lanes, JOINTS))
+        self.policy.act_with(seen, state.memory, torque, _window(state, sample))
+        jacobian = tip_jacobian(q, self.policy.arm.length)
+        velocity = (jacobian @ observed(seen).dq_reference[..., np.newaxis])[..., 0]
+        speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
+        state.references.append(q)
+        state.forces.append(state.memory[:, _MEMORY.z][:, _STATES : _STATES + FORCES].copy())
+        state.variances.append(state.memory[:, _DIAGONAL].copy())
+        state.travels.append(np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0))
+        torque = self.policy.clipped(torque)
+        return (torque[0] if np.ndim(observation) == 1 else torque), state
+
+    def begin_pass(self, state: PassState) -> PassState:
+        """Return the state with which the next pass over the same path begins.
+
+        Raises:
+            ValueError: the state has seen no sample.
+        """
+        if not state.references:
+            raise ValueError("there is no pass to learn from: call predict along the path before begin_pass")
+        memory = np.zeros_like(state.memory)
+        usable = (state.memory[:, FLAG.lost] == 0.0) & ~state.other_path
+        memory[usable, FLAG.taught] = 1.0
+        memory[:, _MEMORY.z] = state.memory[:, _MEMORY.z]
+        memory[:, _MEMORY.P] = self._loosened(state.memory[:, _MEMORY.P])
+        memory[~usable] = 0.0
+        expected = self._smoothed(state) * usable[:, np.newaxis]
+        return dataclasses.replace(_first(memory), expected=expected, path=np.array(state.references))
+
+    def beliefs(self, state: PassState) -> Beliefs:
+        """Return what is believed after the last sample, the expected force included; of lanes, also of one."""
+        found = self.policy.beliefs(state.memory)
+        return dataclasses.replace(found, force=found.force + _window(state, len(state.references) - 1)[:, 0])
+
+    def _loosened(self, covariance: np.ndarray) -> np.ndarray:
+        """Return covariances (lanes, N²) with `FORGETTING` times their standard deviations, at most the first ones."""
+        first = self.policy.settings.spread
+        P = covariance.reshape(len(covariance), len(first), len(first))
+        deviation = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 1e-300))
+        factor = np.minimum(FORGETTING, first / deviation)
+        return np.asarray(P * factor[:, :, np.newaxis] * factor[:, np.newaxis, :]).reshape(len(P), -1)
+
+    def _smoothed(self, state: PassState) -> np.ndarray:
+        """Return the force (samples, lanes, 2) that the next pass may expect."""
+        walk = self.policy.settings.noise[_STATES : _STATES + FORCES]
+        smooth, variances = np.array(state.forces), np.array(state.variances)
+        for k in range(len(smooth) - 2, -1, -1):
+            # The variance after the prediction holds the walk of one period already.
+            share = np.clip(1.0 - walk / variances[k], 0.0, 1.0)
+            smooth[k] += share * (smooth[k + 1] - smooth[k])
+        force = np.array(state.travels) * smooth[..., :1] + smooth[..., 1:]
+        count = min(len(force), len(state.expected))
+        force[:count] += state.expected[:count] * ~state.other_path[:, np.newaxis]
+        nyquist = 0.5 / self.policy.control_period
+        sections = butter(ORDER, min(CUT_OFF / nyquist, 0.99), output="sos")
+        return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
+
+
+def _first(memory: np.ndarray) -> PassState:
+    nothing = np.empty((0, len(memory), SPACE))
+    return PassState(memory, nothing, nothing, [], [], [], [], np.zeros(len(memory), dtype=bool))
+
+
+def _window(state: PassState, sample: int) -> np.ndarray:
+    """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, 2)."""
+    window = np.zeros((len(state.memory), KEPT + 1, SPACE))
+    last = len(state.expected) - 1
+    if last >= 0:
+        for place, k in enumerate((*range(sample, sample - KEPT, -1), sample + 1)):
+            window[:, place] = state.expected[min(max(k, 0), last)] * ~state.other_path[:, np.newaxis]
+    return window

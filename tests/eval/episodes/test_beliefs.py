@@ -1,0 +1,45 @@
+"""What a policy believes is kept with its rollout, in the file and on the report's page."""
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.eval.episodes.beliefs import BELIEFS
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
+from fuzzyarm.eval.report.beliefs import belief_charts
+from fuzzyarm.policies import load_policy
+
+
+@pytest.fixture(scope="module")
+def runs():
+    env = FuzzyArmEnv(case="machining")
+    names = ("adaptive-observer", "elastic-observer")
+    return [record_rollout(env, load_policy(name), policy_name=name, case="machining", seed=0) for name in names]
+
+
+def test_estimated_force_follows_the_true_one(runs):
+    believed = dict(zip(BELIEFS, runs[0].beliefs.T, strict=True))
+    assert len(runs[0].beliefs) == len(runs[0].time)
+    estimate = np.column_stack([believed["force_x"], believed["force_y"]])
+    # The belief after sample k is that of the force at sample k, the record that of sample k + 1.
+    error = np.linalg.norm(estimate[1:] - runs[0].external_force[:-1], axis=1)
+    assert np.median(error[100:-100]) < 0.3 * np.median(np.linalg.norm(runs[0].external_force, axis=1))
+    assert np.all(believed["payload_deviation"] > 0.0)
+
+
+def test_a_policy_without_beliefs_has_none(runs):
+    assert runs[1].beliefs.size == 0
+
+
+def test_beliefs_come_back_from_the_file_and_are_checked(runs, tmp_path):
+    write_rollouts(runs, tmp_path)
+    first, second = read_rollouts(tmp_path / "rollouts.npz")
+    np.testing.assert_array_equal(first.beliefs, runs[0].beliefs)
+    assert second.beliefs.size == 0
+
+
+def test_the_page_shows_a_chart_of_those_who_say_what_they_believe(runs):
+    drawn = belief_charts(runs)
+    assert drawn.count("<figure>") == 1 and "adaptive-observer" in drawn and "kg true" in drawn
+    assert belief_charts(runs[1:]) == ""

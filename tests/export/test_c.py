@@ -1,0 +1,224 @@
+"""Exported C: the same bits as the policy, no warning, and one line for what cannot be written."""
+
+import csv
+import itertools
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.export.c_files import c_name, export_c
+from fuzzyarm.export.c_program import program_of
+from fuzzyarm.export.c_text import pruned
+from fuzzyarm.export.compiled_law import CompiledLaw, compilers
+from fuzzyarm.export.partial import Interpreter
+from fuzzyarm.export.trace import Branch, Kind, Step, Unsupported, Value
+from fuzzyarm.export.vectors import random_observations
+
+COMPILERS = compilers()
+needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")
+LIMIT = np.array([500.0, 250.0])
+
+
+def observations(policy, lanes, calls):
+    seen = np.stack([random_observations(policy, calls, seed) for seed in range(lanes)], axis=1)
+    starts = np.zeros(seen.shape[:2], dtype=bool)
+    starts[0] = starts[calls // 3, ::2] = True
+    return seen, starts
+
+
+def answers(policy, seen, starts):
+    """What the policy itself answers: torques (calls, lanes, n) and the last memories."""
+    torques, state = [], None
+    for observation, start in zip(seen, starts, strict=True):
+        torque, state = policy.predict(observation, state, start)
+        torques.append(torque)
+    return np.array(torques), state
+
+
+def bits(array):
+    return np.asarray(array, dtype=np.float64).view(np.int64)
+
+
+def compiled(policy, folder, number="double", compiler=None):
+    _, source, _ = export_c("law", policy, folder, number)
+    return CompiledLaw(source, policy.joints, policy.memory_size, number, compiler or COMPILERS[0])
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["fuzzy-4-tip", "elastic-observer"])
+def test_the_compiled_law_gives_the_bits_of_the_policy(name, tmp_path):
+    policy = load_policy(name)
+    seen, starts = observations(policy, 20, 150)
+    torque, memory = answers(policy, seen, starts)
+    own_torque, own_memory = compiled(policy, tmp_path).run(seen, starts)
+    np.testing.assert_array_equal(bits(own_torque), bits(torque))
+    np.testing.assert_array_equal(bits(own_memory), bits(memory))
+    at_limit = (np.abs(torque) == LIMIT).mean()
+    assert 0.05 < at_limit < 0.95  # the limits, and the integral held there, are part of it
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", COMPILERS or ["none"])
+@pytest.mark.parametrize("name", ["fuzzy-32", "fuzzy-1", "computed-torque", "fuzzy-16-tip", "computed-torque-tip"])
+def test_so_do_the_other_laws_and_compilers(name, compiler, tmp_path):
+    policy = load_policy(name)
+    seen, starts = observations(policy, 50, 400)
+    torque, memory = answers(policy, seen, starts)
+    own_torque, own_memory = compiled(policy, tmp_path, compiler=compiler).run(seen, starts)
+    np.testing.assert_array_equal(bits(own_torque), bits(torque))
+    np.testing.assert_array_equal(bits(own_memory), bits(memory))
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["planar-3r", "ur5"])
+@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer"])
+def test_so_do_the_laws_of_other_robots(name, robot, tmp_path):
+    policy = load_policy(name, robot=robot)
+    seen, starts = observations(policy, 10, 200)
+    torque, memory = answers(policy, seen, starts)
+    own_torque, own_memory = compiled(policy, tmp_path).run(seen, starts)
+    np.testing.assert_array_equal(bits(own_torque), bits(torque))
+    np.testing.assert_array_equal(bits(own_memory), bits(memory))
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_in_float_the_torques_are_near(tmp_path):
+    policy = load_policy("fuzzy-4")
+    seen, starts = observations(policy, 20, 200)
+    torque, _ = answers(policy, seen.astype(np.float32), starts)
+    own, _ = compiled(policy, tmp_path, "float").run(seen, starts)
+    assert 1e-6 < np.abs(own - torque).max() < 1.0
+
+
+@needs_compiler
+def test_a_bit_that_differs_is_seen(tmp_path):
+    """A gain that is changed in its last digit changes bits: the comparison above can fail."""
+    policy = load_policy("fuzzy-1")
+    _, source, _ = export_c("law", policy, tmp_path)
+    text = source.read_text(encoding="utf-8")
+    number = max(re.findall(r"\d+\.\d{6,}", text), key=float)
+    source.write_text(text.replace(number, repr(math.nextafter(float(number), 0.0))), encoding="utf-8")
+    changed = CompiledLaw(source, policy.joints, policy.memory_size, "double", COMPILERS[0])
+    seen, starts = observations(policy, 5, 50)
+    torque, _ = answers(policy, seen, starts)
+    assert (bits(changed.run(seen, starts)[0]) != bits(torque)).any()
+
+
+def test_the_vectors_are_the_answers_of_the_policy(tmp_path, capsys):
+    assert main(["export", "c", "fuzzy-4", "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.count("written to") == 3
+    with (tmp_path / "fuzzy_4_vectors.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    policy, state = load_policy("fuzzy-4"), None
+    for row in rows:
+        numbers = [float(value) for value in row.values()]
+        torque, state = policy.predict(np.array(numbers[1:11]), state)
+        assert numbers[11:] == torque.tolist()
+    header = (tmp_path / "fuzzy_4.h").read_text(encoding="utf-8")
+    stated = " ".join(header.replace("\n *", " ").split())
+    assert policy.controller.digest in stated and "alpha = 20 1/s" in stated and "Not covered: the elastic" in stated
+
+
+def test_the_source_allocates_nothing_and_calls_no_library(tmp_path):
+    _, source, _ = export_c("law", load_policy("elastic-observer"), tmp_path)
+    text = source.read_text(encoding="utf-8")
+    assert re.findall(r"#include (.*)", text) == ['"law.h"']
+    called = set(re.findall(r"\b([a-z_]\w*)\(", text)) - {"if", "for", "while"}
+    assert called == set(re.findall(r"^(?:static )?(?:double|int|void) (\w+)\(", text, re.MULTILINE))
+    assert re.findall(r"\b(?:for|while) \(.*", text) == [
+        f"for (k = 0; k < {load_policy('elastic-observer').memory_size}; k++) {{"
+    ]
+
+
+def branching(x, flag):
+    y, kept = np.empty(2), 1.0
+    y[0] = y[1] = x
+    if flag > 0.0:
+        y[1] = -x
+        kept = 2.0 * x
+    return y[0] + y[1] if kept > x else kept
+
+
+def evaluated(block, known):
+    """The program's own arithmetic, step by step, in Python: another reading of what was recorded."""
+    names = {"+": "__add__", "*": "__mul__", ">": "__gt__"}
+
+    def number(scalar):
+        return known[scalar] if isinstance(scalar, Value) else scalar
+
+    for step in block:
+        if isinstance(step, Branch):
+            evaluated(step.then if known[step.condition] else step.otherwise, known)
+            for value, first, second in step.merged:
+                known[value] = number(first if known[step.condition] else second)
+        elif step.operation == "neg":
+            known[step.results[0]] = -number(step.operands[0])
+        else:
+            first, second = (float(number(operand)) for operand in step.operands)
+            known[step.results[0]] = getattr(first, names[step.operation])(second)
+
+
+def test_branches_are_merged_as_python_takes_them():
+    own = Interpreter(())
+    x, flag = Value(own.trace, Kind.REAL), Value(own.trace, Kind.REAL)
+    result = own.call(branching, (x, flag))
+    for numbers in itertools.product((-2.0, 0.0, 0.5, 3.0), (-1.0, 1.0)):
+        known = dict(zip((x, flag), numbers, strict=True))
+        evaluated(own.trace.block, known)
+        assert known[result] == branching(*numbers)
+
+
+def test_what_nothing_needs_is_left_out():
+    own = Interpreter(())
+    x = Value(own.trace, Kind.REAL)
+    kept, _ = x + 1.0, x * 2.0
+    assert [step.operation for step in pruned(own.trace.block, {kept}) if isinstance(step, Step)] == ["+"]
+
+
+def test_what_cannot_be_written_says_where():
+    own = Interpreter((sine_cosine,))
+    x = Value(own.trace, Kind.REAL)
+    with pytest.raises(Unsupported, match=r"arctan of numbers that are not known \(in .*test_c, line \d+\)"):
+        own.call(unsupported, (x,))
+
+
+def unsupported(x):
+    return np.arctan(x)
+
+
+def test_the_program_of_a_law_has_no_step_that_depends_on_nothing():
+    program = program_of(load_policy("computed-torque"))
+    assert len(program.torque) == 2 and len(program.memory) == 2
+    assert all(isinstance(value, Value) for value in (*program.torque, *program.memory))
+    assert json.dumps(program.sources).count("computed_torque") >= 1
+
+
+@pytest.mark.parametrize(("label", "name"), [("fuzzy-4-tip", "fuzzy_4_tip"), ("2nd try", "law_2nd_try"), ("ä", "law")])
+def test_names_in_c(label, name):
+    assert c_name(label) == name
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["c", "ppo-robust", "--out", "OUT"], "ppo-robust cannot be written in C"),
+        (["java", "fuzzy-4", "--out", "OUT"], "java is no language of an export; choose from: c"),
+        (["c", "fuzzy-4"], "--out is missing"),
+        (["c", "fuzzy-4", "--out", "OUT", "--number", "half"], 'invalid value "half" for --number'),
+        (["c", "fuzzy-9", "--out", "OUT"], "unknown policy 'fuzzy-9'"),
+    ],
+)
+def test_bad_usage_is_one_line(words, message, tmp_path, capsys):
+    assert main(["export", *(word.replace("OUT", str(tmp_path / "new")) for word in words)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and message in err and err.count("\n") == 1
+    assert not (tmp_path / "new").exists()

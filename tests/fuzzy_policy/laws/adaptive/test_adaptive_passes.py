@@ -1,0 +1,92 @@
+"""Again over the same path: errors fall from pass to pass, another path is noticed, states are checked."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
+from fuzzyarm.envs.scenario.paths import Circle
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+
+POLICY = AdaptiveObserverPolicy()
+LOADS = [
+    Disturbance(tip_force=ConstantForce((0.0, 150.0), 0.1, 0.3)),
+    Disturbance(payload=Payload(4.0)),
+    Disturbance(),
+]
+SHORT = JointReference(duration=0.8, path=Circle(radius=0.06))
+
+
+def run(repeated, state, reference=SHORT):
+    """Tip errors [mm] (steps, lanes) of one pass, and the state after it."""
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=len(LOADS), disturbance=LOADS, reference=reference)
+    observation, _ = envs.reset(seed=0)
+    errors = []
+    for _ in range(int(1000 * reference.duration) - 1):
+        torque, state = repeated.predict(observation, state)
+        observation, _, terminated, _, info = envs.step(torque)
+        assert not terminated.any()
+        errors.append(1e3 * info["tip_error"])
+    return np.array(errors), state
+
+
+def test_the_first_pass_is_the_policy_itself_bit_for_bit():
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=len(LOADS), disturbance=LOADS)
+    observation, _ = envs.reset(seed=0)
+    repeated, state, kept = POLICY.repeated(), None, None
+    for _ in range(20):
+        alone, kept = POLICY.predict(observation, kept)
+        torque, state = repeated.predict(observation, state)
+        np.testing.assert_array_equal(torque, alone)
+        observation, *_ = envs.step(torque)
+
+
+def test_errors_fall_from_pass_to_pass():
+    repeated, state, largest = POLICY.repeated(), None, []
+    for _ in range(3):
+        errors, state = run(repeated, state)
+        largest.append(errors.max(axis=0))
+        state = repeated.begin_pass(state)
+    first, second, third = np.array(largest)
+    assert np.all(second[:2] < 0.75 * first[:2]) and np.all(third[:2] < 0.6 * first[:2])
+    assert third[2] < 0.01  # without a load there is nothing to learn
+    expected = state.expected[150:250, 0].mean(axis=0)  # the payload and the masses have a share in it
+    assert np.abs(expected - (0.0, 150.0)).max() < 40.0
+
+
+def test_on_another_path_nothing_is_expected():
+    repeated = POLICY.repeated()
+    _, state = run(repeated, None)
+    state = repeated.begin_pass(state)
+    other = JointReference(duration=0.8, path=Circle(radius=0.05))
+    errors, state = run(repeated, state, other)
+    assert state.other_path.all()
+    assert errors.max() < 5.0
+    fresh = repeated.begin_pass(state)
+    assert np.all(fresh.expected == 0.0)
+
+
+def test_iterative_learning_brings_the_motors_home_and_not_the_tip():
+    repeated, state, largest = load_policy("fuzzy-4-tip").repeated(), None, []
+    for _ in range(3):
+        errors, state = run(repeated, state)
+        largest.append(errors.max(axis=0))
+        state = repeated.begin_pass(state)
+    first, _, third = np.array(largest)
+    assert third[0] < first[0] and third[1] > 0.5
+
+
+@pytest.mark.parametrize("name", ["adaptive-observer", "fuzzy-4-tip"])
+def test_a_pass_needs_samples_before_it(name):
+    repeated = load_policy(name).repeated()
+    _, state = repeated.predict(np.zeros(10))
+    repeated.begin_pass(state)
+    with pytest.raises(ValueError, match="no pass to learn from"):
+        repeated.begin_pass(repeated.begin_pass(state))
+
+
+def test_policies_that_learn_nothing_say_so():
+    assert load_policy("elastic-observer").repeated() is None

@@ -1,0 +1,81 @@
+"""The rule of the default gains: its linear loops against those of the policies, and what it chooses."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.eval.stability.linearisation import linearise
+from fuzzyarm.fuzzy_policy.known_arm import with_drives
+from fuzzyarm.fuzzy_policy.laws.computed_torque import (
+    BANDWIDTH,
+    ComputedTorquePolicy,
+    bandwidth_for,
+    linear_computed_torque,
+)
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import nearest_inertia, schedule_of
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.fuzzy_policy.laws.observer_weights import FACTORS, linear_observer, softened, weights_for
+from fuzzyarm.fuzzy_policy.laws.sampled_margins import CONDITIONS, ONE_AT_A_TIME, Condition, places_of, worst_radius
+
+PERIOD = 1e-3
+TWO = dataclasses.replace(Robot.of(ArmParameters()), gravity=(0.0, 0.0, 0.0))
+"""Without gravity, which the linear loops leave out."""
+
+
+@pytest.mark.parametrize("condition", [Condition(), Condition(1.5), Condition(delay=1), Condition(stiffness=0.8)])
+def test_computed_torque_has_the_loop_of_its_policy(condition):
+    policy = ComputedTorquePolicy(TWO, PERIOD, 50.0)
+    plant = with_drives(TWO, stiffness=condition.stiffness * TWO.drive("stiffness"))
+    for place in places_of(TWO, PERIOD, 2):
+        matrix = linearise(policy, plant, place.q, PERIOD).matrix(condition.loop_gain, condition.delay)
+        found = worst_radius(place, linear_computed_torque(place, 50.0), (condition,))
+        # the policy's plant moves by a symplectic step, and the rule's by its exponential
+        assert 1.0 - found == pytest.approx(1.0 - np.abs(np.linalg.eigvals(matrix)).max(), rel=2e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("condition", [Condition(), Condition(1.5, 1), Condition(stiffness=1.2)])
+def test_the_observer_has_the_loop_of_its_policy_at_a_point_of_its_table(condition):
+    weights = softened(ObserverWeights(), 2.0)
+    policy, schedule = ElasticObserverPolicy(TWO, PERIOD, weights), schedule_of(TWO)
+    plant = with_drives(TWO, stiffness=condition.stiffness * TWO.drive("stiffness"))
+    place = dataclasses.replace(places_of(TWO, PERIOD, 1)[0], q=np.array([0.4, 0.25 * np.pi]))
+    place = dataclasses.replace(place, inertia=nearest_inertia(schedule, place.q))  # at a point, M is that of the table
+    matrix = linearise(policy, plant, place.q, PERIOD).matrix(condition.loop_gain, condition.delay)
+    found = worst_radius(place, linear_observer(place, place.inertia, weights), (condition,))
+    assert 1.0 - found == pytest.approx(1.0 - np.abs(np.linalg.eigvals(matrix)).max(), rel=2e-2)
+
+
+def test_the_two_joint_arm_keeps_its_gains_as_a_robot():
+    robot = Robot.of(ArmParameters())
+    assert bandwidth_for(robot, PERIOD) == bandwidth_for(ArmParameters(), PERIOD) == BANDWIDTH
+    assert weights_for(robot, PERIOD) == weights_for(ArmParameters(), PERIOD) == ObserverWeights()
+
+
+@pytest.mark.parametrize("name", ["planar-3r", pytest.param("panda", marks=pytest.mark.slow)])
+def test_robots_get_the_largest_gains_with_margins(name):
+    """The next larger bandwidth has no margins, nor have weights of the next smaller factor."""
+    robot = robot_named(name)
+    places, schedule = places_of(robot, PERIOD), schedule_of(robot)
+
+    def bandwidth_radius(bandwidth):
+        return max(worst_radius(p, linear_computed_torque(p, bandwidth), ONE_AT_A_TIME) for p in places)
+
+    def observer_radius(weights):
+        laws = [linear_observer(place, nearest_inertia(schedule, place.q), weights) for place in places]
+        return max(worst_radius(place, law, CONDITIONS) for place, law in zip(places, laws, strict=True))
+
+    chosen = bandwidth_for(robot, PERIOD)
+    assert bandwidth_radius(chosen) < 1.0 <= bandwidth_radius(chosen + 5.0)
+    chosen = weights_for(robot, PERIOD)
+    (number,) = [k for k, factor in enumerate(FACTORS) if softened(ObserverWeights(), factor) == chosen]
+    assert observer_radius(chosen) < 1.0 <= observer_radius(softened(ObserverWeights(), FACTORS[number - 1]))
+
+
+def test_slower_control_asks_for_a_smaller_bandwidth():
+    robot = robot_named("planar-3r")
+    assert 5.0 <= bandwidth_for(robot, 4e-3) < bandwidth_for(robot, PERIOD)
