@@ -34,7 +34,9 @@ _SHOWN = 200  # characters of a foreign text in a message
 class _Described(Protocol):
     """A record of ``policy.json``."""
 
-    weights_sha256: str
+    @property
+    def weights_sha256(self) -> str:
+        """Digest of the file with the weights."""
 
 
 _Kind = TypeVar("_Kind", bound=_Described)

@@ -74,13 +74,13 @@ def at_rest(loops, which, hidden):
 
 
 def test_the_linear_loops_are_those_whose_margins_are_measured(loops):
-    made, seen = student(output=0.01), []
+    made, seen = student(output=0.004), []
     policy = LearnedObserverPolicy(made.network())
     loop = linearise(policy, ARM, np.array([0.6, 1.2]), PERIOD)
     for number, condition in enumerate(CONDITIONS[:5]):  # of the nominal arm
         _, radius = eigenvalue_loss(made, loops, at_rest(loops, [2 * len(CONDITIONS) + number], 6), 0.99)
         measured = np.abs(np.linalg.eigvals(loop.matrix(condition.gain, condition.delay))).max()
-        assert radius == pytest.approx(measured, abs=2e-4)
+        assert radius == pytest.approx(measured, rel=1e-3)
         seen.append(abs(radius - float(loops.reference[2 * len(CONDITIONS) + number])))
     assert max(seen) > 1e-3  # the network is part of the loop
 

@@ -45,7 +45,7 @@ class Chunk(NamedTuple):
     def window(self, segment: int, steps: int) -> Chunk:
         """Return so many steps from the beginning of a segment on."""
         where = slice(SEGMENT * segment, SEGMENT * segment + steps)
-        return Chunk(*(part[where] for part in self[:-1]), self.memory[segment : segment + 1])
+        return Chunk._make([*(part[where] for part in self[:-1]), self.memory[segment : segment + 1]])
 
 
 class Drive:

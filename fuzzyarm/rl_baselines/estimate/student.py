@@ -40,6 +40,20 @@ class Student(torch.nn.Module):
         generator: of the first weights; V and D begin at zero, so the residual does.
     """
 
+    gate_z: torch.Tensor
+    gate_h: torch.Tensor
+    gate_c: torch.Tensor
+    gate_bias: torch.Tensor
+    A: torch.Tensor
+    B: torch.Tensor
+    C: torch.Tensor
+    U: torch.Tensor
+    V: torch.Tensor
+    D: torch.Tensor
+    P: torch.Tensor
+    p_0: torch.Tensor
+    W: torch.Tensor
+
     def __init__(self, hidden: int, modulation: int, generator: torch.Generator) -> None:
         """Draw the weights."""
         super().__init__()
@@ -67,14 +81,13 @@ class Student(torch.nn.Module):
             h: (lanes, hidden) before the first step.
             begins: (steps, lanes, 1), 0 where an episode begins, else 1.
         """
-        hidden = self.U.shape[0]
         # Tensors are taken apart before the loop: an index within it would have a derivative as large as the whole.
         gates = (z @ self.gate_z.T + c @ self.gate_c.T + self.gate_bias).unbind()
         candidate = (z @ self.A.T + (c @ self.C.T) * (z @ self.B.T)).unbind()
         gate_h, kept, states = self.gate_h.T, self.U.T, []
         for at_gate, at_candidate, begin in zip(gates, candidate, begins.unbind(), strict=True):
             h = h * begin
-            s, r = torch.sigmoid(torch.addmm(at_gate, h, gate_h)).split(hidden, dim=1)
+            s, r = torch.sigmoid(torch.addmm(at_gate, h, gate_h)).chunk(2, dim=1)
             h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
             states.append(h)
         after = torch.stack(states)

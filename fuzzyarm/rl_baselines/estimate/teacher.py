@@ -62,7 +62,8 @@ class Teacher:
         share = (place - left)[:, np.newaxis, np.newaxis]
         gain = (1.0 - share) * self._feedback[left] + share * self._feedback[left + 1]
         fed_back = np.einsum("lij,lj->li", gain, state - desired)
-        return np.clip(smooth - load - fed_back, -self._limit, self._limit)
+        wanted: np.ndarray = np.clip(smooth - load - fed_back, -self._limit, self._limit)
+        return wanted
 
     def _plants(self) -> Arm:
         """Return the constants of every lane's arm as it is, payload included."""
@@ -76,7 +77,8 @@ class Teacher:
         force = (
             self._lanes.values[self._lanes.layout.LANE.force_factor][:, np.newaxis] * rows[:, _ROW.force][:, :JOINTS]
         )
-        return np.einsum("lai,la->li", tip_jacobian(q, self._arm.length), force)
+        load: np.ndarray = np.einsum("lai,la->li", tip_jacobian(q, self._arm.length), force)
+        return load
 
     def _target(
         self, dq: np.ndarray, ddq: np.ndarray, tau: np.ndarray, arm: Arm
