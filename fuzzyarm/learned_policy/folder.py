@@ -18,13 +18,25 @@ from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
 from fuzzyarm.common.files import write_folder_atomically
 
-__all__ = ["DESCRIPTION", "WEIGHTS", "BundleError", "read_folder", "schema_of", "tensors_in", "write_folder"]
+__all__ = [
+    "DESCRIPTION",
+    "OBSERVER",
+    "WEIGHTS",
+    "BundleError",
+    "read_folder",
+    "schema_of",
+    "tensors_in",
+    "write_folder",
+]
 
 DESCRIPTION = "policy.json"
 """File with everything but the weights."""
 
 WEIGHTS = "weights.safetensors"
 """File with the arrays of the network."""
+
+OBSERVER = "fuzzyarm-learned-observer/1"
+"""Schema of a learned observer, see `estimate.bundle`."""
 
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
 _LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes at the beginning of the file with the weights

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING
 
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.learned_policy.bundle import DESCRIPTION, PolicyBundle
-from fuzzyarm.learned_policy.estimate.bundle import SCHEMA, EstimateBundle
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.learned_policy.folder import schema_of
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.folder import DESCRIPTION, OBSERVER, schema_of
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import digest_of, load_policy, resolve
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.policy import Policy
+    from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 __all__ = ["learned_files", "learned_policy"]
 
@@ -29,7 +28,9 @@ def learned_files(folder: Path) -> dict[str, str]:
         OSError: a file cannot be read.
     """
     own = {DESCRIPTION: digest_of(folder / DESCRIPTION)}
-    if schema_of(folder) == SCHEMA:
+    if schema_of(folder) == OBSERVER:
+        from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
+
         EstimateBundle.load(folder)
         return own
     base = PolicyBundle.load(folder).action.base
@@ -48,7 +49,7 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
     Raises:
         ValueError: the folder is damaged, the arm is another, or the period does not fit.
     """
-    if schema_of(folder) == SCHEMA:
+    if schema_of(folder) == OBSERVER:
         return _learned_observer(folder, control_period, robot)
     _check_arm(folder, robot, ArmParameters(), "the arm of Table 1")
     bundle = PolicyBundle.load(folder)
@@ -60,6 +61,10 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
 
 
 def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> LearnedObserverPolicy:
+    # Imported here: the network of a learned torque needs no Riccati equations.
+    from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
+    from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+
     bundle = EstimateBundle.load(folder)
     trained = "the arm of Table 1" if bundle.parameters == ArmParameters() else "another arm"
     _check_arm(folder, robot, bundle.parameters, trained)

@@ -12,12 +12,9 @@ from fuzzyarm.common.checks import listed, whole
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork
-from fuzzyarm.learned_policy.folder import BundleError, read_folder, tensors_in, write_folder
+from fuzzyarm.learned_policy.folder import OBSERVER, BundleError, read_folder, tensors_in, write_folder
 
-__all__ = ["SCHEMA", "EstimateBundle"]
-
-SCHEMA = "fuzzyarm-learned-observer/1"
-"""Schema of ``policy.json``."""
+__all__ = ["EstimateBundle"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,7 +47,7 @@ class EstimateBundle:
             ValueError: the folder exists and is not a bundle.
         """
         description = {
-            "schema": SCHEMA,
+            "schema": OBSERVER,
             "parameters": self.parameters.to_dict(),
             "control_period": self.control_period,
             "training": self.training,
@@ -69,7 +66,7 @@ class EstimateBundle:
             BundleError: a file is missing, too large, damaged, or not of this schema.
         """
         folder = Path(folder)
-        description, weights = read_folder(folder, SCHEMA, _Description)
+        description, weights = read_folder(folder, OBSERVER, _Description)
         try:
             return cls(
                 network=_network(weights),
