@@ -26,7 +26,8 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.margins import CONDITIONS, policy_margins
+from fuzzyarm.eval.stability.conditions import CONDITIONS
+from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
@@ -92,7 +93,7 @@ def held_out(policies: dict[str, Any], distribution: str, plants: int) -> dict[s
 
 def print_document(document: dict[str, Any], console: Console) -> None:
     """Print the tables."""
-    table = Table("seed", *(f"{case} rms / max [mm]" for case in PAPER_CASES), *(c.name for c in CONDITIONS), "CPU [s]")
+    table = Table("seed", *(f"{case} rms / max, mm" for case in PAPER_CASES), *(c.name for c in CONDITIONS), "CPU, s")
     for row in document["seeds"]:
         cases, radius = row["cases"], row["margins"]["spectral_radius"]
         table.add_row(
@@ -113,7 +114,7 @@ def print_document(document: dict[str, Any], console: Console) -> None:
                 str(row["above_20_mm"]),
                 f"{row['better_than_base']:.3f} ({low:.3f} to {high:.3f})",
             )
-        console.print(f"largest tip error [mm], {part['plants']} plants", table)
+        console.print(f"largest tip error, mm, {part['plants']} plants", table)
 
 
 def main() -> None:
@@ -128,12 +129,6 @@ def main() -> None:
     median = median_seed(rows)
     policy = next(load_policy(one) for one in arguments.folders if EstimateBundle.load(one).seed == median["seed"])
     pair = {BASE: load_policy(BASE), LEARNED: policy}
-    parts = {}
-    for name in DISTRIBUTIONS:
-        parts[name] = held_out(pair, name, arguments.plants)
-        if arguments.adaptive_plants:
-            three = {**pair, ADAPTIVE: load_policy(ADAPTIVE)}
-            parts[f"{name}, with {ADAPTIVE}"] = held_out(three, name, arguments.adaptive_plants)
     document = {
         "schema": "fuzzyarm-learned-observer/1",
         **current_provenance(),
@@ -143,11 +138,15 @@ def main() -> None:
         "seeds": rows,
         "quantiles": list(QUANTILES),
         "first_held_out_seed": SEED,
-        "held_out": parts,
+        "held_out": {},
     }
+    for number, adaptive in ((arguments.plants, {}), (arguments.adaptive_plants, {ADAPTIVE: load_policy(ADAPTIVE)})):
+        for name in DISTRIBUTIONS if number else ():
+            title = ", with ".join((name, *adaptive))
+            document["held_out"][title] = held_out({**pair, **adaptive}, name, number)
+            if arguments.json:  # after every part: the plants take minutes
+                write_atomically(arguments.json, json.dumps(document, indent=1) + "\n")
     print_document(document, Console(width=200))
-    if arguments.json:
-        write_atomically(arguments.json, json.dumps(document, indent=1) + "\n")
 
 
 if __name__ == "__main__":
