@@ -18,9 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from readme_abuse import abuse_table
+from readme_adaptive import (
+    adaptive_cases_table,
+    adaptive_margins_table,
+    adaptive_passes_table,
+    adaptive_plants_table,
+)
 from readme_design import (
     bounds_table,
     complexity_table,
+    falsification_table,
     feedforward_table,
     gains_table,
     margins_table,
@@ -44,7 +51,7 @@ from readme_results import (
     sweep_table,
     tip_table,
 )
-from readme_robots import robots_table
+from readme_robots import robot_comparison_tables, robot_speed_table, robots_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
@@ -53,6 +60,10 @@ FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
 """Policies of the sweep."""
+ADAPTIVE_SWEEPS = ("all",)
+"""Distributions of the sweeps of the adaptive observer."""
+COMPARED_ROBOTS = ("planar-3r", "ur5", "panda")
+"""Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
     "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
     "accuracy": [],
@@ -62,10 +73,15 @@ SCRIPTS: dict[str, list[str]] = {
     "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
+    "adaptive_tuning": [],
+    "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
+    "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
     "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
+    "tip_falsification": [],
+    "tip_mutations": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
@@ -96,10 +112,18 @@ def measure() -> None:
         _fuzzyarm("sweep", *policies, "--plants", "10000", "--out", folder / "sweep")
         shutil.copy(folder / "sweep" / "sweep.json", RESULTS / "sweep.json")
         shutil.copy(folder / "sweep" / "spread.png", FIGURES / "sweep.png")
+        for drawn in ADAPTIVE_SWEEPS:
+            own = ("--policy", "adaptive-observer", "--distribution", drawn, "--seed", "200000")
+            _fuzzyarm("sweep", *own, "--plants", "10000", "--out", folder / drawn)
+            shutil.copy(folder / drawn / "sweep.json", RESULTS / f"adaptive_{drawn}.json")
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
     _python("-m", "tests.abuse")
+    for name in COMPARED_ROBOTS:
+        result = RESULTS / f"robot_comparison_{name}.json"
+        _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
+    _python(BENCHMARKS / "robot_speed.py", "--json", RESULTS / "robot_speed.json")
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
     _python(ROOT / "examples" / "picture.py", FIGURES / "arm.png")
@@ -125,7 +149,10 @@ def fill(text: str) -> str:
 
 def readme_sections() -> dict[str, str]:
     """Return the marked sections of the README from the stored results."""
-    return {"results": overview_table(_stored("evaluate")), "speed": speed_lines(_stored("bench"))}
+    return {
+        "results": overview_table(_stored("evaluate"), _stored("tip_bound")),
+        "speed": speed_lines(_stored("bench")),
+    }
 
 
 def sections() -> dict[str, str]:
@@ -163,10 +190,25 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
         "tip-bound": tip_bound_table(stored["tip_bound"]),
+        "tip-falsification": falsification_table(stored["tip_falsification"]),
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "abuse": abuse_table(stored["abuse"]),
+        "adaptive-cases": adaptive_cases_table(stored["adaptive_cases"]),
+        "adaptive-passes": adaptive_passes_table(stored["adaptive_cases"]),
+        "adaptive-plants": adaptive_plants_table(
+            stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
+        ),
+        "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
         "robots": robots_table(),
+        "robot-speed": robot_speed_table(_stored("robot_speed")),
+        "robot-comparison": robot_comparison_tables(
+            [_stored(name) for name in map("robot_comparison_{}".format, COMPARED_ROBOTS) if _is_stored(name)]
+        ),
     }
+
+
+def _is_stored(name: str) -> bool:
+    return (RESULTS / f"{name}.json").is_file()
 
 
 def _stored(name: str) -> dict[str, Any]:

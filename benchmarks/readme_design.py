@@ -13,6 +13,7 @@ from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 __all__ = [
     "bounds_table",
     "complexity_table",
+    "falsification_table",
     "feedforward_table",
     "gains_table",
     "margins_table",
@@ -128,6 +129,22 @@ def feedforward_table(document: dict[str, Any]) -> str:
 
 
 _SIDES = ("tip", "motors")
+
+
+def falsification_table(document: dict[str, Any]) -> str:
+    """Return the table of the plants that were bred to exceed a bound."""
+    rows = [
+        [
+            row["policy"], row["case"], row["set"], str(row["plants"]), f"{row['by_generation'][0]:.4f}",
+            f"{row['largest_ratio']:.4f}", "" if row["event_by_event"] is None else f"{row['event_by_event']:.4f}",
+        ]
+        for row in document["rows"]
+    ]  # fmt: skip
+    headings = ["policy", "case", "set", "plants", "largest ratio, random", "bred", "the worst, event by event"]
+    return (
+        f"{table(headings, rows, left=3)}\n\nLargest ratio of a tip error to the bound at the same sample, where the "
+        f"bound is above 1 µm. `{document['command']}`; {made_with(document)}"
+    )
 
 
 def gains_table(document: dict[str, Any]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 from learned_tables import training_cells
 from readme_markdown import made_with, table
 
+from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 
@@ -41,9 +42,15 @@ def paper_line(document: dict[str, Any]) -> str:
     )
 
 
-def overview_table(document: dict[str, Any]) -> str:
-    """Return the README's table: rms and largest tip error of each policy in each case, and whether it is certified."""
-    headings = ["tip error, rms / largest [mm]", *PAPER_CASES, "certificate"]
+def overview_table(document: dict[str, Any], bounds: dict[str, Any]) -> str:
+    """Return the README's table: rms and largest tip error of each policy in each case, and what is proven of it."""
+    headings = ["tip error, rms / largest [mm]", *PAPER_CASES, "proven"]
+    circle = {"case": "nominal", "set": "table-1", "path": "circle", "duration": 1.5, "proven": True}
+    tips = {
+        row["policy"]: f"tip within {at_most(row['bound_mm'], 2)} mm"
+        for row in bounds["rows"]
+        if {key: row[key] for key in circle} == circle
+    }
     rows = [
         [
             policy,
@@ -53,11 +60,14 @@ def overview_table(document: dict[str, Any]) -> str:
                 for row in document["results"]
                 if (row["policy"], row["case"]) == (policy, case)
             ),
-            "no" if certificate is None else "rigid arm",
+            "; ".join(filter(None, ["" if certificate is None else "rigid arm", tips.get(policy, "")])) or "no",
         ]
         for policy, certificate in document["certificates"].items()
     ]
-    return f"{table(headings, rows)}\n\n`fuzzyarm evaluate`; {made_with(document)}"
+    return (
+        f"{table(headings, rows)}\n\nTip: in the nominal case, at every sample, of the elastic arm of Table 1 with "
+        f"sampled control.\n\n`fuzzyarm evaluate`, `{bounds['command']}`; {made_with(document)}"
+    )
 
 
 def speed_lines(bench: dict[str, Any]) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from readme_markdown import table
+from typing import Any
+
+from readme_markdown import made_with, table
 
 from fuzzyarm.envs.physics.equations import PAPER, chosen_arm, robot_of
 from fuzzyarm.envs.physics.robot import shipped_robots
@@ -10,7 +12,7 @@ from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
 
-__all__ = ["robots_table"]
+__all__ = ["robot_comparison_tables", "robot_speed_table", "robots_table"]
 
 
 def robots_table() -> str:
@@ -34,3 +36,88 @@ def robots_table() -> str:
         "payload [kg]",
     )
     return table(headings, rows)
+
+
+def robot_speed_table(document: dict[str, Any]) -> str:
+    """Return nanoseconds a sub-step and lane of each robot beside MuJoCo's elastic arm in the same run."""
+    headings = ("robot", "joints", "a sub-step and lane [ns]", "MuJoCo [ns]", "times as fast")
+    rows = [
+        (f"`{row['robot']}`", str(row["joints"]), f"{row['ns']:.0f}", f"{row['mujoco_ns']:.0f}", f"{row['ratio']:.0f}")
+        for row in document["rows"]
+    ]
+    note = (
+        f"Equations of two joints written by hand: {document['hand_written_ns']:.0f} ns. One thread; "
+        f"`{document['command']}`; {made_with(document)}"
+    )
+    return f"{table(headings, rows)}\n\n{note}"
+
+
+def robot_comparison_tables(documents: list[dict[str, Any]]) -> str:
+    """Return for each robot the trade-off of its rules, the cases, the margins and the sweep."""
+    return "\n\n".join(_comparison(document) for document in documents)
+
+
+def _comparison(document: dict[str, Any]) -> str:
+    parts = [f"### `{document['robot']}`", _tradeoff(document["tradeoff"]), _policies(document)]
+    note = f"{document['plants']} plants. `{document['command']}`; {made_with(document)}"
+    return "\n\n".join([*parts, note])
+
+
+def _tradeoff(rows: list[dict[str, Any]]) -> str:
+    headings = (
+        "rules",
+        "premises",
+        "κ",
+        "α [1/s]",
+        "fastest pole [1/s]",
+        "γ [rad/(N m)]",
+        "k_p [1/s²]",
+        "k_d [1/s]",
+        "radius, elastic",
+        "loop gain to",
+        "to, one sample later",
+        "design and proof [s]",
+    )
+    cells = [
+        (
+            str(row["rules"]),
+            ", ".join(row["premises"]) or "none",
+            f"{row['kappa']:.2f}",
+            f"{row['alpha']:g}",
+            f"{row['fastest_pole']:.0f}",
+            f"{row['gamma']:.2g}",
+            f"{row['k_p']:.3g}",
+            f"{row['k_d']:.3g}",
+            _number(row["spectral_radius"]["nominal"], "{:.4f}"),
+            _number(row["loop_gain"]["upper"], "{:.2f}"),
+            _number(row["loop_gain"]["upper_one_sample_later"], "{:.2f}"),
+            f"{row['seconds']:.0f}",
+        )
+        for row in rows
+    ]
+    return table(headings, cells, left=2)
+
+
+def _policies(document: dict[str, Any]) -> str:
+    """Return a row for each policy: tip errors in the cases, margins, and the sweep."""
+    cases, bound = list(document["titles"]), document["bound"]
+    headings = ["policy", *(f"{title.partition(': ')[2]}, rms (max) [mm]" for title in document["titles"].values())]
+    headings += ["radius, elastic", "loop gain to"]
+    headings += [f"plants below {bound:g} mm, {case} [%]" for case in cases]
+    rows = []
+    for margins in document["margins"]:
+        policy = margins["policy"]
+        of_case = {row["case"]: row for row in document["cases"] if row["policy"] == policy}
+        swept = {row["case"]: row for row in document["sweep"] if row["policy"] == policy}
+        errors = [
+            f"{row['tip_error_rms_mm']:.3g} ({row['tip_error_max_mm']:.3g})" if row["completed"] else "ended early"
+            for row in (of_case[case] for case in cases)
+        ]
+        radius, gain = margins["spectral_radius"]["nominal"], margins["loop_gain"]["upper"]
+        success = [f"{100.0 * swept[case]['success']['value']:.1f}" for case in cases]
+        rows.append((policy, *errors, _number(radius, "{:.4f}"), _number(gain, "{:.2f}"), *success))
+    return table(headings, rows)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else form.format(value)

@@ -19,33 +19,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tip_plants import Plants, random_genes
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, loaded, lump, plant_of
+from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.readings import tip_point
 from fuzzyarm.envs.physics.records import PerJoint
-from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import find_case
-from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.scenario.reference import JointReference, quintic_time_law
-from fuzzyarm.eval.certified.tip.bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
+from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, find_bound, problem_of
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
 from fuzzyarm.eval.provenance import current_provenance
 
-hold = hold_of(two_joints())
-
 COMMAND = "python benchmarks/tip_bound.py"
-SUBSTEPS = 40
 COUNTED = 1e-6  # [m], smallest bound that a ratio counts for
 MAGNIFIED = 25  # errors in the picture
 EVERY = 10  # samples of the curves that are stored
-
-_FACTORS = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
 
 
 def _own(name: str, policy: str = "fuzzy-4-tip", case: str = "nominal", **parts: Any) -> TipClaim:
@@ -59,6 +52,7 @@ def _named(policy: str, name: str, **parts: Any) -> TipClaim:
 CLAIMS = (
     _named("fuzzy-4-tip", "table-1"),
     _named("fuzzy-4", "table-1"),
+    _named("computed-torque", "table-1"),
     _named("computed-torque-tip", "table-1"),
     _named("fuzzy-1-tip", "table-1"),
     _named("fuzzy-32-tip", "table-1"),
@@ -93,93 +87,34 @@ CLAIMS = (
 """What is bounded."""
 
 
-class Plants:
-    """Plants of a set in lanes, some at corners of it; with disturbances that the set allows."""
+def exact_errors(
+    claim: TipClaim, parameters: ArmParameters | None = None, payload: float = 0.0, force: float = 1.0
+) -> np.ndarray:
+    """Return the tip error (samples, 1) [m] of one plant of a set, integrated event by event.
 
-    def __init__(self, bound: TipBound, lanes: int, seed: int) -> None:
-        """Draw `lanes` plants for a bound."""
-        self.problem, self.claim, self._rng = problem_of(bound.claim), bound.claim, np.random.default_rng(seed)
-        self.lanes, plants = lanes, bound.claim.plants
-        nominal = plant_of(self.problem.parameters)
-        factors = {name: PerJoint(*(self._drawn(getattr(plants, name)) for _ in range(JOINTS))) for name in _FACTORS}
-        zero = np.zeros(lanes)
-        draw = draw_record(JOINTS)(**factors, payload=zero, force=zero, angle=PerJoint(zero, zero), reference=zero)
-        payload = find_case(bound.claim.case).disturbance.payload
-        arm = loaded(
-            lump(two_joints().varied(nominal, draw)),
-            payload.mass,
-            payload.radius(self.problem.parameters),
-            nominal.gravity,
-        )
-        arm = loaded(arm, self._drawn(plants.payload), nominal.length[1], nominal.gravity)
-        self._static = np.array([arm.static1 + zero, arm.static2 + zero])
-        if plants.friction == "any":
-            arm = arm._replace(static1=zero, static2=zero, coulomb1=zero, coulomb2=zero)
-        self.arm = np.array([np.broadcast_to(x, lanes) for x in arm], dtype=float)
-        self.force = self._drawn(plants.force)
-        self._rates = self._rng.uniform(2.0, 80.0, (JOINTS, lanes))  # [Hz], of bang-bang friction
-        self._phases, self._kind = self._rng.uniform(0.0, 1.0, (JOINTS, lanes)), self._rng.integers(4, size=lanes)
-
-    def _drawn(self, bounds: tuple[float, float]) -> np.ndarray:
-        low, high = bounds
-        share = self._rng.uniform(size=self.lanes)
-        share[::2] = np.round(share[::2])
-        return low + (high - low) * share
-
-    def friction(self, state: np.ndarray, t: float) -> np.ndarray:
-        """Return the friction torques (2, lanes) [N m] of a set with any friction."""
-        waves = np.where((self._rates * t + self._phases) % 1.0 < 0.5, 1.0, -1.0)
-        along = np.where(state[4:6] >= 0.0, 1.0, -1.0)
-        return self._static * np.choose(self._kind, [waves, along, -along, np.sign(waves + 0.5 * along)])
-
-    def tip_errors(self) -> np.ndarray:
-        """Return the tip error (samples, lanes) [m]."""
-        problem, plants, lanes = self.problem, self.claim.plants, self.lanes
-        policy, table = load_policy(self.claim.policy), problem.schedule
-        state = np.repeat(problem.start[:, np.newaxis], lanes, axis=1)
-        memory, waiting, errors = None, None, []
-        for k in range(table.steps):
-            noise = np.repeat(plants.noise, JOINTS)[:, np.newaxis] * self._rng.choice([-1.0, 1.0], (4, lanes))
-            measured = state[[0, 1, 4, 5]] + noise
-            seen = np.hstack([measured.T, np.repeat(table.references[k : k + 1], lanes, axis=0)])
-            asked, memory = policy.predict(seen, memory)
-            acting = asked if waiting is None else waiting
-            waiting = asked if plants.late else None
-            force = table.forces[k][:, np.newaxis] * self.force
-            waves = np.where((self._rates * PERIOD * k + self._phases) % 1.0 < 0.5, 1.0, -1.0)
-            force *= 1.0 + plants.force_swing * waves[0]
-            force[:2] += plants.force_course * waves
-            self._hold(state, np.ascontiguousarray(acting.T), force, PERIOD * k)
-            tip = tip_point(PerJoint(state[2], state[3]), Arm(*self.arm))
-            errors.append(np.hypot(tip.x - table.targets[k + 1, 0], tip.y - table.targets[k + 1, 1]))
-        return np.array(errors)
-
-    def _hold(self, state: np.ndarray, torque: np.ndarray, force: np.ndarray, t: float) -> None:
-        if self.claim.plants.friction == "law":
-            hold(state, torque, force, self.arm, PERIOD / SUBSTEPS, SUBSTEPS)
-            return
-        parts = 10  # in each of which the friction is held
-        for part in range(parts):
-            line = np.concatenate([force[:2] + ((part + 0.5) / parts - 0.5) * force[2:], force[2:] / parts])
-            now = torque + self.friction(state, t + part * PERIOD / parts)
-            hold(state, now, line, self.arm, PERIOD / SUBSTEPS, SUBSTEPS // parts)
-
-
-def exact_errors(bound: TipBound) -> np.ndarray:
-    """Return the tip error (samples, 1) [m] of the only plant of a set, integrated event by event."""
-    problem, payload = problem_of(bound.claim), find_case(bound.claim.case).disturbance.payload
-    policy, table = load_policy(bound.claim.policy), problem.schedule
-    state, memory, errors = problem.start, None, []
+    Args:
+        claim: whose motion, case and lateness count.
+        parameters: of the plant; None: those of Table 1, which the policy knows.
+        payload: mass at the tip beside the case's own [kg].
+        force: factor of the case's tip force.
+    """
+    problem, carried = problem_of(claim), find_case(claim.case).disturbance.payload
+    if payload:
+        carried = Payload(payload)
+    policy, table = load_policy(claim.policy), problem.schedule
+    state, memory, waiting, errors = problem.start, None, None, []
     for k in range(table.steps):
         seen = np.concatenate([state[[0, 1, 4, 5]], table.references[k]])
-        torque, memory = policy.predict(seen, memory)
-        mean, change = table.forces[k, :2], table.forces[k, 2:]
+        asked, memory = policy.predict(seen, memory)
+        acting = asked if waiting is None else waiting
+        waiting = asked if claim.plants.late else None
+        mean, change = force * table.forces[k, :2], force * table.forces[k, 2:]
         state = integrate(
             state,
-            torque,
+            acting,
             lambda t, m=mean, c=change: m + (t / PERIOD - 0.5) * c,
-            problem.parameters,
-            payload,
+            parameters or problem.parameters,
+            carried,
             0.0,
             PERIOD,
         )
@@ -198,7 +133,11 @@ def measured(claim: TipClaim, lanes: int) -> dict[str, Any]:
     except NoBound as error:
         return row | {"proven": False, "reason": str(error)}
     seconds = time.process_time() - begin
-    errors = exact_errors(bound) if claim.plants == PlantSet() else Plants(bound, lanes, seed=0).tip_errors()
+    errors = (
+        exact_errors(claim)
+        if claim.plants == PlantSet()
+        else Plants(claim, random_genes(lanes, np.random.default_rng(0))).tip_errors()
+    )
     counted = bound.tip > COUNTED
     ratios = errors[counted] / bound.tip[counted, np.newaxis]
     return row | {

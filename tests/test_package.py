@@ -1,6 +1,7 @@
 """The cost of imports, and which part may import which."""
 
 import ast
+import functools
 import importlib
 import importlib.util
 import re
@@ -106,6 +107,18 @@ def test_a_reference_to_something_that_does_not_exist_is_found():
     assert found("gym.make") is None
 
 
+@functools.cache
+def imports():
+    """Return pairs of a room and a library that one of its modules imports."""
+    found = set()
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            found |= {(path.relative_to(PACKAGE).parts[0], name.split(".")[0]) for name in names}
+    return found
+
+
 @pytest.mark.parametrize(
     ("libraries", "home"),
     [
@@ -119,13 +132,7 @@ def test_a_reference_to_something_that_does_not_exist_is_found():
     ],
 )
 def test_a_library_is_imported_where_the_texts_say_and_nowhere_else(libraries, home):
-    importing = set()
-    for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            if any(name.split(".")[0] in libraries for name in names):
-                importing.add(path.relative_to(PACKAGE).parts[0])
+    importing = {room for room, library in imports() if library in libraries}
     assert importing == ({home} if home != "nowhere" else set())
 
 

@@ -11,8 +11,10 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import UsageError, output_file
 
 if TYPE_CHECKING:
-    from fuzzyarm.fuzzy_policy.scheduled import Premise
-    from fuzzyarm.synthesis import ScheduledDesign, ScheduledSpecification, Specification
+    from fuzzyarm.fuzzy_policy.controller import Controller
+    from fuzzyarm.fuzzy_policy.policy import Policy
+    from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+    from fuzzyarm.synthesis import ScheduledSpecification, Specification
 
 __all__ = ["Options", "run"]
 
@@ -78,17 +80,18 @@ def run(options: Options) -> int:
                 found = design_scheduled(wanted, robot)
             found.controller.save(options.out)
             text = describe_scheduled(found)
-            with status("measuring margins"):
-                text += "\n\n" + _margins(found)
+            controller: Controller | ScheduledController = found.controller
         else:
             specification = _specification(options)
             with status("solving and proving"):
                 result = design(specification, arm)  # type: ignore[arg-type]
             result.controller.save(options.out)
-            text = describe(result)
+            text, controller = describe(result), result.controller
     except DesignFailed as error:
         say(" ".join(f"fuzzyarm design: {error}; nothing was written".split()), error=True)
         return 1
+    with status("measuring margins"):
+        text += "\n\n" + _margins(controller)
     say(text)
     say(f"\nwritten to {options.out}")
     return 0
@@ -118,13 +121,19 @@ def _scheduled_specification(options: Options) -> ScheduledSpecification:
     )
 
 
-def _margins(found: ScheduledDesign) -> str:
+def _margins(controller: Controller | ScheduledController) -> str:
     """Return the stability margins of the policy on the sampled elastic robot, in words."""
     from fuzzyarm.eval.stability.margins import CONTROL_PERIOD, margins_in_words
+    from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
     from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
+    from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
-    policy = ScheduledPolicy(found.controller, CONTROL_PERIOD)
-    return margins_in_words(policy, found.controller.robot, CONTROL_PERIOD)
+    scheduled = isinstance(controller, ScheduledController)
+    policy: Policy = (ScheduledPolicy if scheduled else FuzzyPolicy)(controller, CONTROL_PERIOD)  # type: ignore[arg-type]
+    try:
+        return margins_in_words(policy, policy.parameters, CONTROL_PERIOD)
+    except ValueError as error:  # the arm cannot follow its path
+        return f"Margins on the elastic arm were not measured: {error}"
 
 
 def _premise(text: str) -> Premise:

@@ -25,7 +25,7 @@ class Options:
     to bring the tip to the reference instead of the motors; elastic-observer, adaptive-observer; ppo-nominal,
     -robust, -residual or a learned policy's folder; or code of your own as package.module:factory. May be repeated
     (default: fuzzy-4 and computed-torque, both with and without -tip, elastic-observer and the learned ones; for
-    another robot computed-torque, with and without -tip, and elastic-observer)"""
+    another arm computed-torque, with and without -tip, and elastic-observer)"""
     case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
     seeds: Annotated[int | None, Parameter(metavar="N")] = None
@@ -34,10 +34,20 @@ class Options:
     """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     """Another robot: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm (default: the paper's
-    arm). Its loads are scaled, see the documentation"""
+    arm). Its path and its loads are scaled, see the documentation"""
+    path: Annotated[str, Parameter(metavar="NAME|FILE")] = "circle"
+    """Path of the tip: circle, lemniscate, line or square, placed and sized for the arm, or a file of points in metres
+    (.csv, .toml)"""
+    force: Annotated[tuple[float, float] | None, Parameter(metavar="LOW HIGH")] = None
+    """Smallest and largest machining force [N] (default: the paper's 138 218, scaled to the arm)"""
+    payload: Annotated[float | None, Parameter(metavar="KG")] = None
+    """Carried mass of the payload case [kg] (default: the paper's 5, scaled to the arm)"""
     passes: int | None = None
     """Episodes along the same path one after the other; the results are those of the last. adaptive-observer learns
     from each for the next, policies with the ending -tip by classical iterative learning control (default: 1)"""
+    declared: bool = False
+    """Also print what each policy declares: its objective, what it was tuned on, what it knows of the arm, sees and
+    remembers, and its certificate"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
@@ -57,7 +67,7 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import output, print_paragraphs, progress, say
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import print_passes, print_results
+    from fuzzyarm.eval.evaluation.result_table import print_declared, print_passes, print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
     from fuzzyarm.eval.evaluation.verdict import verdict
 
@@ -78,8 +88,11 @@ def run(options: Options) -> int:
         print_results(evaluation.rows, console, titles)
         if config.passes > 1:
             print_passes(evaluation.rows, config.passes, console)
+        if options.declared:
+            print_declared(config.policies, evaluation.certificates, console)
         print_paragraphs(console, _certificates(evaluation))
-        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
+        report = config.robot is None
+        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles, report=report)
         print_paragraphs(console, ["\n".join(lines)])
     for rollout in evaluation.rollouts:
         if not rollout.completed:
@@ -89,16 +102,25 @@ def run(options: Options) -> int:
 
 
 def _config(options: Options) -> EvaluationConfig:
+    from fuzzyarm.common.console import say
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.envs.physics.robot import Robot
+    from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
     from fuzzyarm.eval.evaluation.run import EvaluationConfig
-    from fuzzyarm.policies import ANY_ROBOT
+    from fuzzyarm.policies import ANY_ROBOT, COMPARED
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
-
+    other = arm is not None and arm != ArmParameters()
+    if other and not options.policy:
+        left_out = ", ".join(name for name in COMPARED if name not in ANY_ROBOT)
+        say(f"left out, since they are for Table 1 alone: {left_out}; fuzzyarm design --robot makes one", error=True)
+    from_file = Path(options.path).suffix in ENDINGS
     given: dict[str, Any] = {
-        "policies": options.policy or (ANY_ROBOT if isinstance(arm, Robot) else None),
+        "policies": options.policy or (ANY_ROBOT if other else None),
+        "path": None if from_file else options.path,
+        "points": GivenPath.read(Path(options.path)) if from_file else None,
+        "force": options.force,
+        "payload": options.payload,
         "cases": options.case or None,
         "seeds": options.seeds,
         "encoder_noise": options.encoder_noise,

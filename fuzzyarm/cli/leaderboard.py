@@ -13,7 +13,7 @@ __all__ = ["Options", "run"]
 
 @dataclass(frozen=True)
 class Options:
-    """Rank the policies of results files by the geometric mean over the cases of the rms tip error.
+    """Rank the policies of results files by the largest tip error of all cases.
 
     Files of different conditions or versions are refused.
     """
@@ -23,6 +23,8 @@ class Options:
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
     """File results.json, or the folder that fuzzyarm evaluate --out wrote"""
     _: KW_ONLY
+    bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()
+    """File of fuzzyarm prove, checked again: what is proven of the tip; may be repeated"""
     markdown: bool = False
     """Print the table as Markdown"""
 
@@ -31,8 +33,12 @@ def run(options: Options) -> int:
     """Print the table."""
     from fuzzyarm.common.console import output, say
     from fuzzyarm.eval.evaluation.ranking import markdown, print_leaderboard, rank_policies
+    from fuzzyarm.eval.report.tubes import checked_bounds
 
-    board = rank_policies(options.files)
+    tips: dict[str, list[str]] = {}
+    for check in checked_bounds(options.bound):
+        tips.setdefault(check.claim.policy, []).append(check.sentence)
+    board = rank_policies(options.files, {policy: "; ".join(sentences) for policy, sentences in tips.items()})
     if options.markdown:
         say(markdown(board))
     else:

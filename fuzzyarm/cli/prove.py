@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, output_file
+from fuzzyarm.cli.usage import output_file
 
 if TYPE_CHECKING:
     from fuzzyarm.eval.certified.tip.bound import TipClaim
@@ -37,7 +37,8 @@ class Options:
     steps: Annotated[int | None, Parameter(metavar="N")] = None
     """Bound the first N control steps of the motion (default: all)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """File of the bound to write (.json; default: none), which fuzzyarm verify checks again"""
+    """File of the bound to write (.json; default: none), which fuzzyarm verify checks again; by cells, the file of each
+    lies beside it"""
     cells: Annotated[tuple[str, int] | None, Parameter(metavar="FIELD N")] = None
     """Divide the range of the payload or of the force into N cells, each with a tube of its own (default: one tube)"""
     jobs: int = 1
@@ -86,26 +87,26 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     from fuzzyarm.common.rounding import at_most
     from fuzzyarm.eval.certified.tip.bound import problem_of
     from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
+    from fuzzyarm.eval.certified.tip.cells_file import save_cells
     from fuzzyarm.eval.certified.tip.enclosures import NoBound
 
-    if options.out is not None:
-        raise UsageError("--out takes one tube; give each cell a set of its own, or leave out --cells")
     field, number = options.cells or ("", 1)
     count, jobs = whole("--cells", number, low=1, high=1000), whole("--jobs", options.jobs, low=1, high=64)
     problem_of(claim)
-    found: list[dict[str, Any]] = []
-    bounds = []
+    found = []
     with progress("cells", count) as advance:
-        for cell in bounds_of_cells(claim, field, count, jobs):
+        for cell in bounds_of_cells(claim, field, count, jobs, options.out):
             if cell.bound is None:
                 raise NoBound(f"{field} from {getattr(cell.plants, field)[0]:g}: {cell.reason}")
-            found.append({field: list(getattr(cell.plants, field)), "bound": cell.bound})
-            bounds.append(cell.bound)
+            found.append(cell)
             advance()
-    most = max(bounds)
+    most = max(cell.bound for cell in found if cell.bound is not None)
+    if options.out is not None:
+        save_cells(claim, field, found, options.out)
+    rows = [{field: list(getattr(cell.plants, field)), "bound": cell.bound} for cell in found]
     named = {"policy": options.policy, "case": options.case, "set": options.set}
     text = f"{options.policy}, {options.case}, set {options.set}, {count} cells of {field}"
     return (
-        named | {"proven": True, "bound": most, "cells": found},
+        named | {"proven": True, "bound": most, "cells": rows},
         f"{escaped(text)}: the tip error is at most {at_most(1e3 * most, 4)} mm at every sample: PROVEN",
     )

@@ -28,6 +28,8 @@ class Options:
     _: KW_ONLY
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Page to write (.html; default: DIR/report.html)"""
+    bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()
+    """File of fuzzyarm prove, checked again and drawn as a tube around the path, with the tip in it; may be repeated"""
 
 
 def run(options: Options) -> int:
@@ -39,6 +41,6 @@ def run(options: Options) -> int:
         output_file(options.out, ".html")
     out = options.out or options.folder / "report.html"
     with status("observing the certified loops"):
-        write_report(options.folder, out)
+        write_report(options.folder, out, options.bound)
     say(f"written to {out}")
     return 0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Options", "configured", "run"]
 
 
-@with_fields_of(SweepConfig, without=("robot",))
+@with_fields_of(SweepConfig, without=("parameters", "robot"))
 @with_fields_of(Engine)
 @dataclass(frozen=True, kw_only=True)
 class Options:
@@ -34,8 +34,10 @@ class Options:
     delay [control periods of 1 ms]. With --grid, nothing else varies by default, and a cell has one plant.
     """
 
-    robot: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """TOML file of the arm that plants are drawn around and policies are loaded for (default: Table 1 of the paper)"""
+    robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """Robot that plants are drawn around and policies are loaded for: planar-3r, ur5, panda, or the TOML file of a
+    robot or of a two-joint arm (default: Table 1 of the paper). By default it has the policies computed-torque, with
+    and without -tip, and elastic-observer; loads are scaled to it"""
     out: Annotated[Path, Parameter(metavar="DIR")] = Path("fuzzyarm-sweep")
     """Folder of the sweep"""
     resume: bool = False
@@ -87,10 +89,14 @@ def configured(options: Options) -> SweepConfig:
 
 def _given(options: Options) -> dict[str, Any]:
     """Return the fields of the configuration that the command line gave."""
-    from fuzzyarm.envs.physics.equations import two_joint_arm
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.robot import Robot
 
-    values = given(options, SweepConfig)
-    return values if options.robot is None else values | {"robot": two_joint_arm(options.robot)}
+    values = {name: value for name, value in given(options, SweepConfig).items() if name != "robot"}
+    if options.robot is None:
+        return values
+    arm = chosen_arm(options.robot, None)
+    return values | {"robot" if isinstance(arm, Robot) else "parameters": arm}
 
 
 def _run(sweep: Sweep, engine: Engine) -> None:

@@ -36,12 +36,14 @@ def run(options: Options) -> int:
     from fuzzyarm.common.console import progress, say
     from fuzzyarm.eval.certified.scheduled_verification import ScheduledVerification
     from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, is_bound
+    from fuzzyarm.eval.certified.tip.cells_file import CellsCheck, check_cells, is_cells
     from fuzzyarm.eval.certified.verification import Verification, verify_file
 
-    reports: list[Verification | ScheduledVerification | BoundCheck] = []
+    reports: list[Verification | ScheduledVerification | BoundCheck | CellsCheck] = []
     with progress("verifying", len(options.files)) as advance:
         for path in options.files:
-            reports.append(check_bound(path) if is_bound(path) else verify_file(path))
+            check = check_cells if is_cells(path) else check_bound if is_bound(path) else verify_file
+            reports.append(check(path))
             advance()
     if options.json:
         say(json.dumps([report.to_dict() for report in reports], indent=1))

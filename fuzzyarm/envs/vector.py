@@ -29,7 +29,7 @@ from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.envs.scenario.default_reference import default_reference, is_placed
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
@@ -281,7 +281,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if one is not None or self._randomisation.references:
                 return chosen_reference(one, self._randomisation, arm)
             links = (arm.length, arm.joint_limit, arm.velocity_limit) if isinstance(arm, ArmParameters) else arm.digest
-            circles[links] = circles.get(links) or default_reference(arm)
+            if links not in circles or is_placed(circles[links]):  # for one arm alone
+                circles[links] = default_reference(arm)
             return circles[links]
 
         return each_lane(chosen, self._per_lane("reference", given), plants)

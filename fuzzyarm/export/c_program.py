@@ -12,7 +12,7 @@ from fuzzyarm.envs.physics.elementwise import gaussian, sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip
 from fuzzyarm.export.c_text import HELPERS, Writer
 from fuzzyarm.export.partial import Interpreter
-from fuzzyarm.export.trace import UNKNOWN, Block, Scalar, Trace
+from fuzzyarm.export.trace import UNKNOWN, Block, Scalar, Trace, Unsupported
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["Program", "program_of", "source_text"]
@@ -53,7 +53,10 @@ def program_of(policy: Policy) -> Program:
     held: list[Any] = [own.trace.input(f"state->memory[{k}]", name=f"memory{k}") for k in range(policy.memory_size)]
     observation, memory = (own.array(_row(entries)) for entries in (seen, held))
     torque = own.array(_row([UNKNOWN] * joints))
-    own.call(policy.command, (observation, memory, torque))
+    try:
+        own.call(policy.command, (observation, memory, torque))
+    except TypeError as error:  # a number that is not known, where Python needs a known one
+        raise Unsupported(f"{type(policy).__name__} uses a number that is not known as {error}") from error
     return Program(own.trace, own.trace.block, tuple(memory[0]), tuple(torque[0]), PARTS * joints, tuple(own.called))
 
 

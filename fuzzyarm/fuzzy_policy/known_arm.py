@@ -10,6 +10,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.joint import Link, as_rows
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
 
@@ -22,6 +23,7 @@ __all__ = [
     "joints_of",
     "per_joint_of",
     "with_drives",
+    "with_mass",
     "without_dry_friction",
 ]
 
@@ -83,6 +85,16 @@ def with_drives(arm: AnyArm, **quantities: np.ndarray) -> AnyArm:
         return dataclasses.replace(arm, joints=tuple(joints))
     parts: dict[str, Any] = {name: tuple(q.tolist()) for name, q in quantities.items()}
     return dataclasses.replace(arm, **parts)
+
+
+def with_mass(robot: Robot, factor: float) -> Robot:
+    """Return a robot whose links have `factor` times their mass and inertia."""
+
+    def times(link: Link) -> Link:
+        return dataclasses.replace(link, mass=factor * link.mass, inertia=as_rows(factor * np.array(link.inertia)))
+
+    joints = (dataclasses.replace(joint, link=times(joint.link)) for joint in robot.joints)
+    return dataclasses.replace(robot, joints=tuple(joints))
 
 
 def without_dry_friction(arm: AnyArm) -> AnyArm:

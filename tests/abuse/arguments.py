@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -253,9 +252,7 @@ SURFACES = (
         SweepConfig, SweepConfig(policies=("fuzzy-1",), ranges=(("mass", 0.9, 1.1),)), SweepConfig.command, count=700
     ),
     settings(BenchConfig, BenchConfig(threads=1), BenchConfig.command, count=300),
-    settings(
-        MarginsConfig, MarginsConfig(robot=Path("robot.toml")), MarginsConfig.command, count=200, optional=("robot",)
-    ),
+    settings(MarginsConfig, MarginsConfig(robot="robot.toml"), MarginsConfig.command, count=200, optional=("robot",)),
     settings(Engine, Engine(jobs=1), count=200, optional=("jobs",)),
     settings(PPOConfig, PPOConfig(), lambda one: PPOConfig.from_dict(one.to_dict()), count=1200),
     settings(Specification, Specification(), lambda one: one.objective, count=400, optional=("alpha", "gamma")),

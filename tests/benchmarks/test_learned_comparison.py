@@ -450,6 +450,7 @@ def test_bad_folder_of_trainings_is_one_line(small, folders, message):
     assert message in err
 
 
+@pytest.mark.slow
 def test_script_runs_from_anywhere(tmp_path):
     """It finds its neighbour, which this file loads itself."""
     script = ROOT / "benchmarks" / "learned_comparison.py"

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from mujoco.rollout import Rollout
+from slow_twins import slow_but
 from support.two_joints import state_of
 
 from fuzzyarm.envs.physics.dynamics import (
@@ -190,7 +191,7 @@ def test_rotors_on_fixed_tendons_are_the_same_arm():
     np.testing.assert_allclose(ours, np.concatenate([data.qpos, data.qvel]), rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("arm", peer.ARMS)
+@pytest.mark.parametrize("arm", slow_but(["Coulomb"], peer.ARMS))
 def test_the_peer_is_as_accurate_as_our_step_and_would_not_be_with_a_longer_one(arm):
     parameters, (method, timestep) = peer.ARMS[arm], peer.EQUAL_ACCURACY[arm]
     substeps = round(1e-3 / timestep)

@@ -148,6 +148,7 @@ def test_unknown_case_names_the_choices(make):
         make(case="drilling")
 
 
+@pytest.mark.slow
 def test_module_prefix_registers_without_an_import():
     code = "import gymnasium; print(gymnasium.make('fuzzyarm:FuzzyArm-v0', case='machining').reset(seed=0)[0].shape)"
     assert python(code) == "(10,)"

@@ -174,10 +174,9 @@ def test_videos_are_recorded(tmp_path):
 @pytest.mark.parametrize(
     "statement",
     [
-        "import fuzzyarm, gymnasium; env = gymnasium.make('FuzzyArm-v0')",
-        "import gymnasium; env = gymnasium.make('fuzzyarm:FuzzyArm-v0')",
+        pytest.param("import fuzzyarm, gymnasium; env = gymnasium.make('FuzzyArm-v0')", marks=pytest.mark.slow),
         "import gymnasium; env = gymnasium.make('fuzzyarm:FuzzyArm-v0', case='payload')",
-        "import fuzzyarm.envs.fuzzy_arm as module; env = module.FuzzyArmEnv()",
+        pytest.param("import fuzzyarm.envs.fuzzy_arm as module; env = module.FuzzyArmEnv()", marks=pytest.mark.slow),
     ],
 )
 def test_a_fresh_interpreter_makes_it(statement):

@@ -20,6 +20,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import vector as wrappers
+from slow_twins import slow_but
 from support.results import assert_identical, identical
 from support.two_joints import advance
 
@@ -122,7 +123,7 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("setting", slow_but(["noise and force, robust", "coarse steps"], SETTINGS))
 def test_a_batch_equals_gymnasiums_loop_over_single_environments(setting):
     lanes, steps = 5, 1560  # past the end of the reference; three lanes are controlled, two thrown about
     envs, expected = batch(lanes, **SETTINGS[setting]), loop(lanes, **SETTINGS[setting])
@@ -486,7 +487,7 @@ def test_processes_of_single_environments_equal_the_batch():
 # --- threads, processes, copies ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("lanes", [1, BLOCK - 1, 3 * BLOCK + 5])
+@pytest.mark.parametrize("lanes", slow_but([BLOCK - 1], [1, BLOCK - 1, 3 * BLOCK + 5]))
 def test_results_do_not_depend_on_the_threads(lanes):
     setting, actions = {"disturbance": NOISY, "randomisation": "robust"}, torques(5, 250, lanes)
     results = [digest(batch(lanes, threads=threads, **setting), actions, seed=1) for threads in (1, 2, 3, 5, 64)]

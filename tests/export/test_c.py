@@ -5,20 +5,26 @@ import itertools
 import json
 import math
 import re
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
+from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export.c_files import c_name, export_c
 from fuzzyarm.export.c_program import program_of
 from fuzzyarm.export.c_text import pruned
-from fuzzyarm.export.compiled_law import CompiledLaw, compilers
+from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
 from fuzzyarm.export.partial import Interpreter
 from fuzzyarm.export.trace import Branch, Kind, Step, Unsupported, Value
 from fuzzyarm.export.vectors import random_observations
+from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
 COMPILERS = compilers()
 needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")
@@ -91,12 +97,37 @@ def test_so_do_the_laws_of_other_robots(name, robot, tmp_path):
 
 @needs_compiler
 @pytest.mark.slow
+@pytest.mark.parametrize("tip", ["", "-tip"])
+def test_so_do_files_of_the_semidefinite_form(tip, tmp_path):
+    robot = Robot.of(ArmParameters())
+    design_scheduled(ScheduledSpecification(rules=2), robot).controller.save(tmp_path / "mine.json")
+    policy = loaded(f"{tmp_path / 'mine.json'}{tip}", None)
+    seen, starts = observations(policy, 10, 200)
+    torque, memory = answers(policy, seen, starts)
+    own_torque, own_memory = compiled(policy, tmp_path).run(seen, starts)
+    np.testing.assert_array_equal(bits(own_torque), bits(torque))
+    np.testing.assert_array_equal(bits(own_memory), bits(memory))
+
+
+@needs_compiler
+@pytest.mark.slow
 def test_in_float_the_torques_are_near(tmp_path):
     policy = load_policy("fuzzy-4")
     seen, starts = observations(policy, 20, 200)
     torque, _ = answers(policy, seen.astype(np.float32), starts)
     own, _ = compiled(policy, tmp_path, "float").run(seen, starts)
     assert 1e-6 < np.abs(own - torque).max() < 1.0
+
+
+@needs_compiler
+def test_the_lines_of_the_page_compile(tmp_path):
+    export_c("fuzzy-4", load_policy("fuzzy-4"), tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "controllers" / "export.md").read_text(encoding="utf-8")
+    (lines,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
+    declared = re.findall(r"^void .*\)", lines, re.MULTILINE)
+    (tmp_path / "board.c").write_text("".join(f"{line};\n" for line in declared) + lines, encoding="utf-8")
+    words = [COMPILERS[0], *FLAGS, "-c", str(tmp_path / "board.c"), "-o", str(tmp_path / "board.o")]
+    assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
 
 
 @needs_compiler
@@ -211,6 +242,7 @@ def test_names_in_c(label, name):
     ("words", "message"),
     [
         (["c", "ppo-robust", "--out", "OUT"], "ppo-robust cannot be written in C"),
+        (["c", "adaptive-observer", "--out", "OUT"], "adaptive-observer cannot be written in C"),
         (["java", "fuzzy-4", "--out", "OUT"], "java is no language of an export; choose from: c"),
         (["c", "fuzzy-4"], "--out is missing"),
         (["c", "fuzzy-4", "--out", "OUT", "--number", "half"], 'invalid value "half" for --number'),

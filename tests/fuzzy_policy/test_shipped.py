@@ -23,7 +23,9 @@ def load(name):
     return Controller.load(FOLDER / name)
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if "-32" in name else name for name in FILES]
+)
 def test_every_file_is_proven(name):
     assert verify_file(FOLDER / name).certificate.proven
 

@@ -198,7 +198,7 @@ def compare_trajectory(case, substep, device, compiled):
     ("expected_reasons", "arguments"),
     [
         ({0, 2}, {"randomisation": "robust"}),
-        ({0, 1, 2}, {"parameters": ArmParameters(joint_limit=(0.9, 2.1))}),
+        pytest.param({0, 1, 2}, {"parameters": ArmParameters(joint_limit=(0.9, 2.1))}, marks=pytest.mark.slow),
     ],
 )
 def test_wild_episodes_are_the_numpy_ones_through_every_reset(expected_reasons, arguments, device):
@@ -406,6 +406,7 @@ def test_a_step_never_asks_for_a_value(dtype):
     assert envs.step(torch.zeros((4, 2), device="meta"))[0].device.type == "meta"
 
 
+@pytest.mark.slow
 def test_float32_stays_close_to_float64(device):
     compare_precision("nominal", 400, device)
 

@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
@@ -183,7 +184,7 @@ def test_description_carries_the_claim_and_its_scope(designed):
 # The fastest pole ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("integral", [True, False])
+@pytest.mark.parametrize("integral", slow_but([True], [True, False]))
 @pytest.mark.parametrize(("kept", "pole"), [(NAMED_RULES[8], 150.0), (NAMED_RULES[4], 150.0), ((), 1500.0)])
 def test_every_pole_of_the_frozen_loop_lies_in_the_strip(kept, pole, integral):
     """Searched for in the whole box, by a code of its own: the fastest pole at any state is slower than asked."""
@@ -201,6 +202,7 @@ def test_every_pole_of_the_frozen_loop_lies_in_the_strip(kept, pole, integral):
     assert find_worst_point(loop, slowest).value < -made.controller.alpha
 
 
+@pytest.mark.slow
 def test_the_strip_moves_the_fastest_pole_and_costs_gain(limited):
     free = design(Specification(gamma=1.2e-4)).controller
     speeds = [

@@ -5,6 +5,9 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import itertools
+import os
+import secrets
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -12,12 +15,29 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 
 __all__ = ["announced_compilation", "kernel", "kernel_for", "without_kernels"]
 
 _PACKAGE = Path(__file__).parents[2]
+_NUMBERS = 60  # bits
+
+
+def _number_functions() -> None:
+    """Let Numba count functions from a random number on.
+
+    The count reaches the names in the machine code. Counted from 1 in every process, two helpers of one name that were
+    compiled in different processes, such as the same law's for two robots, may have the same number; when both are read
+    from disk, one of them would run in place of the other.
+    """
+    FunctionIdentity._unique_ids = itertools.count(secrets.randbits(_NUMBERS))
+
+
+_number_functions()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_number_functions)
 
 
 def kernel(function: Callable[..., Any]) -> Any:

@@ -24,7 +24,6 @@ __all__ = [
     "chosen_arm",
     "equations_of",
     "robot_of",
-    "two_joint_arm",
 ]
 
 AnyArm = ArmParameters | Robot
@@ -90,22 +89,6 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
     if not isinstance(robot, str | os.PathLike):
         raise TypeError(f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, or a Robot")
     return _named(os.fspath(robot))
-
-
-def two_joint_arm(robot: str | os.PathLike[str]) -> ArmParameters:
-    """Return the two-joint arm of a name or of a TOML file.
-
-    Raises:
-        ValueError: there is no such arm, or it is a robot of other joints.
-        OSError: the file cannot be read.
-    """
-    arm = chosen_arm(robot, None)
-    if isinstance(arm, Robot):
-        raise ValueError(
-            f"robot = {checks.shown(os.fspath(robot))} is a robot of {len(arm)} joints; allowed here: the TOML file of "
-            "a two-joint arm. fuzzyarm evaluate, design and verify take any robot"
-        )
-    return arm
 
 
 def _named(robot: str) -> AnyArm:

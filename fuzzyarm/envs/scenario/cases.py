@@ -1,8 +1,9 @@
 """Named cases: the three of the paper (section 6.2), and any others that are added.
 
-The loads of the paper's cases are for its arm. `case_for` has those for a robot: the payload and the machining force
-that ask for the same largest share of a motor's torque limit along the robot's default reference as they do of the
-paper's arm along its circle, to two digits; the force takes as long as that reference.
+The loads of the paper's cases are for its arm. `case_for` has those for any other: the payload and the machining force
+that ask for the same largest share of a motor's torque limit along the arm's default reference as they do of the
+paper's arm along its circle, to two digits; the force takes as long as that reference. An arm with the lengths and the
+torque limits of the paper's has the paper's loads. `with_loads` gives others.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce
 
-__all__ = ["CASES", "PAPER_CASES", "Case", "add_case", "case_for", "find_case"]
+__all__ = ["CASES", "PAPER_CASES", "Case", "add_case", "case_for", "find_case", "with_loads"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Case:
 
 
 INSTANTS = 501  # of a reference, at which the torques of a load are compared
+SAME = 1e-6  # by which a factor of loads may miss 1
 
 _PAPER = (
     Case("nominal", "Case 1: nominal", Disturbance()),
@@ -81,25 +83,59 @@ def find_case(name: str) -> Case:
 def case_for(name: str, arm: AnyArm) -> Case:
     """Return the case called `name` with the loads for an arm, see the module; ValueError names the choices."""
     case = find_case(name)
-    return case if isinstance(arm, ArmParameters) or not case.scales else _scaled(case, arm)
+    return case if not case.scales or _moves_as_the_papers(arm) else _scaled(case, robot_of(arm))
+
+
+def with_loads(
+    case: Case,
+    *,
+    force: tuple[float, float] | None = None,
+    payload: float | None = None,
+    duration: float | None = None,
+) -> Case:
+    """Return a case with other loads where it has such loads; its title says the mass.
+
+    Args:
+        case: any case.
+        force: smallest and largest machining force [N].
+        payload: carried mass [kg].
+        duration: of the machining force [s].
+
+    Raises:
+        ValueError: a number is out of range.
+    """
+    loads, title = case.disturbance, case.title
+    own_force, own_payload = loads.tip_force, loads.payload
+    if isinstance(own_force, MachiningForce):
+        base, swing = (own_force.base, own_force.swing) if force is None else (force[0], force[1] - force[0])
+        lasts = own_force.duration if duration is None else duration
+        own_force = MachiningForce(base, swing, lasts, own_force.fade_speed)
+    if payload is not None and own_payload.mass > 0.0:
+        own_payload = dataclasses.replace(own_payload, mass=payload)
+        title = re.sub("[0-9.]+ kg", f"{own_payload.mass:g} kg", title)
+    return dataclasses.replace(
+        case, title=title, disturbance=dataclasses.replace(loads, tip_force=own_force, payload=own_payload)
+    )
+
+
+def _moves_as_the_papers(arm: AnyArm) -> bool:
+    """Return whether an arm has the paper's loads at once: its lengths and all of its limits are the paper's."""
+    paper, names = ArmParameters(), ("length", "torque_limit", "joint_limit", "velocity_limit")
+    return isinstance(arm, ArmParameters) and all(getattr(arm, name) == getattr(paper, name) for name in names)
 
 
 @functools.lru_cache(maxsize=64)
 def _scaled(case: Case, robot: Robot) -> Case:
     """Return a case with its loads scaled to a robot."""
     loads, paper = case.disturbance, robot_of(ArmParameters())
-    force, payload, title = loads.tip_force, loads.payload, case.title
-    if isinstance(force, MachiningForce):
+    force, mass = None, None
+    if isinstance(loads.tip_force, MachiningForce):
         factor = _leverage(paper, along=True) / _leverage(robot, along=True)
-        base, swing = (_two_digits(factor * part) for part in (force.base, force.swing))
-        force = MachiningForce(base, swing, default_reference(robot).duration, force.fade_speed)
-    if payload.mass > 0.0:
-        factor = _leverage(paper, along=False) / _leverage(robot, along=False)
-        payload = dataclasses.replace(payload, mass=_two_digits(factor * payload.mass))
-        title = re.sub("[0-9.]+ kg", f"{payload.mass:g} kg", title)
-    return dataclasses.replace(
-        case, title=title, disturbance=dataclasses.replace(loads, tip_force=force, payload=payload)
-    )
+        base, swing = (_scaled_number(factor, part) for part in (loads.tip_force.base, loads.tip_force.swing))
+        force = (base, base + swing)
+    if loads.payload.mass > 0.0:
+        mass = _scaled_number(_leverage(paper, along=False) / _leverage(robot, along=False), loads.payload.mass)
+    return with_loads(case, force=force, payload=mass, duration=default_reference(robot).duration)
 
 
 def _leverage(robot: Robot, along: bool) -> float:
@@ -121,5 +157,6 @@ def _downwards(robot: Robot) -> np.ndarray:
     return gravity if gravity.any() else np.array([0.0, 0.0, -1.0])
 
 
-def _two_digits(number: float) -> float:
-    return float(f"{number:.2g}")
+def _scaled_number(factor: float, number: float) -> float:
+    """Return a load times a factor, to two digits; the load itself where the factor is 1 but for rounding."""
+    return number if abs(factor - 1.0) < SAME else float(f"{factor * number:.2g}")

@@ -20,6 +20,7 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle, TipPath
+from fuzzyarm.envs.scenario.placed import Placed
 from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law
 
 __all__ = [
@@ -164,7 +165,9 @@ class JointReference(Reference):
 
     @property
     def circle(self) -> tuple[np.ndarray, float] | None:
-        """Center (2,) [m] and radius [m] of a `Circle`."""
+        """Center (2,) [m] and radius [m] of a `Circle`, `Placed` or not."""
+        if isinstance(self.path, Placed):
+            return self.path.circle
         return (np.array(self.path.center), self.path.radius) if isinstance(self.path, Circle) else None
 
     def tip(self, t: ArrayLike) -> TipSample:

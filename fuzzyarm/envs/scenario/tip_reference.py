@@ -20,7 +20,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.home import home_posture
 from fuzzyarm.envs.scenario.inverse_kinematics import TipTask, freedom, solved, start_posture
 from fuzzyarm.envs.scenario.kinematics import Chain, chain, reach
-from fuzzyarm.envs.scenario.paths import Circle, TipPath
+from fuzzyarm.envs.scenario.paths import TipPath
 from fuzzyarm.envs.scenario.placed import Placed
 from fuzzyarm.envs.scenario.reference import (
     CHECKED_INSTANTS,
@@ -109,9 +109,7 @@ class TipReference(Reference):
     @property
     def circle(self) -> tuple[np.ndarray, float] | None:
         """Center (3,) [m] and radius [m] of a `Circle` that is `Placed`."""
-        if not (isinstance(self.path, Placed) and isinstance(self.path.path, Circle)):
-            return None
-        return np.array(self.path.origin) + np.array(self.path.path.center) @ self.path.axes, self.path.path.radius
+        return self.path.circle if isinstance(self.path, Placed) else None
 
     def sample(self, t: ArrayLike) -> ReferenceSample:
         """Return q, q̇ = A⁻¹ (P ṗ, 0, 0) and q̈, shapes (..., n), at times t [s] of shape (...,)."""

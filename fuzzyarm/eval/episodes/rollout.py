@@ -101,7 +101,11 @@ class Signals:
         step_time: float = math.nan,
         beliefs: np.ndarray = NO_BELIEFS,
     ) -> Rollout:
-        """Return the episode; arguments as the fields of `Rollout`, times [s]; `parameters` for the joints' limits."""
+        """Return the episode.
+
+        Arguments are the fields of `Rollout`, with its shapes (`beliefs`: (n, 6)), times [s]; `parameters` is the arm,
+        for its joints' limits.
+        """
         lane, last = self._lane, self._steps[-1]
         signals = {name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS}
         reference = observed(np.array([step.observation for step in self._steps])[:, lane])

@@ -1,10 +1,10 @@
 """Policies of several evaluations ranked in one table, the best first.
 
-The score of a policy in one seed is the geometric mean over the cases of the rms tip error [mm], so that half the error
-in an easy case counts as much as half the error in a hard one; over several seeds it is their interquartile mean with a
-bootstrap interval of 95 % (`statistics`). Smaller is better. A policy that lost the path in any episode, because it
-ended early or its tip was more than 100 mm off, has no score and ranks after all that have one, by the number of such
-episodes.
+The score of a policy in one seed is the largest tip error of all cases [mm]: what a user has to allow for who does not
+know which load comes next. A mean over the cases would let micrometres without load make up for millimetres under it.
+Over several seeds it is their interquartile mean with a bootstrap interval of 95 % (`statistics`). Smaller is better. A
+policy that lost the path in any episode, because it ended early or its tip was more than 100 mm off, has no score and
+ranks after all that have one, by the number of such episodes.
 
 Only comparable files are ranked together: the same cases, seeds, noise, control period, arm and version of fuzzyarm.
 """
@@ -45,20 +45,20 @@ class Standing:
         source: the file it is from.
         score: see the module [mm]; None if the path was lost.
         rms: interquartile mean over seeds of the rms tip error by case [mm]; None where the path was lost.
-        worst: largest tip error of all episodes [mm].
         lost: number of episodes in which the path was lost.
         episodes: number of episodes.
         certified: whether it has a certificate.
+        tip: what is proven of its tip, in words; empty where no bound was given.
     """
 
     policy: str
     source: str
     score: Estimate | None
     rms: dict[str, float | None]
-    worst: float
     lost: int
     episodes: int
     certified: bool
+    tip: str = ""
 
     @property
     def order(self) -> tuple[int, float]:
@@ -80,8 +80,8 @@ class Leaderboard:
         return [1 + orders.index(order) for order in orders]
 
 
-def rank_policies(paths: Sequence[Path]) -> Leaderboard:
-    """Rank the policies of results files, or of the folders that hold them.
+def rank_policies(paths: Sequence[Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
+    """Rank the policies of results files, or of the folders that hold them; `tips` says what is proven of whose tip.
 
     Raises:
         ValueError: a file is missing, damaged or given twice, or two files are not comparable; the message names the
@@ -104,6 +104,7 @@ def rank_policies(paths: Sequence[Path]) -> Leaderboard:
         for results in read
         for standing in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
+    standings = [dataclasses.replace(one, tip=(tips or {}).get(one.policy, "")) for one in standings]
     return Leaderboard(sorted(standings, key=lambda standing: standing.order), _in_words(first))
 
 
@@ -150,7 +151,7 @@ def standings_of(
             for case in CASES
             if case in config.cases
         }
-        scores = [math.prod(errors) ** (1.0 / len(errors)) for errors in zip(*rms.values(), strict=True)]
+        scores = [max(row["tip_error_max_mm"] for row in own if row["seed"] == seed) for seed in range(config.seeds)]
         failed = {row["case"] for row in lost}
         standings.append(
             Standing(
@@ -158,7 +159,6 @@ def standings_of(
                 source=source,
                 score=None if lost else estimate(scores),
                 rms={c: None if c in failed else float(interquartile_mean(values)) for c, values in rms.items()},
-                worst=max(row["tip_error_max_mm"] for row in own),
                 lost=len(lost),
                 episodes=len(own),
                 certified=certificates[policy] is not None,
@@ -171,20 +171,24 @@ def _cells(board: Leaderboard) -> tuple[list[str], list[list[str]]]:
     """Return the headings and the cells, which are text."""
     cases = list(board.standings[0].rms)
     headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases)]
-    headings += ["largest tip error [mm]", "certificate", "from"]
+    headings += ["certificate", "from"]
     cells = [
         [
             str(rank),
             standing.policy,
             _score(standing),
             *("lost" if value is None else f"{value:#.3g}" for value in standing.rms.values()),
-            f"{standing.worst:#.3g}",
-            "rigid arm" if standing.certified else "no",
+            _proven(standing),
             standing.source,
         ]
         for rank, standing in zip(board.ranks, board.standings, strict=True)
     ]
     return headings, cells
+
+
+def _proven(standing: Standing) -> str:
+    """Return what is proven of a policy: of the rigid arm, of the tip of the elastic one, or nothing."""
+    return "; ".join(filter(None, ["rigid arm" if standing.certified else "", standing.tip])) or "no"
 
 
 def _score(standing: Standing) -> str:
@@ -197,7 +201,7 @@ def _score(standing: Standing) -> str:
 def _notes(board: Leaderboard) -> str:
     interval = any(standing.score and standing.score.low is not None for standing in board.standings)
     return (
-        "Score: geometric mean over the cases of the rms tip error"
+        "Score: largest tip error of all cases"
         + (", interquartile mean over seeds with a bootstrap interval of 95 %" if interval else "")
         + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. All: "
         + f"{board.conditions}."

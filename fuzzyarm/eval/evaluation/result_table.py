@@ -12,8 +12,18 @@ from rich.text import Text
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.policies import resolve
+from fuzzyarm.policies.declared import HEADINGS, declared
 
-__all__ = ["COLUMNS", "markdown_table", "print_passes", "print_results", "table_rows"]
+__all__ = [
+    "COLUMNS",
+    "declared_rows",
+    "markdown_table",
+    "print_declared",
+    "print_passes",
+    "print_results",
+    "table_rows",
+]
 
 _DISPENSABLE = (7, 6, 5, 4, 2)
 """Columns of the table, with the policy as number 0, that a narrow terminal does without, in this order."""
@@ -89,6 +99,25 @@ def print_passes(rows: Sequence[dict[str, Any]], passes: int, console: Console) 
         errors = (median(run[f"pass_{number}_max_mm"] for run in runs) for number in range(1, passes + 1))
         table.add_row(Text(f"{case}, {policy}"), *(f"{error:#.3g}" for error in errors))
     print_table(table, console, dispensable=tuple(range(2, passes)))
+
+
+def declared_rows(names: Sequence[str], certificates: Mapping[str, str | None]) -> list[tuple[str, ...]]:
+    """Return policy, `declared.HEADINGS` and certificate of each policy, given certificates in words by label."""
+    rows = []
+    for name in names:
+        label, own = resolve(name).label, declared(name)
+        cells = own if own is not None else ("not declared",) * len(HEADINGS)
+        rows.append((label, *cells, "no" if certificates[label] is None else "rigid arm"))
+    return rows
+
+
+def print_declared(names: Sequence[str], certificates: Mapping[str, str | None], console: Console) -> None:
+    """Print what the policies declare, one below the other."""
+    lines = []
+    for label, *cells in declared_rows(names, certificates):
+        said = "; ".join(f"{what}: {cell}" for what, cell in zip((*HEADINGS, "certificate"), cells, strict=True))
+        lines.append(f"{label} declares: {said}")
+    print_paragraphs(console, lines)
 
 
 def markdown_table(rows: Sequence[dict[str, Any]]) -> str:

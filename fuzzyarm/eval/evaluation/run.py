@@ -12,16 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import distinct, instance, reals, whole
+from fuzzyarm.common.checks import choice, distinct, instance, interval, real, reals, whole
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
-from fuzzyarm.envs.scenario.cases import PAPER_CASES, case_for, find_case
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, Case, case_for, find_case, with_loads
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
+from fuzzyarm.envs.scenario.given_path import GivenPath
+from fuzzyarm.envs.scenario.named_paths import SHAPES
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.passes import record_passes
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -49,6 +52,10 @@ class EvaluationConfig:
         control_period: time between two actions [s].
         parameters: the two-joint arm, for the plant and for the policies' models.
         robot: another robot in its place.
+        path: name of the path of the tip, see `default_reference`.
+        points: a path by points in its place.
+        force: smallest and largest machining force [N]; None: scaled to the arm, see `cases`.
+        payload: carried mass [kg]; None: likewise.
         passes: episodes one after the other of which each result is the last; policies may learn in between.
     """
 
@@ -59,6 +66,10 @@ class EvaluationConfig:
     control_period: float = 1e-3
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
     robot: Robot | None = None
+    path: str = "circle"
+    points: GivenPath | None = None
+    force: tuple[float, float] | None = None
+    payload: float | None = None
     passes: int = 1
 
     def __post_init__(self) -> None:
@@ -74,6 +85,13 @@ class EvaluationConfig:
         instance("parameters", self.parameters, ArmParameters)
         if self.robot is not None:
             instance("robot", self.robot, Robot)
+        choice("path", self.path, tuple(SHAPES))
+        if self.points is not None:
+            instance("points", self.points, GivenPath)
+        if self.force is not None:
+            interval("force", self.force, "N", low=0.0, high=LARGEST)
+        if self.payload is not None:
+            real("payload", self.payload, "kg", above=0.0, high=LARGEST)
         if self.seeds > 1 and not any(self.encoder_noise):
             raise ValueError(
                 f"seeds = {self.seeds} would repeat one and the same run: nothing is random without encoder noise"
@@ -87,7 +105,22 @@ class EvaluationConfig:
     @property
     def titles(self) -> dict[str, str]:
         """The titles of the cases by name, with the loads for this arm."""
-        return {case: case_for(case, self.arm).title for case in self.cases}
+        return {case: self.case(case, None).title for case in self.cases}
+
+    def reference(self) -> Reference:
+        """Return the motion that is asked for.
+
+        Raises:
+            ValueError: the arm cannot follow it.
+        """
+        return default_reference(self.arm, self.path) if self.points is None else self.points.reference(self.arm)
+
+    def case(self, name: str, duration: float | None) -> Case:
+        """Return a case with the loads for this arm, on a motion that takes so long [s]; None: its own duration."""
+        case = case_for(name, self.arm)
+        if (self.force, self.payload) == (None, None) and (duration is None or not case.scales):
+            return case
+        return with_loads(case, force=self.force, payload=self.payload, duration=duration if case.scales else None)
 
     def command(self) -> str | None:
         """Return the command line of this configuration; None for an arm or control period that no option names.
@@ -95,7 +128,8 @@ class EvaluationConfig:
         Policies in it have the names that results hold, see `policies.recorded`.
         """
         default = EvaluationConfig()
-        if (self.parameters, self.control_period) != (default.parameters, default.control_period):
+        named = (default.parameters, default.control_period, None)
+        if (self.parameters, self.control_period, self.points) != named:
             return None
         words = ["fuzzyarm", "evaluate"]
         if self.robot is not None:
@@ -110,6 +144,12 @@ class EvaluationConfig:
             words += ["--seeds", str(self.seeds)]
         if any(self.encoder_noise):
             words += ["--encoder-noise", *map(repr, self.encoder_noise)]
+        if self.path != default.path:
+            words += ["--path", self.path]
+        if self.force is not None:
+            words += ["--force", *map(repr, self.force)]
+        if self.payload is not None:
+            words += ["--payload", repr(self.payload)]
         if self.passes != default.passes:
             words += ["--passes", str(self.passes)]
         return shlex.join(words)
@@ -142,6 +182,9 @@ class Evaluation:
         }
         if self.config.robot is None:
             del config["robot"]
+        for name in ("points", "force", "payload"):
+            if config[name] is None:
+                del config[name]
         if self.config.passes == 1:
             del config["passes"]
         return {
@@ -163,14 +206,13 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         OSError: a controller file cannot be read.
     """
     specs = resolve_all(config.policies, run_code=True)
-    arm: Any = config.arm
     policies = {label: _loaded(spec, config, label) for label, spec in specs.items()}
-    reference: Any = default_reference(arm)
+    reference: Any = config.reference()
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts, rows = [], []
     for case in config.cases:
         env = FuzzyArmEnv(
-            disturbance=dataclasses.replace(case_for(case, config.arm).disturbance, encoder_noise=noise),
+            disturbance=dataclasses.replace(config.case(case, reference.duration).disturbance, encoder_noise=noise),
             reference=reference,
             parameters=config.parameters if config.robot is None else None,
             robot=config.robot,

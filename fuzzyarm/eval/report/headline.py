@@ -52,7 +52,7 @@ def rule(standings: Sequence[Standing]) -> str:
     """Return what a win is, in words."""
     several = standings[0].episodes > len(standings[0].rms)
     seeds = "; interquartile means over the seeds" if several else ""
-    score = "" if len(standings[0].rms) == 1 else " Score: their geometric mean over the cases, as in the leaderboard."
+    score = "" if len(standings[0].rms) == 1 else " Score: the largest tip error of all cases, as in the leaderboard."
     return (
         f"A case is won by the smallest rms tip error{seeds}.{score} A policy that ended early or was more than "
         f"{LOST:g} mm off lost the path and is not ranked."

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.eval.certified.extremes import decay_rates, disturbed_run, worst_posture
 from fuzzyarm.eval.certified.probes import library, worst_torque
 from fuzzyarm.eval.certified.rigid import RigidLoop
@@ -40,7 +40,7 @@ class Observed:
     probe: str
 
 
-def observe(loop: RigidLoop, reference: JointReference) -> Observed:
+def observe(loop: RigidLoop, reference: Reference) -> Observed:
     """Return the slowest decay and the largest gain of rollouts of a loop.
 
     The decay is that of rollouts from random states and from the state at which V decays slowest. The gain is that
@@ -62,7 +62,7 @@ def observe_policies(
         config: of the evaluation.
         bounds: certified bounds by policy, as `evaluate` stored them; None for a policy without a certificate.
     """
-    reference = JointReference(parameters=config.parameters)
+    reference = config.reference()
     by_file: dict[str, Observed] = {}
     result: dict[str, Observed | str] = {}
     for spec in map(resolve, config.policies):
@@ -81,7 +81,7 @@ def observe_policies(
 
 
 def _controller(
-    spec: PolicySpec, claimed: Mapping[str, Any], config: EvaluationConfig, reference: JointReference
+    spec: PolicySpec, claimed: Mapping[str, Any], config: EvaluationConfig, reference: Reference
 ) -> Controller | str:
     """Return the controller that the claimed bounds are of, or why it cannot be observed."""
     if claimed["form"] != "consistent":

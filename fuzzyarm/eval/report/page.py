@@ -10,6 +10,7 @@ import base64
 import dataclasses
 import hashlib
 import json
+from collections.abc import Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -27,7 +28,8 @@ from fuzzyarm.eval.report.headline import headline, rule
 from fuzzyarm.eval.report.observed import observe_policies
 from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
-from fuzzyarm.eval.report.summary import error_charts, finished, metrics_table
+from fuzzyarm.eval.report.summary import declared_table, error_charts, finished, metrics_table
+from fuzzyarm.eval.report.tubes import checked_bounds, tube_section
 from fuzzyarm.policies import resolve
 
 __all__ = ["command", "render_page", "write_report"]
@@ -35,19 +37,21 @@ __all__ = ["command", "render_page", "write_report"]
 SCRIPTS = ("data.js", "canvas.js", "arms.js", "curves.js", "plots.js", "page.js")
 
 
-def write_report(folder: Path, out: Path) -> None:
-    """Write the report of the evaluation in `folder` to `out`, atomically.
+def write_report(folder: Path, out: Path, bounds: Sequence[Path] = ()) -> None:
+    """Write the report of the evaluation in `folder` to `out`, atomically, with the tubes of files of tip bounds.
 
     Raises:
-        ValueError: the folder holds no evaluation, or a damaged or mixed one; nothing is written.
+        ValueError: the folder holds no evaluation, or a damaged or mixed one, or a bound is not proven or not of an
+            episode of the evaluation; nothing is written.
         OSError: a file cannot be read or written.
     """
     stored = read_evaluation(folder)
-    write_atomically(out, render_page(stored, observe_policies(stored.config, stored.bounds)))
+    tubes = tube_section(checked_bounds(bounds), stored.rollouts)
+    write_atomically(out, render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
 
 
-def render_page(stored: StoredEvaluation, observed: Observations) -> str:
-    """Return the HTML of the page; it shows what was `observed` beside the certified bounds."""
+def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "") -> str:
+    """Return the HTML of the page; it shows what was `observed` beside the certified bounds, then `tubes`."""
     structure, style, script = _part("page.html"), _part("page.css"), "\n".join(map(_part, SCRIPTS))
     config, data, early = stored.config, replay_data(stored), not finished(stored.rows)
     standings = standings_of(config, stored.rows, stored.certificates)
@@ -63,11 +67,13 @@ def render_page(stored: StoredEvaluation, observed: Observations) -> str:
         sampling=escape(_sampling(config, data["stride"])),
         table=metrics_table(stored.rows),
         table_note=escape(_table_note(config, early)),
+        declared=declared_table(config.policies, stored.certificates),
         beliefs=_beliefs(stored),
         scope=escape(SCOPE),
         bounds=bound_charts(stored, observed),
         bounds_note=bound_note(observed),
         statements=statements(stored.certificates),
+        tubes=tubes,
         made="".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in _made(stored).items()),
         data=_script_data(data),
         script=script,

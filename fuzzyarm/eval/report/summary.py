@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from statistics import median
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.evaluation.result_table import COLUMNS, table_rows
+from fuzzyarm.eval.evaluation.result_table import COLUMNS, declared_rows, table_rows
 from fuzzyarm.eval.report.chart import PALETTE, Axis, Errors, draw_chart, figure
+from fuzzyarm.policies.declared import HEADINGS
 
-__all__ = ["best", "error_charts", "finished", "metrics_table"]
+__all__ = ["best", "declared_table", "error_charts", "finished", "metrics_table"]
 
 Row = dict[str, Any]
 """The metrics of one episode, a row of an `Evaluation`."""
@@ -92,6 +93,16 @@ def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
         ]
         parts.append(f'<tr class="p{index % PALETTE}"><th scope="row">{name}</th>{"".join(row)}</tr>')
     return "".join([*parts, "</tbody>"])
+
+
+def declared_table(names: Sequence[str], certificates: Mapping[str, str | None]) -> str:
+    """Return the table of what the policies declare, given their certificates in words by label."""
+    heads = "".join(f'<th scope="col">{heading}</th>' for heading in ("policy", *HEADINGS, "certificate"))
+    rows = []
+    for label, *cells in declared_rows(names, certificates):
+        said = "".join(f'<td class="words">{escape(cell)}</td>' for cell in cells)
+        rows.append(f'<tr><th scope="row">{escape(label)}</th>{said}</tr>')
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
 def best(group: Group, keys: Sequence[str], texts: dict[str, str]) -> set[str]:

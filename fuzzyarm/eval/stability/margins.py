@@ -10,14 +10,14 @@ import dataclasses
 import datetime
 import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property, partial
 from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.checks import distinct, instance
+from fuzzyarm.common.checks import distinct, instance, listed
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -169,10 +169,24 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
     found = policy_margins(policy, arm, control_period)
     radii = [f"{name} {_radius_cell(radius)}" for name, radius in found["spectral_radius"].items()]
     limits = [f"{LIMITS[key].heading} {'-' if n is None else f'{n:.2f}'}" for key, n in found["loop_gain"].items()]
-    return (
+    text = (
         f"On the elastic arm, sampled every {1e3 * control_period:g} ms, linearised at {POSTURES} postures of its "
         f"default path (measured, not proven), spectral radius: {', '.join(radii)}; stable for {' '.join(limits)}"
     )
+    return "\n\n".join([text, *_warnings(found["spectral_radius"])])
+
+
+def _warnings(radii: Mapping[str, float | None]) -> list[str]:
+    """Return what to say where a loop is not stable in some condition, though its controller may be proven."""
+    unstable = [name for name, radius in radii.items() if radius is None or radius >= 1.0]
+    if not unstable:
+        return []
+    worst = "also in its nominal condition" if "nominal" in unstable else f"with {listed(unstable)}"
+    return [
+        f"WARNING: what is proven is proven for the rigid arm; on the elastic, sampled one this controller is unstable "
+        f"{worst}. Lower its gains: raise --gamma, or bound the poles with a lower --fastest-pole, and look at the "
+        "margins again before you run it"
+    ]
 
 
 def _limit(loops: Sequence[LocalLoop], wanted: Limit) -> float:

@@ -42,7 +42,7 @@ def load_policies(store: Store) -> dict[str, Predictor]:
         ValueError: one is unknown or damaged, or was made for another robot.
         OSError: a file cannot be read.
     """
-    return {label: spec.load(CONTROL_PERIOD, store.config.robot) for label, spec in store.specs.items()}
+    return {label: spec.load(CONTROL_PERIOD, store.config.arm) for label, spec in store.specs.items()}
 
 
 def run_chunk(config: SweepConfig, policies: Mapping[str, Predictor], number: int) -> Chunk:

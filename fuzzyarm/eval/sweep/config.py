@@ -13,11 +13,14 @@ import numpy as np
 
 from fuzzyarm.common.checks import choice, distinct, instance, real, shown, texts, whole
 from fuzzyarm.common.documents import record
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import PAPER_CASES, find_case
-from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, Distribution
-from fuzzyarm.eval.sweep.quantities import COLUMNS, QUANTITIES
-from fuzzyarm.policies import recorded, resolve
+from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
+from fuzzyarm.envs.scenario.cases import PAPER_CASES, case_for, find_case
+from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, Distribution, distribution_for
+from fuzzyarm.eval.sweep.quantities import QUANTITIES, columns_of
+from fuzzyarm.fuzzy_policy.known_arm import joints_of
+from fuzzyarm.policies import ANY_ROBOT, recorded, resolve
 
 __all__ = ["POLICIES", "SHOWN", "Axis", "QuantityRange", "SweepConfig"]
 
@@ -73,7 +76,8 @@ class SweepConfig:
         policies: policies to run: names, controller files (.json), folders of learned policies, or code of your own as
             package.module:factory, which must act on batches.
         cases: named cases to run each plant in.
-        robot: the arm that the plants are drawn around, and that the policies are loaded for.
+        parameters: the two-joint arm that the plants are drawn around, and that the policies are loaded for.
+        robot: another robot in its place.
         plants: number of plants; with a grid, in each of its cells.
         seed: plant i of the sweep is drawn from seed + i. Sweeps whose seeds are closer than their number of plants
             have plants in common.
@@ -95,7 +99,8 @@ class SweepConfig:
 
     policies: tuple[str, ...] = POLICIES
     cases: tuple[str, ...] = PAPER_CASES
-    robot: ArmParameters = dataclasses.field(default_factory=ArmParameters)
+    parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
+    robot: Robot | None = None
     plants: int = 1000
     seed: int = 0
     distribution: str = "loads"
@@ -113,7 +118,9 @@ class SweepConfig:
         texts("map", self.map)
         for case in self.cases:
             find_case(case)
-        instance("robot", self.robot, ArmParameters)
+        instance("parameters", self.parameters, ArmParameters)
+        if self.robot is not None:
+            instance("robot", self.robot, Robot)
         for name, low in (("plants", 1), ("seed", 0), ("chunk", 1), ("worst", 0)):
             whole(name, getattr(self, name), low=low)
         real("bound", self.bound, "mm", above=0.0)
@@ -148,11 +155,11 @@ class SweepConfig:
         if self.map and self.grid:
             raise ValueError(f"map = {list(self.map)}: the heat maps of a grid are over its own two quantities")
         for column in self.map:
-            choice("map", column, self.drawn().varying or ("nothing varies",))
+            choice("map", column, self.drawn().varying(self.joints) or ("nothing varies",))
 
     def _check_variety(self) -> None:
         """Refuse a sweep that would run the same plant again and again."""
-        varying = self.drawn().varying
+        varying = self.drawn().varying(self.joints)
         if self.total > 1 and not (self.grid or varying):
             raise ValueError(f"plants = {self.plants} would repeat one and the same run: nothing varies")
         if self.grid and self.plants > 1 and not varying:
@@ -162,7 +169,22 @@ class SweepConfig:
         """Return what is drawn: the distribution with the other ranges, and nothing of what the grid sets."""
         changed = {quantity: (low, high) for quantity, low, high in self.ranges}
         changed |= {axis.quantity: (QUANTITIES[axis.quantity].nominal,) * 2 for axis in self.grid}
-        return dataclasses.replace(DISTRIBUTIONS[self.distribution], **changed)
+        return dataclasses.replace(distribution_for(self.distribution, self.arm), **changed)
+
+    @property
+    def arm(self) -> AnyArm:
+        """The robot, or the two-joint arm."""
+        return self.parameters if self.robot is None else self.robot
+
+    @property
+    def joints(self) -> int:
+        """Number of joints of the arm."""
+        return joints_of(self.arm)
+
+    @property
+    def titles(self) -> dict[str, str]:
+        """The titles of the cases by name, with the loads for this arm."""
+        return {case: case_for(case, self.arm).title for case in self.cases}
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -195,9 +217,10 @@ class SweepConfig:
             # A grid sets all joints to the same value: the first column of the quantity stands for them.
             quantities = [axis.quantity for axis in self.grid]
             return tuple(
-                next(column.name for column in COLUMNS.values() if column.quantity == name) for name in quantities
+                next(column.name for column in columns_of(self.joints).values() if column.quantity == name)
+                for name in quantities
             )
-        varying = self.drawn().varying
+        varying = self.drawn().varying(self.joints)
         return self.map or (_MAP if set(_MAP) <= set(varying) else varying[:2])
 
     def to_dict(self) -> dict[str, Any]:
@@ -205,13 +228,19 @@ class SweepConfig:
         plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {name: _as_lists(value) for name, value in plain.items()} | {
             "policies": list(map(recorded, self.policies)),
-            "robot": self.robot.to_dict(),
+            "parameters": self.parameters.to_dict(),
+            "robot": None if self.robot is None else dataclasses.asdict(self.robot),
         }
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> SweepConfig:
-        """Return the configuration with some fields given; with a grid, the others vary nothing by default."""
+        """Return the configuration with some fields given; with a grid, the others vary nothing by default.
+
+        A robot has the policies `ANY_ROBOT` by default.
+        """
         defaults: dict[str, Any] = {"distribution": "nominal", "plants": 1} if given.get("grid") else {}
+        if given.get("robot") is not None:
+            defaults["policies"] = ANY_ROBOT
         return cls(**defaults | given)
 
     @classmethod
@@ -227,10 +256,14 @@ class SweepConfig:
         return {name: value for name, value in self.to_dict().items() if name not in SHOWN}
 
     def command(self) -> str | None:
-        """Return the command line of this configuration; None for another arm than Table 1, which needs a file."""
-        if self.robot != ArmParameters():
+        """Return the command line of this configuration; None for an arm that needs a file."""
+        if self.parameters != ArmParameters():
             return None
         words = ["fuzzyarm", "sweep"]
+        if self.robot is not None:
+            if self.robot.name not in shipped_robots() or self.robot != robot_named(self.robot.name):
+                return None
+            words += ["--robot", self.robot.name]
         words += [word for policy in self.policies for word in ("--policy", recorded(policy))]
         words += [word for case in self.cases for word in ("--case", case)]
         words += ["--plants", str(self.plants), "--seed", str(self.seed), "--distribution", self.distribution]

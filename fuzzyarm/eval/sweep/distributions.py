@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 
 from fuzzyarm.common.checks import interval
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, Range, find_randomisation
-from fuzzyarm.eval.sweep.quantities import COLUMNS, QUANTITIES
+from fuzzyarm.eval.sweep.quantities import QUANTITIES, columns_of
 
-__all__ = ["DISTRIBUTIONS", "Distribution"]
+__all__ = ["DISTRIBUTIONS", "Distribution", "distribution_for"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,18 +63,28 @@ class Distribution:
         ranges = {name: getattr(self, name) for name, quantity in QUANTITIES.items() if quantity.highest is None}
         return DomainRandomisation(**ranges)
 
-    @property
-    def varying(self) -> tuple[str, ...]:
-        """Columns in which the plants differ."""
+    def varying(self, joints: int) -> tuple[str, ...]:
+        """Return the columns in which plants of so many joints differ."""
         ranges = dataclasses.asdict(self)
         different = {name for name, (low, high) in ranges.items() if low < high}
-        return tuple(column.name for column in COLUMNS.values() if column.quantity in different)
+        return tuple(column.name for column in columns_of(joints).values() if column.quantity in different)
+
+
+HEAVIEST = 5.0  # kg, the payload of the paper's case
+
+
+def distribution_for(name: str, arm: AnyArm) -> Distribution:
+    """Return the distribution called `name` for an arm: payloads up to that of its case ``payload`` [kg]."""
+    found = DISTRIBUTIONS[name]
+    low, high = found.payload
+    scale = case_for("payload", arm).disturbance.payload.mass / HEAVIEST
+    return dataclasses.replace(found, payload=(scale * low, scale * high))
 
 
 def _distributions() -> dict[str, Distribution]:
     drawn = find_randomisation("plants", ArmParameters())
     plants = Distribution(**{name: getattr(drawn, name) for name, quantity in QUANTITIES.items() if quantity.per_joint})
-    loads = dataclasses.replace(plants, payload=(0.0, 5.0), force=(0.5, 1.5))
+    loads = dataclasses.replace(plants, payload=(0.0, HEAVIEST), force=(0.5, 1.5))
     return {
         "nominal": Distribution(),
         "plants": plants,
@@ -82,5 +94,5 @@ def _distributions() -> dict[str, Distribution]:
 
 
 DISTRIBUTIONS = _distributions()
-"""By name: ``nominal`` varies nothing; ``plants`` is the environment's randomisation of that name; ``loads`` adds
-payload and tip force; ``all`` adds encoder noise and delay."""
+"""Those of the two-joint arm by name: ``nominal`` varies nothing; ``plants`` is the environment's randomisation of that
+name; ``loads`` adds payload and tip force; ``all`` adds encoder noise and delay."""

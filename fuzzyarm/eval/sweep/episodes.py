@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs import observation as observations
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import Step, TipErrors, episodes
 from fuzzyarm.eval.episodes.rollout import Rollout, Signals
@@ -26,9 +25,9 @@ class _Noise:
         self._factor = factor[:, np.newaxis]
 
     def __call__(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-        reading, result = observation[:, observations.MEASURED], observation.copy()
         true = np.concatenate([info["q_motor"], info["dq_motor"]], axis=1)
-        result[:, observations.MEASURED] = true + self._factor * (reading - true)
+        measured, result = slice(true.shape[1]), observation.copy()
+        result[:, measured] = true + self._factor * (observation[:, measured] - true)
         return result
 
 
@@ -38,9 +37,9 @@ class _Delay:
     The torque of the first instant, when the arm is at rest, acts as if it had been commanded before, too.
     """
 
-    def __init__(self, delay: np.ndarray) -> None:
+    def __init__(self, delay: np.ndarray, joints: int) -> None:
         self._delay, self._lanes, self._step = delay, np.arange(len(delay)), 0
-        self._sent = np.empty((int(delay.max()) + 1, len(delay), observations.JOINTS))
+        self._sent = np.empty((int(delay.max()) + 1, len(delay), joints))
 
     def __call__(self, torque: np.ndarray) -> np.ndarray:
         depth, k = len(self._sent), self._step
@@ -55,7 +54,8 @@ def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterato
     noise = np.tile(plants.values["noise"], cases)
     delay = np.tile(plants.values["delay"], cases).astype(np.int64)
     sense = _Noise(noise) if noise.any() else None
-    return episodes(envs, policy, start, sense=sense, actuate=_Delay(delay) if delay.any() else None)
+    actuate = _Delay(delay, plants.config.joints) if delay.any() else None
+    return episodes(envs, policy, start, sense=sense, actuate=actuate)
 
 
 def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> SweepResults:
@@ -125,5 +125,5 @@ def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, 
         case=case,
         seed=plants.seeds[0],
         control_period=CONTROL_PERIOD,
-        parameters=config.robot,
+        parameters=config.arm,
     )

@@ -19,7 +19,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.evaluation.figures import DASHES
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.quantities import column_label
@@ -145,7 +144,7 @@ def _spread(config: SweepConfig, errors: np.ndarray, rows: Sequence[dict[str, An
         axes.axvline(config.bound, color="#333333", linewidth=0.9, zorder=1.5)
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.set(title=find_case(case).title, xlabel="largest tip error [mm]", ylim=(0.0, 102.0))
+        axes.set(title=config.titles[case], xlabel="largest tip error [mm]", ylim=(0.0, 102.0))
     panels[0].set_ylabel("share of plants at or below [%]")
     panels[0].set_xlim(left=max(LEFT * config.bound, panels[0].get_xlim()[0]))
     handles.append(Line2D([], [], color="#333333", linewidth=0.9, label=f"bound of success, {config.bound:g} mm"))
@@ -178,11 +177,11 @@ def _map(config: SweepConfig, policy: str, cells: Cells, medians: np.ndarray, no
     """Return the heat map of a policy, a panel for each case; all policies share one scale of colours."""
     figure = Figure(figsize=(1.6 + 2.9 * max(2, len(config.cases)), 3.9))
     panels = figure.subplots(1, len(config.cases), sharey=True, squeeze=False)[0]
-    across, up = (column_label(column, both_joints=bool(config.grid)) for column in cells.columns)
+    across, up = (column_label(column, together=config.joints if config.grid else None) for column in cells.columns)
     for axes, case, errors in zip(panels, config.cases, medians, strict=True):
         mesh = _draw_cells(axes, cells, errors, norm)
         _draw_bound(axes, cells, errors, config.bound)
-        axes.set(title=find_case(case).title, xlabel=across.replace(" [", "\n["))
+        axes.set(title=config.titles[case], xlabel=across.replace(" [", "\n["))
         axes.grid(False)
     panels[0].set_ylabel(up.replace(" [", "\n["))
     finite = medians[np.isfinite(medians)]

@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from fuzzyarm.envs.batch.randomness import uniform
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.cases import case_for
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance, TipForce
-from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE, PLANT, QUANTITIES
+from fuzzyarm.eval.sweep.quantities import NOISE, QUANTITIES, columns_of, plant_record
+from fuzzyarm.fuzzy_policy.known_arm import with_drives, with_mass
 
 __all__ = ["CONTROL_PERIOD", "Plants"]
 
@@ -39,7 +43,7 @@ class Plants:
     Attributes:
         config: the sweep.
         members: (n,) their numbers in it.
-        values: (n,) what they are made of, records of `quantities.PLANT`; read-only.
+        values: (n,) what they are made of, records of `quantities.plant_record`; read-only.
     """
 
     config: SweepConfig
@@ -53,15 +57,15 @@ class Plants:
         # This environment only draws, so that the values are known before any episode is run.
         drawing = FuzzyArmVectorEnv(
             len(seeds),
-            parameters=config.robot,
-            reference=JointReference(parameters=config.robot),
+            **_arm_argument(config.arm),
+            reference=default_reference(config.arm),
             randomisation=config.drawn().randomisation(),
             threads=1,
         )
         drawn = drawing.reset(seed=seeds)[1].get("randomisation", {})
-        plants = cls(config, members, np.empty(len(seeds), dtype=PLANT))
+        plants = cls(config, members, np.empty(len(seeds), dtype=plant_record(config.joints)))
         extras, cells = plants._draw_extras(), plants._cells()
-        for name, column in COLUMNS.items():
+        for name, column in columns_of(config.joints).items():
             if column.quantity in drawn:
                 values = drawn[column.quantity]
                 plants.values[name] = values if column.joint is None else values[:, column.joint]
@@ -85,7 +89,7 @@ class Plants:
         cells = self._cells()
         noisy = bool(self.config.drawn().noise[1] > 0.0 or "noise" in cells)
         # Lanes with equal arms or loads share the object: the environment prepares each object once.
-        arms: dict[tuple[float, ...], ArmParameters] = {}
+        arms: dict[tuple[float, ...], AnyArm] = {}
         loads: dict[tuple[str, float, float], Disturbance] = {}
         lane_arms, lane_loads = [], []
         for case in cases:
@@ -93,17 +97,17 @@ class Plants:
                 values = {name: float(column[i]) for name, column in cells.items()}
                 factors = tuple(values.get(name, 1.0) for name, quantity in QUANTITIES.items() if quantity.per_joint)
                 if factors not in arms:
-                    arms[factors] = _arm(self.config.robot, values)
+                    arms[factors] = _varied(self.config.arm, values)
                 load = case, values.get("payload", 0.0), values.get("force", 1.0)
                 if load not in loads:
-                    loads[load] = _disturbance(*load, noisy)
+                    loads[load] = _disturbance(self.config.arm, *load, noisy)
                 lane_arms.append(arms[factors])
                 lane_loads.append(loads[load])
         return FuzzyArmVectorEnv(
             len(lane_arms),
             disturbance=lane_loads,
-            parameters=lane_arms,
-            reference=JointReference(parameters=self.config.robot),
+            **_arm_argument(lane_arms),
+            reference=default_reference(self.config.arm),
             control_period=CONTROL_PERIOD,
             randomisation=self.config.drawn().randomisation(),
             threads=1,
@@ -113,8 +117,8 @@ class Plants:
         """Begin the plants' episodes in their `environment`; every arm starts where the nominal one does."""
         nominal = FuzzyArmVectorEnv(
             1,
-            parameters=self.config.robot,
-            reference=JointReference(parameters=self.config.robot),
+            **_arm_argument(self.config.arm),
+            reference=default_reference(self.config.arm),
             threads=1,
         )
         _, at_rest = nominal.reset(seed=0)
@@ -159,23 +163,32 @@ class ScaledForce:
     factor: float
 
     def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
-        """Return the force (..., 2) [N] at times (...) [s] for reference tip velocities (..., 2) [m/s]."""
+        """Return the force [N] at times (...) [s], of the shape (..., 2 or 3) of reference tip velocities [m/s]."""
         return self.factor * self.force.at(time, tip_velocity)
 
 
-def _arm(robot: ArmParameters, factors: Values) -> ArmParameters:
+def _arm_argument(arms: AnyArm | list[AnyArm]) -> dict[str, Any]:
+    """Return the argument of an environment for an arm, or for one of each lane."""
+    first = arms[0] if isinstance(arms, list) else arms
+    return {"robot" if isinstance(first, Robot) else "parameters": arms}
+
+
+def _varied(arm: AnyArm, factors: Values) -> AnyArm:
     """Return an arm times the factors; a quantity without one stays as it is."""
-    changed = {
-        field: tuple(factor * number for number in getattr(robot, field))
-        for name, factor in factors.items()
-        for field in QUANTITIES[name].arm_fields
-    }
-    return dataclasses.replace(robot, **changed)  # type: ignore[arg-type]
+    of_field = {field: factor for name, factor in factors.items() for field in QUANTITIES[name].arm_fields}
+    if isinstance(arm, ArmParameters):
+        changed = {
+            field: tuple(factor * number for number in getattr(arm, field)) for field, factor in of_field.items()
+        }
+        return dataclasses.replace(arm, **changed)  # type: ignore[arg-type]
+    drives = {name: factor for name, factor in of_field.items() if name not in ("mass", "inertia")}
+    heavier = with_mass(arm, of_field.get("mass", 1.0))
+    return with_drives(heavier, **{name: factor * arm.drive(name) for name, factor in drives.items()})
 
 
-def _disturbance(case: str, payload: float, force: float, noisy: bool) -> Disturbance:
+def _disturbance(arm: AnyArm, case: str, payload: float, force: float, noisy: bool) -> Disturbance:
     """Return what acts on the arm in a case with `payload` [kg] more at the tip and `force` times the tip force."""
-    own = find_case(case).disturbance
+    own = case_for(case, arm).disturbance
     tip_force = own.tip_force if own.tip_force is None or force == 1.0 else ScaledForce(own.tip_force, force)
     # A payload of the case itself stays where the case puts it, and what is added joins it there.
     place = own.payload.at if own.payload.mass > 0.0 else "tip"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.robot import MOST_JOINTS
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 
-__all__ = ["COLUMNS", "LONGEST_DELAY", "NOISE", "PLANT", "QUANTITIES", "Column", "Quantity", "column_label"]
+__all__ = ["LONGEST_DELAY", "NOISE", "QUANTITIES", "Column", "Quantity", "column_label", "columns_of", "plant_record"]
 
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 """The encoder noise that the quantity ``noise`` is a factor of [rad, rad/s]."""
@@ -25,8 +27,8 @@ class Quantity(NamedTuple):
         label: what it is called on an axis.
         unit: of its values.
         nominal: the value that changes nothing.
-        arm_fields: fields of `ArmParameters` that it is a factor of, as in `Physics.varied`; empty for a
-            quantity that is no property of the arm.
+        arm_fields: fields of `ArmParameters`, or of a robot's links and drives, that it is a factor of, as in
+            `Physics.varied`; empty for a quantity that is no property of the arm.
         highest: largest value allowed, where `DomainRandomisation` does not say it.
     """
 
@@ -76,31 +78,33 @@ class Column(NamedTuple):
     joint: int | None
 
 
-def _columns() -> dict[str, Column]:
+@functools.cache
+def columns_of(joints: int) -> dict[str, Column]:
+    """Return the numbers that make a plant of an arm of so many joints, by name."""
     columns = []
     for name, quantity in QUANTITIES.items():
         if quantity.per_joint:
-            columns += [Column(f"{name}_{joint + 1}", name, joint) for joint in range(JOINTS)]
+            columns += [Column(f"{name}_{joint + 1}", name, joint) for joint in range(joints)]
         else:
             columns.append(Column(name, name, None))
     return {column.name: column for column in columns}
 
 
-COLUMNS = _columns()
-"""The numbers that make a plant, by name."""
-
-PLANT = np.dtype([(name, np.float64) for name in COLUMNS])
-"""A plant as a record of an array: ``plants["stiffness_1"]`` is the column of that name."""
+def plant_record(joints: int) -> np.dtype[np.void]:
+    """Return a plant as a record of an array: ``plants["stiffness_1"]`` is the column of that name, (plants,)."""
+    return np.dtype([(name, np.float64) for name in columns_of(joints)])
 
 
-def column_label(name: str, *, both_joints: bool = False) -> str:
+def column_label(name: str, *, together: int | None = None) -> str:
     """Return words for an axis over a column, with its unit.
 
     Args:
         name: of the column.
-        both_joints: whether the axis sets all joints to the same value.
+        together: how many joints the arm has, if the axis sets them all to the same value.
     """
-    column = COLUMNS[name]
-    quantity = QUANTITIES[column.quantity]
-    joint = "" if column.joint is None else ", both joints" if both_joints else f", joint {column.joint + 1}"
+    column = columns_of(MOST_JOINTS)[name]
+    quantity, joint = QUANTITIES[column.quantity], ""
+    if column.joint is not None:
+        alike = "both joints" if together == JOINTS else "all joints"
+        joint = f", {alike}" if together else f", joint {column.joint + 1}"
     return f"{quantity.label}{joint} [{quantity.unit}]"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fuzzyarm.eval.sweep.quantities import PLANT
+from fuzzyarm.eval.sweep.quantities import plant_record
 
 __all__ = ["METRICS", "SweepResults"]
 
@@ -17,7 +17,7 @@ class SweepResults:
     """Some plants of a sweep, or all, and the metrics of their episodes.
 
     Attributes:
-        plants: (n,) records of `quantities.PLANT`.
+        plants: (n,) records of `quantities.plant_record`.
         max_mm: (policies, cases, n) largest tip error [mm].
         rms_mm: (policies, cases, n) root mean square tip error [mm].
         seconds: (policies, cases, n) duration of the episode [s].
@@ -45,11 +45,11 @@ class SweepResults:
         metrics = {name: getattr(self, name)[policy, case] for name in METRICS}
         return SweepResults(self.plants, **metrics)
 
-    def fits(self, policies: int, cases: int, plants: int) -> bool:
-        """Return whether the arrays have the shapes and types of a sweep of this size."""
+    def fits(self, policies: int, cases: int, plants: int, joints: int) -> bool:
+        """Return whether the arrays have the shapes and types of a sweep of this size, of arms of so many joints."""
         shape = policies, cases, plants
         return (
-            self.plants.dtype == PLANT
+            self.plants.dtype == plant_record(joints)
             and self.plants.shape == (plants,)
             and all(getattr(self, name).shape == shape for name in METRICS)
             and all(getattr(self, name).dtype == (bool if name == "completed" else float) for name in METRICS)

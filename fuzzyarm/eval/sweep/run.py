@@ -146,7 +146,7 @@ class Sweep:
         folder = self.store.folder / f"replay-{policy.replace(':', '-')}-{case}-{plant}"
         folder.mkdir(exist_ok=True)
         write_atomically(folder / _EPISODE, _compressed(dataclasses.asdict(rollout)))
-        write_figures([rollout], folder)
+        write_figures([rollout], folder, titles=self.store.config.titles)
         return Replay(rollout, folder)
 
 

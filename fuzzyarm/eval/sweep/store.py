@@ -20,6 +20,7 @@ from fuzzyarm.common.checks import instance
 from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, sweep_identity
 from fuzzyarm.eval.sweep.results import METRICS, SweepResults
@@ -27,7 +28,7 @@ from fuzzyarm.policies import Kind, PolicySpec, found_again, resolve, resolve_al
 
 __all__ = ["RUN", "SCHEMA", "Store"]
 
-SCHEMA = "fuzzyarm-sweep/2"  # of the file of a sweep that tells what is run
+SCHEMA = "fuzzyarm-sweep/3"  # of the file of a sweep that tells what is run
 RUN = "run.json"  # its name
 _CHUNKS = "chunks"
 
@@ -150,7 +151,9 @@ class Store:
             raise ValueError(
                 f"{path} is of another sweep than {self.folder / RUN}: delete it, and --resume runs it again"
             )
-        if not results.fits(len(self.config.policies), len(self.config.cases), len(self.config.members(number))):
+        if not results.fits(
+            len(self.config.policies), len(self.config.cases), len(self.config.members(number)), self.config.joints
+        ):
             raise ValueError(f"{path} is damaged (its size is wrong): delete it, and --resume runs it again")
         return results
 
@@ -192,6 +195,9 @@ def _check_same(folder: Path, name: str, kept: Any, value: Any) -> None:
             f"{folder} holds a sweep of another robot ({difference(kept.to_dict(), value.to_dict())}): choose another "
             "--out"
         )
+    if isinstance(value, Robot):
+        then = "the two-joint arm" if kept is None else f"{kept.name}, with other numbers"
+        raise ValueError(f"{folder} holds a sweep of {then}, not of {value.name}: choose another --out")
     raise ValueError(f"{folder} holds a sweep with {name} = {kept}, not {value}: choose another --out")
 
 

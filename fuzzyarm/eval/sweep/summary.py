@@ -24,7 +24,7 @@ from scipy.stats import binomtest, bootstrap
 
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE
+from fuzzyarm.eval.sweep.quantities import NOISE
 from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.store import SCHEMA
 
@@ -60,6 +60,7 @@ def summarise(config: SweepConfig, results: SweepResults) -> dict[str, Any]:
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         **current_provenance(),
         "config": config.to_dict(),
+        "titles": config.titles,
         "method": {
             "plants": config.total,
             "distribution": {name: list(value) for name, value in vars(config.drawn()).items()},
@@ -89,7 +90,7 @@ def _row(config: SweepConfig, episodes: SweepResults) -> dict[str, Any]:
                 "seconds": float(episodes.seconds[plant]),
                 "max_mm": float(episodes.max_mm[plant]),
                 "rms_mm": float(episodes.rms_mm[plant]),
-                "parameters": {name: float(episodes.plants[plant][name]) for name in COLUMNS},
+                "parameters": {name: float(episodes.plants[plant][name]) for name in episodes.plants.dtype.names or ()},
             }
             for plant in worst(episodes, config.worst)
         ],

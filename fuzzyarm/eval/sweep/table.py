@@ -10,7 +10,6 @@ from rich.text import Text
 
 from fuzzyarm.common.console import print_paragraphs, print_table, table
 from fuzzyarm.common.files import csv_text
-from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.sweep.summary import QUANTILES
 
 __all__ = ["print_sweep", "summary_csv"]
@@ -30,7 +29,7 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
     rows = table(headings, console=console)
     for case in config["cases"]:
         rows.add_section()
-        rows.add_row(Text(find_case(case).title, style="bold"))
+        rows.add_row(Text(document["titles"][case], style="bold"))
         for row in document["rows"]:
             if row["case"] == case:
                 success = {name: 100.0 * share for name, share in row["success"].items()}

@@ -3,7 +3,7 @@
 `ObserverWeights` were tuned for the two-joint arm. Where a robot's mass matrix depends on more angles than gains are
 tabulated over, they are too sharp, and the loop may be unstable in part of its range. With a factor s ≥ 1,
 
-    link_angle → s² link_angle,    link_velocity → s link_velocity,    motor_torque → s motor_torque
+    link_angle → s link_angle,    link_velocity → √s link_velocity
 
 weaken the feedback and make it more robust. The smallest s of `FACTORS` is taken with which the loop is stable at
 random postures in all of `sampled_margins.CONDITIONS`.
@@ -33,7 +33,7 @@ from fuzzyarm.fuzzy_policy.laws.sampled_margins import CONDITIONS, LinearLaw, Pl
 
 __all__ = ["FACTORS", "linear_observer", "softened", "weights_for"]
 
-FACTORS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)
+FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Factors s that are tried, one after the other."""
 
 
@@ -62,9 +62,8 @@ def softened(weights: ObserverWeights, factor: float) -> ObserverWeights:
     """Return weights softened by s = `factor`."""
     return dataclasses.replace(
         weights,
-        link_angle=factor**2 * weights.link_angle,
-        link_velocity=factor * weights.link_velocity,
-        motor_torque=factor * weights.motor_torque,
+        link_angle=factor * weights.link_angle,
+        link_velocity=math.sqrt(factor) * weights.link_velocity,
     )
 
 

@@ -38,9 +38,9 @@ ONE_AT_A_TIME = (Condition(), Condition(loop_gain=2.0), Condition(delay=1))
 
 CONDITIONS = (
     *(Condition(gain, delay) for gain in (1.0, 0.67, 1.5) for delay in (0, 1)),
-    *(Condition(stiffness=factor) for factor in (0.8, 1.2)),
+    *(Condition(stiffness=factor) for factor in (0.9, 1.1)),
 )
-"""The margins that the observer's weights were tuned with."""
+"""The margins of the observer's weights."""
 
 COUNT = 16  # postures
 

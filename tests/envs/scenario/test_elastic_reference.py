@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
+from slow_twins import slow_but
 from support.two_joints import state_of
 
 from fuzzyarm.envs.physics.dynamics import (
@@ -205,7 +206,7 @@ def test_corners_of_a_reference_are_those_of_its_path_in_time():
     np.testing.assert_array_equal(JointReference().corners(), [0.0, 1.5])
 
 
-@pytest.mark.parametrize("name", ["planar-3r", "ur5"])
+@pytest.mark.parametrize("name", slow_but(["planar-3r"], ["planar-3r", "ur5"]))
 def test_the_springs_of_a_robot_carry_what_its_links_need(name):
     """B_t δ̇ + K_t δ = M q̈_d + C q̇_d + g, with derivatives that belong to the values."""
     robot = robot_named(name)

@@ -8,6 +8,7 @@ import functools
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
+from slow_twins import slow_but
 
 from fuzzyarm.envs.physics.dynamics import rigid_inverse_dynamics
 from fuzzyarm.envs.scenario.reference import JointReference, ReferenceSample
@@ -216,7 +217,7 @@ def test_the_worst_torque_is_the_first_singular_vector() -> None:
 # (a) decay
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_but(["fuzzy-4"], NAMES))
 def test_without_disturbance_the_error_decays_as_certified(name: str) -> None:
     """Random errors on the circle over its 1.5 s, V falling by 26 decades; then at and across random postures."""
     loop = shipped(name)
@@ -255,7 +256,7 @@ def test_weaker_gains_lose_the_rate() -> None:
 
 
 @pytest.mark.parametrize("total", [True, False])
-@pytest.mark.parametrize("name", NAMES[:2])
+@pytest.mark.parametrize("name", slow_but(["fuzzy-4"], NAMES))
 def test_no_disturbance_exceeds_the_gain(name: str, total: bool) -> None:
     """Along the circle, w from the library and the worst, or the same as d with ρ on top of it."""
     loop = shipped(name)
@@ -266,7 +267,7 @@ def test_no_disturbance_exceeds_the_gain(name: str, total: bool) -> None:
     assert np.all(run.dissipation[-1] < 0.0)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_but(["fuzzy-4"], NAMES))
 def test_the_worst_torque_at_the_worst_posture(name: str) -> None:
     """It comes within 4 % of the largest frozen gain at rest, above the whole library and below γ."""
     loop = shipped(name)

@@ -13,11 +13,8 @@ from fuzzyarm.eval.report.stored import read_evaluation
 
 def standing(policy, lost=0, score=None, **rms):
     """A standing with these rms tip errors [mm], None where the path was lost."""
-    product = 1.0
-    for error in rms.values():
-        product *= error or 0.0
-    mean = Estimate(product ** (1.0 / len(rms)), None, None)
-    return Standing(policy, "", None if lost else score or mean, rms, 9.0, lost, len(rms), certified=False)
+    largest = Estimate(max(error or 0.0 for error in rms.values()), None, None)
+    return Standing(policy, "", None if lost else score or largest, rms, lost, len(rms), certified=False)
 
 
 def words(*standings):
@@ -27,7 +24,7 @@ def words(*standings):
 def test_one_policy_wins_overall_and_others_their_cases():
     a, b = standing("a", nominal=4.0, machining=1.0), standing("b", nominal=0.5, machining=9.0)
     assert words(a, b) == (
-        "a wins overall with a score of 2.00 mm and in Case 2 (machining force) with 1.00 mm rms; "
+        "a wins overall with a score of 4.00 mm and in Case 2 (machining force) with 1.00 mm rms; "
         "b wins in Case 1 (nominal) with 0.500 mm rms."
     )
     assert headline((a, b)).startswith("<strong>a</strong> wins")
@@ -49,7 +46,7 @@ def test_values_that_read_the_same_tie():
 def test_who_lost_the_path_wins_neither_that_case_nor_overall():
     a, b = standing("a", nominal=4.0, machining=1.0), standing("b", lost=1, nominal=0.5, machining=None)
     assert words(a, b) == (
-        "a wins overall with a score of 2.00 mm and in Case 2 (machining force) with 1.00 mm rms; b wins in Case 1 "
+        "a wins overall with a score of 4.00 mm and in Case 2 (machining force) with 1.00 mm rms; b wins in Case 1 "
         "(nominal) with 0.500 mm rms; b lost the path in 1 of 2 episodes and is not ranked overall."
     )
 

@@ -28,10 +28,12 @@ from fuzzyarm.eval.stability.margins import (
     MarginsConfig,
     margin_cells,
     margin_notes,
+    margins_in_words,
     measure_margins,
     policy_margins,
 )
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.policy import Predictor
 from fuzzyarm.policies import ANY_ROBOT, LEARNED, NAMES, load_policy
 
@@ -161,8 +163,8 @@ def test_the_command_makes_the_configuration_again(monkeypatch: pytest.MonkeyPat
 
 def test_a_condition_without_a_number_says_why(tmp_path: Path) -> None:
     """Torque limits that the payload exceeds: nothing there, numbers elsewhere, a dash in the table and the reason."""
-    robot = tmp_path / "weak.toml"
-    robot.write_text("torque_limit = [95.0, 45.0]\n")
+    robot = tmp_path / "heavy.toml"
+    robot.write_text("gravity = 45.0\n")
     document = measure_margins(MarginsConfig(("computed-torque",), str(robot)))
     (row,) = document["rows"]
     assert row["spectral_radius"].pop(PAYLOAD) is None
@@ -226,8 +228,8 @@ def test_bad_configurations(tmp_path: Path) -> None:
     load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match="two of them have the same name"):
         measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
-    (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\n")
-    with pytest.raises(ValueError, match="reach"):
+    (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\ntorque_limit = [10.0, 5.0]\n")
+    with pytest.raises(ValueError, match="to hold its weight"):
         measure_margins(MarginsConfig(("computed-torque",), str(tmp_path / "short.toml")))
 
 
@@ -284,3 +286,11 @@ def test_a_narrow_terminal_breaks_no_number(width: int) -> None:
     numbers = [word for line in lines if line.startswith(" fuzzy-4 ") for word in line.split()[1:]]
     assert numbers == margin_cells(nominal()["rows"])[1][1][1:]
     assert sum(line.startswith(" fuzzy-4 ") for line in lines) == {60: 3, 80: 2, 120: 1}[width]
+
+
+def test_a_design_that_is_unstable_on_the_elastic_arm_is_warned_of_in_words() -> None:
+    shipped = load_policy("fuzzy-4")
+    hasty = FuzzyPolicy(dataclasses.replace(shipped.controller, gains=6.0 * shipped.controller.gains))
+    assert "WARNING" not in margins_in_words(shipped, ArmParameters(), 1e-3)
+    text = margins_in_words(hasty, ArmParameters(), 1e-3)
+    assert "WARNING: what is proven is proven for the rigid arm" in text and "raise --gamma" in text

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import shlex
 
@@ -8,10 +9,12 @@ from fuzzyarm.cli.application import command_line
 from fuzzyarm.cli.sweep import configured
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, case_for
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS, Distribution
-from fuzzyarm.eval.sweep.quantities import COLUMNS, QUANTITIES, column_label
+from fuzzyarm.eval.sweep.quantities import QUANTITIES, column_label, columns_of
+from fuzzyarm.policies import ANY_ROBOT
 
 GRID = (Axis("stiffness", 0.7, 1.3, 3), Axis("payload", 0.0, 5.0, 2))
 CONFIGS = [
@@ -34,7 +37,7 @@ def test_a_configuration_survives_json_and_its_own_command_line(config):
 
 
 def test_another_arm_survives_json_and_comes_from_a_file(tmp_path):
-    config = SweepConfig(robot=ArmParameters(mass=(14.0, 8.0)))
+    config = SweepConfig(parameters=ArmParameters(mass=(14.0, 8.0)))
     assert SweepConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
     assert config.command() is None  # no option says what is in a file
     (tmp_path / "arm.toml").write_text("mass = [14.0, 8.0]\n")
@@ -62,10 +65,12 @@ def test_the_members_of_the_chunks_are_all_plants_once():
 
 
 def test_every_column_has_a_label_with_a_unit():
-    for column in COLUMNS:
+    for column in columns_of(12):
         assert column_label(column).endswith("]") and "[" in column_label(column)
-    assert len(COLUMNS) == 6 * JOINTS + 4 and len(QUANTITIES) == 10
-    assert np.all([len(DISTRIBUTIONS[name].varying) for name in ("plants", "loads", "all")] == np.array([12, 14, 16]))
+    assert len(columns_of(JOINTS)) == 6 * JOINTS + 4 and len(QUANTITIES) == 10
+    assert np.all(
+        [len(DISTRIBUTIONS[name].varying(JOINTS)) for name in ("plants", "loads", "all")] == np.array([12, 14, 16])
+    )
 
 
 @pytest.mark.parametrize(
@@ -96,7 +101,7 @@ def test_every_column_has_a_label_with_a_unit():
         ({"grid": GRID, "map": ("mass_1", "mass_2")}, "a grid are over its own two"),
         ({"map": ("mass_1", "noise")}, "choose from: mass_1"),
         ({"map": ("mass_1",)}, "two different columns"),
-        ({"robot": {"mass": (14.0, 8.0)}}, "must be a fuzzyarm.envs.physics.parameters.ArmParameters"),
+        ({"parameters": {"mass": (14.0, 8.0)}}, "must be a fuzzyarm.envs.physics.parameters.ArmParameters"),
     ],
 )
 def test_bad_values_are_named_with_what_is_allowed(arguments, expected):
@@ -118,3 +123,16 @@ def test_a_missing_field_is_named():
     del document["robot"]
     with pytest.raises(ValueError, match="robot"):
         SweepConfig.from_dict(document)
+
+
+def test_a_robot_has_columns_for_its_joints_and_payloads_of_its_case():
+    """It comes back from its own document, and a shipped one has a command line."""
+    robot = robot_named("ur5")
+    config = SweepConfig.of({"robot": robot})
+    assert config.policies == ANY_ROBOT and config.joints == 6
+    assert len(config.drawn().varying(config.joints)) == 6 * 6 + 2
+    assert config.drawn().payload == (0.0, case_for("payload", robot).disturbance.payload.mass)
+    assert config.titles["payload"] == case_for("payload", robot).title != CASES["payload"].title
+    assert SweepConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    assert "--robot ur5" in config.command()
+    assert dataclasses.replace(config, robot=robot.with_payload(1.0)).command() is None

@@ -9,6 +9,7 @@ import pytest
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import MEASURED
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
@@ -17,7 +18,7 @@ from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
 from fuzzyarm.eval.sweep.episodes import replay, run_plants, steps
 from fuzzyarm.eval.sweep.plants import Plants
-from fuzzyarm.eval.sweep.quantities import COLUMNS, NOISE
+from fuzzyarm.eval.sweep.quantities import NOISE, columns_of
 from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.policies import load_policy
 
@@ -71,7 +72,7 @@ def test_what_is_drawn_is_what_the_environment_draws_from_the_same_seed():
     env = FuzzyArmEnv(randomisation=DISTRIBUTIONS["all"].randomisation())
     for i in range(6):
         drawn = env.reset(seed=40 + i)[1]["randomisation"]
-        for name, column in COLUMNS.items():
+        for name, column in columns_of(2).items():
             if column.joint is not None:
                 assert plants.values[name][i] == drawn[column.quantity][column.joint]
         assert (plants.values["payload"][i], plants.values["force"][i]) == (drawn["payload"], drawn["force"])
@@ -85,7 +86,7 @@ def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
     counts = np.bincount(delay.astype(int))
     assert len(counts) == 3 and np.all(np.abs(counts - 1000) < 4 * math.sqrt(3000 * 2 / 9))
     for extra in ("noise", "delay"):
-        for name in COLUMNS:
+        for name in columns_of(2):
             correlation = np.corrcoef(plants.values[name], plants.values[extra])[0, 1]
             assert abs(correlation) < 0.09 or name == extra
 
@@ -188,7 +189,7 @@ def test_plants_are_drawn_around_the_robot():
     """Each plant is the robot with the factors of its record, and starts where the robot does."""
     robot = ArmParameters(length=(0.45, 0.55), mass_center=(0.22, 0.27), stiffness=(5e4, 1e4))
     config = SweepConfig(
-        policies=("computed-torque",), cases=("machining",), plants=2, distribution="plants", robot=robot
+        policies=("computed-torque",), cases=("machining",), plants=2, distribution="plants", parameters=robot
     )
     policies = {"computed-torque": load_policy("computed-torque", robot=robot)}
     found = run_plants(config, policies, range(2))
@@ -209,7 +210,7 @@ def test_a_grid_scales_the_robot():
     robot = ArmParameters(stiffness=(5e4, 1e4))
     grid = Axis("stiffness", 0.8, 1.2, 2), Axis("mass", 0.9, 1.1, 2)
     config = SweepConfig(
-        policies=("computed-torque",), cases=("nominal",), grid=grid, distribution="nominal", plants=1, robot=robot
+        policies=("computed-torque",), cases=("nominal",), grid=grid, distribution="nominal", plants=1, parameters=robot
     )
     policies = {"computed-torque": load_policy("computed-torque", robot=robot)}
     found = run_plants(config, policies, range(4)).max_mm[0, 0]
@@ -226,3 +227,20 @@ def test_a_policy_that_fails_is_named():
 
     with pytest.raises(ValueError, match="policy mine, plants 2 to 3: out of ideas"):
         run_plants(CONFIG, {"mine": Failing()}, range(2, 4))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grid", [(), (Axis("mass", 0.8, 1.2, 2), Axis("stiffness", 0.9, 1.1, 2))])
+def test_the_two_joint_arm_as_a_robot_has_the_errors_of_the_two_joint_arm(grid):
+    """Equal draws, loads, noise and delay; the equations of motion and the reference are generated."""
+    plants = {"grid": grid, "distribution": "nominal", "plants": 1} if grid else {"distribution": "all", "plants": 3}
+    arm, robot = ArmParameters(), Robot.of(ArmParameters())
+    found = []
+    for given, one in (({"parameters": arm}, arm), ({"robot": robot}, robot)):
+        config = SweepConfig(policies=("computed-torque",), cases=("nominal", "payload"), **plants, **given)
+        policies = {"computed-torque": load_policy("computed-torque", robot=one)}
+        found.append(run_plants(config, policies, range(config.total)))
+    expected, result = found
+    assert result.plants.dtype == expected.plants.dtype and (result.plants == expected.plants).all()
+    np.testing.assert_allclose(result.max_mm, expected.max_mm, rtol=1e-4)
+    np.testing.assert_allclose(result.rms_mm, expected.rms_mm, rtol=1e-4)

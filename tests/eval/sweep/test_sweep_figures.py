@@ -6,7 +6,7 @@ import pytest
 
 from fuzzyarm.eval.sweep.config import Axis, SweepConfig
 from fuzzyarm.eval.sweep.figures import COLORS, Cells, draw_sweep, write_sweep_figures
-from fuzzyarm.eval.sweep.quantities import COLUMNS, PLANT
+from fuzzyarm.eval.sweep.quantities import columns_of, plant_record
 from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.summary import summarise
 
@@ -19,8 +19,8 @@ DRAWN = SweepConfig(policies=("fuzzy-4",), cases=("nominal",), plants=500, distr
 
 def made(config, ended=True):
     generator = np.random.default_rng(0)
-    plants = np.empty(config.total, dtype=PLANT)
-    for name in COLUMNS:
+    plants = np.empty(config.total, dtype=plant_record(2))
+    for name in columns_of(2):
         plants[name] = generator.uniform(size=config.total)
     plants["delay"] = generator.integers(0, 3, config.total)
     if config.grid:
@@ -90,6 +90,7 @@ def test_all_policies_share_one_scale_of_colours_which_grey_keeps():
     assert np.all(np.diff(0.299 * red + 0.587 * green + 0.114 * blue) < 0.0)  # darker is worse
 
 
+@pytest.mark.slow
 def test_the_same_sweep_gives_the_same_files(tmp_path):
     results = made(DRAWN, ended=False)
     rows = summarise(DRAWN, results)["rows"]

@@ -43,7 +43,7 @@ def test_the_identity_holds_the_digest_of_every_file_of_a_policy():
     assert list(found["policies"]["fuzzy-4-tip"]) == ["fuzzy-4.json"]
     assert "policy.json" in found["policies"]["ppo-residual"]  # which holds the digest of the weights
     assert found["policies"]["computed-torque"] == {}
-    assert found["numbers"]["robot"] == config.robot.to_dict()
+    assert found["numbers"]["parameters"] == config.parameters.to_dict()
     assert "bound" not in found["numbers"]  # decides only how results are shown
     assert digest_of_identity(found) == digest_of_identity(json.loads(json.dumps(found)))
 

@@ -66,7 +66,7 @@ def package(folder, name, share=0.999):
 def undrawn(monkeypatch):
     """Draw no figures, which other tests look at: they take most of a small sweep's time."""
     monkeypatch.setattr("fuzzyarm.eval.sweep.figures.write_sweep_figures", lambda *_: [])
-    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_, **__: [])
 
 
 @pytest.fixture
@@ -196,7 +196,7 @@ def test_another_arm_with_a_controller_that_was_designed_for_it(arm, tmp_path, c
     assert main(["sweep", *policies, "--robot", robot, *QUICK, "--jobs", "2", "--out", str(out)]) == 0
     document = json.loads((out / "run.json").read_text())
     expected = ArmParameters.from_toml(robot)
-    assert ArmParameters.from_dict(document["config"]["robot"]) == expected
+    assert ArmParameters.from_dict(document["config"]["parameters"]) == expected
     assert list(document["policies"]) == ["mine", "mine-tip", "elastic-observer"]
     assert list(document["policies"]["mine"]) == ["mine.json"]
     assert document["command"] is None

@@ -67,6 +67,7 @@ class Killer:
             (self.folder / "killed").touch()
 
 
+@pytest.mark.slow
 def test_local_processes_give_the_numbers_of_one_and_one_of_them_may_die(tmp_path, expected, monkeypatch):
     monkeypatch.setattr(chunks, "run_chunk", run_chunk)  # put back after the test
     killer, reports = Killer(tmp_path), []

@@ -8,7 +8,7 @@ from rich.console import Console
 from scipy.stats import binom, norm
 
 from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.quantities import COLUMNS, PLANT
+from fuzzyarm.eval.sweep.quantities import columns_of, plant_record
 from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.summary import QUANTILES, quantile_ranks, quantiles, summarise, worst
 from fuzzyarm.eval.sweep.table import print_sweep, summary_csv
@@ -58,8 +58,8 @@ def made(count=200):
     generator = np.random.default_rng(3)
     config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=count, bound=10.0, worst=3, seed=7)
     shape = 1, 2, count
-    plants = np.empty(count, dtype=PLANT)
-    for name in COLUMNS:
+    plants = np.empty(count, dtype=plant_record(2))
+    for name in columns_of(2):
         plants[name] = generator.uniform(size=count)
     results = SweepResults(
         plants,
@@ -93,7 +93,9 @@ def test_the_worst_plants_come_with_what_makes_them():
     assert [one["plant"] for one in first["worst"]] == order.tolist()
     for one in first["worst"]:
         assert one["seed"] == 7 + one["plant"]
-        assert list(one["parameters"].items()) == list(zip(COLUMNS, results.plants[one["plant"]].tolist(), strict=True))
+        assert list(one["parameters"].items()) == list(
+            zip(columns_of(2), results.plants[one["plant"]].tolist(), strict=True)
+        )
         assert one["max_mm"] == results.max_mm[0, 0, one["plant"]]
     assert len(worst(results.episodes(0, 0), 0)) == 0
 

@@ -5,6 +5,7 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
@@ -124,7 +125,7 @@ def test_a_loop_over_lanes_would_show_in_the_count():
     assert in_python > LANES + steps_of_the_interpreter(lambda: list(range(LANES)))
 
 
-@pytest.mark.parametrize("name", ["fuzzy-4", "fuzzy-32", "computed-torque"])
+@pytest.mark.parametrize("name", slow_but(["fuzzy-4", "computed-torque"], ["fuzzy-4", "fuzzy-32", "computed-torque"]))
 def test_a_thousand_different_arms_are_tracked_to_the_end(name, monkeypatch):
     policy, calls = load(name), []
     act = policy.act

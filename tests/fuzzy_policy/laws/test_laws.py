@@ -5,6 +5,7 @@ import warnings
 import gymnasium as gym
 import numpy as np
 import pytest
+from slow_twins import slow_but
 from support.policies import loaded
 
 from fuzzyarm import load_policy
@@ -69,7 +70,7 @@ def test_computed_torque_linearises_the_rigid_arm():
 ONE_OF_A_KIND = [name for name in NAMES if not name.startswith(("fuzzy-16", "fuzzy-8", "fuzzy-2"))]
 
 
-@pytest.mark.parametrize("name", ONE_OF_A_KIND)
+@pytest.mark.parametrize("name", slow_but([name for name in ONE_OF_A_KIND if "32" not in name], ONE_OF_A_KIND))
 class TestProtocol:
     def test_a_batch_equals_its_lanes_bit_for_bit(self, name):
         policy, batch = loaded(name), observations(64)

@@ -68,7 +68,7 @@ def test_the_bound_is_not_below_a_dense_sampling_and_close_to_it(path, kept):
     assert found.sampled == pytest.approx(dense(model, reference, 2001), rel=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(kind=st.sampled_from([Circle, Line, Lemniscate, Spline]), seed=st.integers(0, 2**32), kept=RULES)
 def test_it_holds_on_any_path_and_arm(kind, seed, kept):
     rng = np.random.default_rng(seed)

@@ -16,7 +16,8 @@ from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import find_case
-from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, TipPath
+from fuzzyarm.envs.scenario.named_paths import PAPER_PATHS
+from fuzzyarm.envs.scenario.paths import TipPath
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.centre import Segment
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
@@ -30,7 +31,7 @@ from fuzzyarm.policies import load_policy
 
 __all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "problem_of"]
 
-PATHS: dict[str, TipPath] = {"circle": Circle(), "lemniscate": Lemniscate((0.4, 0.5), 0.2)}
+PATHS: dict[str, TipPath] = {name: PAPER_PATHS[name] for name in ("circle", "lemniscate")}
 """Paths of the tip by name: the paper's circle, and an eight of the same width."""
 
 PLANAR = 2  # coordinates of the tip

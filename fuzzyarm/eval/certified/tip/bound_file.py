@@ -73,9 +73,10 @@ class BoundCheck:
     Attributes:
         path: the file.
         claim: what it claims a bound for.
-        bound: that it claims [m].
+        bound: that it claims [m], or what was found now where that is larger by rounding.
         reason: why it is not proven; empty if it is.
         seconds: that the check took.
+        tip: bound of the tip error at the end of each control step [m], as the file has it.
     """
 
     path: Path
@@ -83,11 +84,21 @@ class BoundCheck:
     bound: float
     reason: str
     seconds: float
+    tip: np.ndarray
 
     @property
     def proven(self) -> bool:
         """Whether every period of the tube was confirmed."""
         return not self.reason
+
+    @property
+    def sentence(self) -> str:
+        """What is proven of the tip, in one sentence."""
+        c = self.claim
+        motion = f"{c.path} in {c.duration:g} s, case {c.case}"
+        most = at_most(1e3 * self.bound, 4)
+        said = "claimed" if self.reason else "proven"
+        return f"tip within {most} mm for set {c.set_name}, {said} (elastic arm, sampled control; {motion})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
@@ -97,11 +108,9 @@ class BoundCheck:
 
     def to_text(self) -> str:
         """Return the result as text."""
-        c = self.claim
-        most = at_most(1e3 * self.bound, 4)
-        what = f"the tip error of {escaped(f'{c.policy}, case {c.case}, set {c.set_name}')} is at most {most} mm"
+        what = escaped(f"{self.claim.policy}: {self.sentence}")
         head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
-        return f"{head}\n  {what}" if self.proven else f"{head}\n  claimed: {what}\n  {escaped(self.reason)}"
+        return f"{head}\n  {what}" if self.proven else f"{head}\n  {what}\n  {escaped(self.reason)}"
 
 
 def save_bound(bound: TipBound, path: Path) -> None:
@@ -167,9 +176,10 @@ def check_bound(path: Path) -> BoundCheck:
         OSError: the file cannot be read.
     """
     claim, document, claims = read_bound(path)
-    begin, reason = time.perf_counter(), ""
+    begin, reason, bound = time.perf_counter(), "", document.bound
     try:
         found = find_bound(claim, claims=claims)
+        bound = max(bound, found.largest)
         if found.tip.shape != (len(document.tip),) or not (found.tip <= np.array(document.tip) * (1 + 1e-9)).all():
             reason = "a bound of the tip is larger than the file says"
         elif not document.bound * (1 + 1e-9) >= found.largest:
@@ -178,4 +188,5 @@ def check_bound(path: Path) -> BoundCheck:
         reason = str(error)
     except IndexError:
         reason = "the file ends before the motion does"
-    return BoundCheck(path, claim, document.bound, reason, time.perf_counter() - begin)
+    tip = np.array(document.tip) * (1 + 1e-9)
+    return BoundCheck(path, claim, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)

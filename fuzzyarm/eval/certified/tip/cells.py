@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from joblib import Parallel, delayed
 
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
+from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
 
@@ -30,11 +32,15 @@ class CellBound:
         plants: the cell.
         bound: of the tip error [m]; None where there is none.
         reason: why there is none; empty where there is one.
+        samples: of the motion that are bounded.
+        path: file of the bound; None where none was written.
     """
 
     plants: PlantSet
     bound: float | None
     reason: str
+    samples: int
+    path: Path | None
 
 
 def cells(plants: PlantSet, field: str, count: int) -> Iterator[PlantSet]:
@@ -48,14 +54,22 @@ def cells(plants: PlantSet, field: str, count: int) -> Iterator[PlantSet]:
         yield dataclasses.replace(plants, **part)
 
 
-def bounds_of_cells(claim: TipClaim, field: str, count: int, jobs: int) -> Iterator[CellBound]:
-    """Yield what is found of each cell of the claim's set, computed in `jobs` processes."""
+def bounds_of_cells(claim: TipClaim, field: str, count: int, jobs: int, out: Path | None = None) -> Iterator[CellBound]:
+    """Yield what is found of each cell of the claim's set, computed in `jobs` processes.
+
+    With `out`, the file of each bound is written beside it: ``NAME-001.json`` and so on for ``NAME.json``.
+    """
     tasks = [dataclasses.replace(claim, plants=cell) for cell in cells(claim.plants, field, count)]
-    yield from Parallel(n_jobs=jobs, return_as="generator")(delayed(_bound)(task) for task in tasks)
+    paths = [out and out.with_name(f"{out.stem}-{number:03}.json") for number in range(1, count + 1)]
+    work = (delayed(_bound)(task, path) for task, path in zip(tasks, paths, strict=True))
+    yield from Parallel(n_jobs=jobs, return_as="generator")(work)
 
 
-def _bound(claim: TipClaim) -> CellBound:
+def _bound(claim: TipClaim, path: Path | None) -> CellBound:
     try:
-        return CellBound(claim.plants, find_bound(claim).largest, "")
+        bound = find_bound(claim)
     except NoBound as error:
-        return CellBound(claim.plants, None, str(error))
+        return CellBound(claim.plants, None, str(error), 0, None)
+    if path is not None:
+        save_bound(bound, path)
+    return CellBound(claim.plants, bound.largest, "", len(bound.tip), path)

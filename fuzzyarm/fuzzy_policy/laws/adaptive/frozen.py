@@ -19,7 +19,7 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import hold
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, BELIEFS, FORCES, SPACE, affine_constants
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import act_on_estimate, begin_or_follow
@@ -68,7 +68,7 @@ class FrozenObserver(Policy):
 def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.ndarray]:
     """Return postures (k, n) and the gains there (k, 4 n + components of a force, 2 n)."""
     arm, period = policy.arm, policy.control_period
-    reference = JointReference(parameters=arm)
+    reference = default_reference(arm)
     steps = int(reference.duration / period)
     motion = reference.sample(period * np.arange(steps))
     bent = rigid_inverse_dynamics(motion.q[0], motion.dq[0], motion.ddq[0], arm_constants(arm)) / arm.stiffness

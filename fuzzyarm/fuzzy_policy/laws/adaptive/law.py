@@ -18,6 +18,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.arm import (
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, FORCES, SPACE
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, constants_at, correct, predict, read_noise
+from fuzzyarm.fuzzy_policy.laws.adaptive.forces import note_moves, spread_out
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
@@ -86,8 +87,12 @@ def _correct(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> N
     for j in range(joints):
         room.silent[j] = s.dead_zone * m.noise[j]
         room.silent[joints + j] = room.silent[j] * s.variances[joints + j] / s.variances[j]
+    states = 4 * joints
+    before = room.moved
+    before[:] = m.z[states : states + FORCES]
     surprise = correct(m.z, m.P, measured, s.variances, room.silent, s.cautious, s.gate, room.column)
     m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
+    note_moves(m, s, before)
     confine(m.z, m.P, s.low, s.high)
     total = np.sum(m.z) + np.sum(m.P)
     if not (m.flags[FLAG.surprise] < DIVERGED and np.isfinite(total)):
@@ -239,6 +244,7 @@ def _predict(m: Memory, s: Settings, room: Room) -> None:
         s.substeps,
         room.lanes,
     )
+    spread_out(m, s)
 
 
 @register_jitable

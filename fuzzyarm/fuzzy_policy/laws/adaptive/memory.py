@@ -8,8 +8,9 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FORCES
 
-__all__ = ["FLAG", "KEPT", "LONGEST_LATENESS", "Flags", "Memory", "layout", "remembered"]
+__all__ = ["FLAG", "KEPT", "LONGEST_LATENESS", "MOVES", "Flags", "Memory", "layout", "remembered"]
 
 LONGEST_LATENESS = 3
 """Longest time from a command to the motors that the filter considers [control periods]."""
@@ -17,6 +18,8 @@ KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
 ANGLES = 3  # measured angles kept for their third difference
+MOVES = FORCES + 1
+"""Numbers that say whether the forces move."""
 
 
 class Flags(NamedTuple):
@@ -26,16 +29,18 @@ class Flags(NamedTuple):
         started: 1 once there has been a sample, else 0.
         surprise: ν²/s of the last samples, on average; about 1 where the filter is right.
         lost: 1 once the filter has diverged, else 0.
+        calm: 1 where the corrections of the forces look like noise, 0 where they have a direction.
         taught: 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0.
     """
 
     started: Any
     surprise: Any
     lost: Any
+    calm: Any
     taught: Any
 
 
-FLAG = Flags(0, 1, 2, 3)
+FLAG = Flags(*range(len(Flags._fields)))
 """Where they stand."""
 _FLAGS = len(FLAG)
 
@@ -50,6 +55,7 @@ class Memory(NamedTuple):
         commands: torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n).
         references: q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n).
         read: measured angles [rad], newest first, (3, n).
+        moves: mean of the corrections of each force [N], then that of their square [N²], (`MOVES`,).
         noise: variance of the noise of the measured angles [rad²], (n,).
     """
 
@@ -59,6 +65,7 @@ class Memory(NamedTuple):
     commands: Any
     references: Any
     read: Any
+    moves: Any
     noise: Any
 
 
@@ -73,6 +80,7 @@ def layout(joints: int, beliefs: int) -> Memory:
             (LONGEST_LATENESS + 2) * joints,
             KEPT * 3 * joints,
             ANGLES * joints,
+            MOVES,
             joints,
         )
     )
@@ -87,13 +95,15 @@ def remembered(memory: np.ndarray, joints: int, beliefs: int) -> Memory:
     commands = covariance + size * size
     references = commands + (LONGEST_LATENESS + 2) * joints
     read = references + KEPT * 3 * joints
-    noise = read + ANGLES * joints
+    moves = read + ANGLES * joints
+    noise = moves + MOVES
     return Memory(
         memory[:z],
         memory[z:covariance],
         memory[covariance:commands].reshape((size, size)),
         memory[commands:references].reshape((LONGEST_LATENESS + 2, joints)),
         memory[references:read].reshape((KEPT, 3, joints)),
-        memory[read:noise].reshape((ANGLES, joints)),
+        memory[read:moves].reshape((ANGLES, joints)),
+        memory[moves:noise],
         memory[noise : noise + joints],
     )

@@ -21,6 +21,7 @@ from scipy.signal import butter, sosfiltfilt
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS, FORCES, SPACE
+from fuzzyarm.fuzzy_policy.laws.adaptive.forces import walk_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, layout
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class PassState:
         references: q_d of the samples so far.
         forces: estimated f_t, F_x, F_y after each sample so far [N], (lanes, 3) each.
         variances: theirs.
+        calm: how calm the forces were, see `forces`, (lanes,) each.
         travels: directions of travel, (lanes, 2) each.
         other_path: whether a lane has left the path of the pass before: it expects nothing any more.
     """
@@ -58,6 +60,7 @@ class PassState:
     references: list[np.ndarray]
     forces: list[np.ndarray]
     variances: list[np.ndarray]
+    calm: list[np.ndarray]
     travels: list[np.ndarray]
     other_path: np.ndarray
 
@@ -106,6 +109,7 @@ class AdaptivePasses:
         state.references.append(q)
         state.forces.append(state.memory[:, _MEMORY.z][:, _STATES : _STATES + FORCES].copy())
         state.variances.append(state.memory[:, _DIAGONAL].copy())
+        state.calm.append(state.memory[:, FLAG.calm].copy())
         state.travels.append(np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0))
         torque = self.policy.clipped(torque)
         return (torque[0] if np.ndim(observation) == 1 else torque), state
@@ -142,11 +146,15 @@ class AdaptivePasses:
 
     def _smoothed(self, state: PassState) -> np.ndarray:
         """Return the force (samples, lanes, 2) that the next pass may expect."""
-        walk = self.policy.settings.noise[_STATES : _STATES + FORCES]
+        settings = self.policy.settings
+        # What P gained at each sample: the walk to the next one, and where calm went, what it was opened by.
+        calm = np.array(state.calm)[..., np.newaxis]
+        walk = walk_share(calm, settings.calm_walk) ** 2 * settings.noise[_STATES : _STATES + FORCES]
+        walk[1:] += np.maximum(calm[:-1] - calm[1:], 0.0) * settings.reopening
         smooth, variances = np.array(state.forces), np.array(state.variances)
         for k in range(len(smooth) - 2, -1, -1):
             # The variance after the prediction holds the walk of one period already.
-            share = np.clip(1.0 - walk / variances[k], 0.0, 1.0)
+            share = np.clip(1.0 - walk[k] / variances[k], 0.0, 1.0)
             smooth[k] += share * (smooth[k + 1] - smooth[k])
         force = np.array(state.travels) * smooth[..., :1] + smooth[..., 1:]
         count = min(len(force), len(state.expected))
@@ -158,7 +166,7 @@ class AdaptivePasses:
 
 def _first(memory: np.ndarray) -> PassState:
     nothing = np.empty((0, len(memory), SPACE))
-    return PassState(memory, nothing, nothing, [], [], [], [], np.zeros(len(memory), dtype=bool))
+    return PassState(memory, nothing, nothing, [], [], [], [], [], np.zeros(len(memory), dtype=bool))
 
 
 def _window(state: PassState, sample: int) -> np.ndarray:

@@ -44,13 +44,14 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATEN
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, unit_force
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 
+_STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
 _STATES = 4 * JOINTS
 _MEMORY = layout(JOINTS, BELIEFS)
 _OWN = _MEMORY.noise.stop  # numbers that a lane of the filter remembers
@@ -207,6 +208,10 @@ class AdaptiveObserverPolicy(Policy):
             low=low,
             high=high,
             noise=np.concatenate([still, still, shake, still, walks(arm, weights)]) ** 2 * period,
+            doubt=weights.torque_doubt * period / (np.array(arm.motor_inertia) * self._torque_limit),
+            calm_walk=weights.calm_walk,
+            reopening=walks(arm, weights)[:FORCES] ** 2 * weights.reopening,
+            still=(_STILL * unit_force(arm)) ** 2,
             steps=np.concatenate([state_steps, load_steps, factor_steps]),
             variances=encoder**2,
             cautious=cautious,

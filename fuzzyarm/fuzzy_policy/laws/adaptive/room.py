@@ -24,6 +24,7 @@ class Room(NamedTuple):
     column: Any
     measured: Any  # (2 n,), θ and θ̇
     silent: Any  # (2 n,)
+    moved: Any  # forces before a correction (FORCES,)
     link_torque: Any  # τ_d of each kept reference (KEPT, n)
     travel: Any  # direction of travel of each, then the next one (KEPT + 1, space)
     directions: Any  # force line of each unit force (FORCE_ROWS, FORCES)
@@ -47,6 +48,7 @@ def room_for(joints: int, size: int, constants: int) -> Room:
         np.empty(size),
         np.empty(2 * joints),
         np.empty(2 * joints),
+        np.empty(FORCES),
         np.empty((KEPT, joints)),
         np.empty((KEPT + 1, SPACE)),
         directions,

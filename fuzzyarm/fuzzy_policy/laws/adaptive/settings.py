@@ -20,6 +20,10 @@ class Settings(NamedTuple):
         low: lowest p.
         high: highest p.
         noise: diagonal of Q.
+        doubt: deviation of a motor velocity per square of a jump of its commanded torque [rad/s / (N m)²], (n,).
+        calm_walk: see `AdaptiveWeights`.
+        reopening: variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
+        still: square of a correction of the forces that counts as none [N²].
         steps: of the differences that make F.
         variances: of the measured numbers.
         cautious: which numbers of z learn only beyond the dead zone.
@@ -40,6 +44,10 @@ class Settings(NamedTuple):
     low: Any
     high: Any
     noise: Any
+    doubt: Any
+    calm_walk: Any
+    reopening: Any
+    still: Any
     steps: Any
     variances: Any
     cautious: Any

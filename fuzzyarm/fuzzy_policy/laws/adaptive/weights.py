@@ -28,8 +28,12 @@ class AdaptiveWeights:
         link_angle: link error [rad] that costs as much as the whole torque.
         link_velocity: link velocity error [rad/s] that costs as much as the whole torque.
         motor_torque: white noise of the motor torque, share of the torque limit times √s.
+        torque_doubt: share of the torque limit by which a motor's torque may be wrong after a jump of the commanded
+            torque by the whole limit; it grows with the square of the jump.
         travel_walk: random walk of the force along the path, share of the unit force per √s.
         force_walk: random walk of each component of the free force, likewise.
+        calm_walk: share of these walks that the forces make where nothing but noise corrects them.
+        reopening: time of walk that a force is given at once where it begins to move [s].
         encoder_angle: standard deviation of a measured angle [rad].
         encoder_velocity: standard deviation of a measured velocity [rad/s].
         first_force: standard deviation of each force when an episode begins, share of the unit force.
@@ -50,13 +54,16 @@ class AdaptiveWeights:
         ValueError: a weight lies outside `WEIGHT_RANGE`.
     """
 
-    link_angle: float = 0.0034
+    link_angle: float = 0.0037
     link_velocity: float = 1.57
-    motor_torque: float = 5.3e-4
-    travel_walk: float = 1.7
-    force_walk: float = 0.46
+    motor_torque: float = 4.9e-4
+    torque_doubt: float = 0.4
+    travel_walk: float = 1.5
+    force_walk: float = 0.59
+    calm_walk: float = 0.33
+    reopening: float = 0.29
     encoder_angle: float = 2e-5
-    encoder_velocity: float = 1.9e-3
+    encoder_velocity: float = 2.1e-3
     first_force: float = 2e-3
     first_payload: float = 0.125
     first_stiffness: float = 0.12
@@ -67,7 +74,7 @@ class AdaptiveWeights:
     first_scale: float = 0.1
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
-    gate: float = 1.4
+    gate: float = 1.5
     dead_zone: float = 16.0
 
     def __post_init__(self) -> None:

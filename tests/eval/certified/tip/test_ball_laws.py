@@ -8,8 +8,8 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
-from fuzzyarm.eval.certified.tip.laws import asked, ball_law
+from fuzzyarm.eval.certified.tip.enclosures import BITS, Jet, NoBound
+from fuzzyarm.eval.certified.tip.laws import _sinc, asked, ball_law
 
 REFERENCES = Schedule.build(JointReference(), Disturbance(), 1e-3, 2).references
 
@@ -72,3 +72,16 @@ def test_outside_its_box_the_law_has_no_bound():
 def test_other_policies_have_none(name):
     with pytest.raises(NoBound, match="no bound for"):
         ball_law(load_policy(name))
+
+
+@pytest.mark.parametrize(
+    ("middle", "radius"), [(0.04, 0.0), (-0.03, 1e-3), (0.01, 0.05), (0.0, 0.9), (0.5, 2.0), (1.0, 0.1)]
+)
+def test_slopes_of_sinc_hold_its_derivative_near_zero_too(middle, radius):
+    slope = _sinc(Jet.variable(arb(middle, radius), 0)).slope(0)
+    for share in (-1.0, -0.37, 0.61, 1.0):
+        x = middle + share * radius
+        with ctx.workprec(400):
+            exact = (arb(x).cos() - arb(x).sinc()) / arb(x)
+        assert slope.overlaps(exact)
+    assert float(slope.rad()) < 1e-5 + 2.0 * radius

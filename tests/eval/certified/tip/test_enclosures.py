@@ -6,9 +6,11 @@ from flint import arb, ctx
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.readings import tip_point
+from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.eval.certified.tip.defects import (
     Forces,
     PeriodMotion,
@@ -21,6 +23,7 @@ from fuzzyarm.eval.certified.tip.defects import (
 from fuzzyarm.eval.certified.tip.enclosures import BITS, Jet, low_high
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 from fuzzyarm.eval.certified.tip.remainders import LinkSlopes, link_remainder, tube_slopes
+from fuzzyarm.eval.certified.tip.tip_error import tip_bound
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, PARTS, ROWS, linear, transition
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
 
@@ -221,3 +224,16 @@ def test_a_zonotope_that_is_merged_holds_what_it_held_and_keeps_its_shape():
 
 def test_slopes_are_a_record_of_nested_lists():
     assert LinkSlopes._fields == ("mass", "angle", "velocity")
+
+
+def test_the_tip_is_within_its_bound_to_second_order():
+    """The arm turns by δ = ± 0.1 rad away from a point 0.1 m beyond its tip; δ²/2 is 3 % of the error then."""
+    state, turn = np.zeros(8), 0.1
+    state[2] = 0.3
+    deviations = Zonotope(8, 0)
+    deviations.add(turn * np.eye(8)[:, [2]], 0)
+    beyond = (1.1 * np.array([np.cos(0.3), np.sin(0.3)])).tolist()
+    bound, _ = tip_bound(state, deviations, Arm(*map(arb, ARM)), beyond)
+    tip = tip_point(PerJoint(np.array([0.3 - turn, 0.3 + turn]), np.zeros(2)), ARM)
+    errors = np.hypot(tip.x - beyond[0], tip.y - beyond[1])
+    assert 0.98 * bound < errors.max() <= bound

@@ -6,6 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from flint import arb, ctx
+from slow_twins import slow_but
 from support.command_line import one_line_error
 
 from fuzzyarm import load_policy
@@ -15,10 +17,12 @@ from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, problem_of
 from fuzzyarm.eval.certified.tip.bound_file import check_bound, save_bound
+from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.eval.certified.tip.centre import Mode
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
+from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
-from fuzzyarm.eval.certified.tip.transition import ROWS
+from fuzzyarm.eval.certified.tip.transition import ROWS, STATES
+from fuzzyarm.eval.certified.tip.tube import Tube
 
 STEPS = 40
 ROUNDING = 1e-15  # of a tip that is computed in floats [m]
@@ -77,7 +81,27 @@ def test_sticking_and_slipping_are_in_the_tube(exact):
     assert sum(segment.duration for segment in exact.steps[2].segments) == 1e-3
 
 
-@pytest.mark.parametrize("late", [0, 1])
+def test_a_sample_holds_the_torque_of_every_state_and_the_curvature_of_the_law_is_needed():
+    """The torque at a deviation Z g is the linear one within the columns that the sample adds; 1 % would not do."""
+    problem, rng, gaps = problem_of(claim()), np.random.default_rng(4), []
+    tube = Tube(problem)
+    tube._set.add(np.diag([1e-3, 1e-3, 0.0, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0]), 0)
+    before = tube._set.columns.copy()
+    with ctx.workprec(BITS):
+        torque = tube._sample(0)
+        held = slice(STATES, STATES + 2)
+        linear, added = tube._set.columns[held, : before.shape[1]], tube._set.columns[held, before.shape[1] :]
+        allowed = np.abs(added).sum(axis=1) + tube._set.box[held]
+        for _ in range(40):
+            g = rng.choice([-1.0, 1.0], before.shape[1]) * rng.uniform(0.5, 1.0, before.shape[1])
+            state = problem.start + (before @ g)[:STATES]
+            parts = [[arb(x) for x in pair] for pair in (state[:2], state[4:6], (0.0, 0.0))]
+            found = np.array([float(u.mid()) for u in problem.law.torque(*parts, problem.samples[0]).value])
+            gaps.append(np.abs(found - torque - linear @ g) / allowed)
+    assert np.max(gaps) <= 1.0 and np.max(gaps) > 0.01
+
+
+@pytest.mark.parametrize("late", slow_but([1], [0, 1]))
 def test_corners_of_a_set_are_in_the_tube(late):
     bound = find_bound(claim(dataclasses.replace(SMALL, late=late), steps=25))
     rng, nominal, largest = np.random.default_rng(3), ArmParameters(), 0.0
@@ -246,6 +270,34 @@ def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["bound"] > 0.9 * found["bound"]
     assert main([*words, "--cells", "mass", "3"]) == 2
     assert "choose from: payload, force" in one_line_error(capsys)
+
+
+def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
+    wanted, out = tmp_path / "set.toml", tmp_path / "loads.json"
+    wanted.write_text("payload = [0.0, 0.2]\n")
+    words = ["prove", "--set", str(wanted), "--steps", "4", "--cells", "payload", "2", "--out", str(out)]
+    assert main(words) == 0
+    assert {path.name for path in tmp_path.glob("*.json")} == {"loads.json", "loads-001.json", "loads-002.json"}
+    capsys.readouterr()
+    assert main(["verify", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["cells"] == 2
+    sound = json.loads(out.read_text())
+    first, second = sound["cells"]
+    for change, why in (
+        ({"cells": [second]}, "between 0 and 0.1"),
+        ({"cells": [first]}, "above 0.1"),
+        ({"bound": 0.5 * sound["bound"]}, "the tip may err"),
+        ({"case": "payload"}, "something else"),
+        ({"samples": 5}, "something else"),
+    ):
+        out.write_text(json.dumps(sound | change))
+        found = check_cells(out)
+        assert not found.proven and why in found.reason
+        assert main(["verify", str(out)]) == 1
+    capsys.readouterr()
+    out.write_text(json.dumps(sound | {"cells": ["../loads-001.json"]}))
+    assert main(["verify", str(out)]) == 2
+    assert "same folder" in one_line_error(capsys)
 
 
 def test_what_is_spent_adds_up(exact):

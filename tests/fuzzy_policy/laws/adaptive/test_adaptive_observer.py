@@ -83,7 +83,8 @@ def true_torque(state, payload):
 def test_it_finds_force_and_stiffness():
     push = Disturbance(tip_force=ConstantForce((60.0, -40.0), 0.2))
     softer = dataclasses.replace(ARM, stiffness=(0.85 * ARM.stiffness[0], 1.15 * ARM.stiffness[1]))
-    _, state = follow(POLICY, [push, Disturbance()], 900, [ARM, softer])
+    exciting = Disturbance(tip_force=ConstantForce((150.0, 100.0), 0.2))  # without a load little bends
+    _, state = follow(POLICY, [push, exciting], 900, [ARM, softer])
     beliefs = POLICY.beliefs(state)
     np.testing.assert_allclose(beliefs.force[0], (60.0, -40.0), atol=10.0)
     stiffness, deviation = beliefs.factors["stiffness"][1], beliefs.factors_deviation["stiffness"][1]

@@ -1,0 +1,106 @@
+"""Everything about one robot: the trade-off of its rules, policies in the three cases, their margins, a sweep.
+
+    python benchmarks/robot_comparison.py ur5 [--plants N] [--rules 1 2 4] [--json FILE]
+
+Controllers of the semidefinite form are designed with 1, 2 and 4 rules, at the default decay rate. The one with the
+smallest certified gain γ [rad/(N m)] joins computed-torque and elastic-observer in the three cases, in the table of
+margins and in a sweep of 1,000 plants drawn around the robot. Nothing is tuned on the cases.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins, policy_margins
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.policies import ANY_ROBOT
+from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
+
+PERIOD = 1e-3  # s
+METRICS = ("tip_error_max_mm", "tip_error_rms_mm", "completed")
+
+
+def designed(robot: Robot, rules: int) -> tuple[ScheduledController, dict[str, Any]]:
+    """Return a controller and its row of the trade-off."""
+    begin = time.perf_counter()
+    found = design_scheduled(ScheduledSpecification(rules=rules), robot)
+    seconds, c = time.perf_counter() - begin, found.controller
+    k_p, k_d, k_i = c.feedback.tolist()
+    row = {
+        "rules": c.rules,
+        "premises": [premise.name for premise in c.premises],
+        "kappa": c.kappa,
+        "alpha": c.alpha,
+        "fastest_pole": c.fastest_pole,
+        "gamma": c.gamma / c.floor,
+        "k_p": k_p,
+        "k_d": k_d,
+        "k_i": k_i,
+        "seconds": seconds,
+        **policy_margins(ScheduledPolicy(c, PERIOD), robot, PERIOD),
+    }
+    return c, row
+
+
+def compare(name: str, rules: list[int], plants: int) -> dict[str, Any]:
+    """Return the document of a shipped robot."""
+    robot = robot_named(name)
+    with tempfile.TemporaryDirectory() as folder:
+        designs = [designed(robot, number) for number in rules]
+        best, row = min(designs, key=lambda pair: float(pair[1]["gamma"]))
+        path = Path(folder) / f"fuzzy-{row['rules']}-{name}.json"
+        best.save(path)
+        policies = (*ANY_ROBOT, str(path), f"{path}-tip")
+        evaluation = evaluate(EvaluationConfig(policies=policies, robot=robot))
+        margins = measure_margins(MarginsConfig(policies, name))
+        config = SweepConfig(policies=policies, robot=robot, plants=plants, chunk=min(plants, 250))
+        sweep = Sweep.begin(Path(folder) / "sweep", config)
+        for _ in sweep.run(Engine(jobs=1)):
+            pass
+        swept = sweep.summarise().document
+    return {
+        "command": f"python benchmarks/robot_comparison.py {name} --plants {plants}",
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        **current_provenance(),
+        "robot": name,
+        "plants": plants,
+        "titles": evaluation.config.titles,
+        "tradeoff": [row for _, row in designs],
+        "cases": [{key: row[key] for key in ("case", "policy", "seed", *METRICS)} for row in evaluation.rows],
+        "margins": margins["rows"],
+        "sweep": [{key: value for key, value in row.items() if key != "worst"} for row in swept["rows"]],
+        "bound": config.bound,
+    }
+
+
+def main() -> None:
+    """Compare, and write the result."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("robot")
+    parser.add_argument("--rules", type=int, nargs="+", default=[1, 2, 4])
+    parser.add_argument("--plants", type=int, default=1000)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    text = json.dumps(compare(given.robot, given.rules, given.plants), indent=1) + "\n"
+    if given.json is None:
+        print(text, end="")
+    else:
+        write_atomically(given.json, text)
+
+
+if __name__ == "__main__":
+    main()

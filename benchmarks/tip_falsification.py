@@ -1,0 +1,132 @@
+"""Try to exceed the proven bounds of the tip error, with random plants and with plants that a search breeds.
+
+    python benchmarks/tip_falsification.py [--json FILE] [--only TEXT] [--lanes N]
+
+For each set: N random plants, half of them at corners, then four generations of N, each bred from the tenth with the
+largest ratio of a tip error to the bound at the same sample: genes of two parents, a tenth of them new, half of those
+at an end of their range. Friction (where any is allowed), tip force and errors of the encoders switch at frequencies
+and phases that are bred, too. Plants are integrated as the environment does, with sub-steps of 25 µs; the worst of
+each set whose friction obeys the law is integrated again event by event. A ratio counts where the bound is above 1 µm.
+The exit code is 1 if an error exceeds its bound. Ten minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tip_bound import CLAIMS, COUNTED, exact_errors
+from tip_plants import Plants, random_genes
+
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified.tip.bound import TipBound, TipClaim, find_bound
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.provenance import current_provenance
+
+COMMAND = "python benchmarks/tip_falsification.py"
+GENERATIONS = 4
+PARENTS = 0.1  # share of the plants that are bred from
+MUTATED = 0.1  # share of the genes that are new
+SETS = {
+    "any-friction", "near", "near-late", "stiffness ± 10 %", "masses ± 2 %", "dry friction ± 50 %",
+    "payload 0 to 0.2 kg", "force ± 10 %, any course",
+}  # fmt: skip
+OWN = (
+    TipClaim("fuzzy-4-tip", "nominal", "force of any course to 3 N", PlantSet(force_course=3.0)),
+    TipClaim("fuzzy-4-tip", "nominal", "encoders ± 10 µrad, ± 1 mrad/s", PlantSet(noise=(1e-5, 1e-3))),
+)
+
+
+def claims() -> list[TipClaim]:
+    """Return what is tried."""
+    return [*(claim for claim in CLAIMS if claim.set_name in SETS), *OWN]
+
+
+def ratios(bound: TipBound, genes: np.ndarray) -> np.ndarray:
+    """Return the largest ratio of an error to the bound at its sample, by plant."""
+    counted = bound.tip > COUNTED
+    errors = Plants(bound.claim, genes).tip_errors()
+    return np.asarray((errors[counted] / bound.tip[counted, np.newaxis]).max(axis=0))
+
+
+def bred(genes: np.ndarray, found: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return the next generation."""
+    lanes = genes.shape[1]
+    best = genes[:, np.argsort(found)[-max(2, int(PARENTS * lanes)) :]]
+    parents = best[:, rng.integers(best.shape[1], size=(2, lanes))]
+    children = np.where(rng.uniform(size=genes.shape) < 0.5, parents[:, 0], parents[:, 1])
+    fresh = random_genes(lanes, rng)
+    children = np.where(rng.uniform(size=genes.shape) < MUTATED, fresh, children)
+    children[:, 0] = best[:, -1]
+    return np.asarray(children)
+
+
+def exactly(bound: TipBound, genes: np.ndarray) -> float | None:
+    """Return the ratio of one plant (GENES, 1) integrated event by event; None where the set needs more than that."""
+    plants = bound.claim.plants
+    if plants.friction == "any" or plants.force_swing or plants.force_course or any(plants.noise):
+        return None
+    one = Plants(bound.claim, genes)
+    fields = ("mass", "inertia", "motor_inertia", "stiffness", "damping", "viscous_friction")
+    fields += ("static_friction", "coulomb_friction")
+    values: dict[str, Any] = {name: tuple(float(np.ravel(x)[0]) for x in getattr(one.plant, name)) for name in fields}
+    arm = dataclasses.replace(ArmParameters(), **values)
+    errors = exact_errors(bound.claim, arm, float(one.payload[0]), float(one.force[0]))
+    counted = bound.tip > COUNTED
+    return float((errors[counted, 0] / bound.tip[counted]).max())
+
+
+def tried(claim: TipClaim, lanes: int) -> dict[str, Any]:
+    """Return the row of a claim."""
+    bound, rng = find_bound(claim), np.random.default_rng(1)
+    genes = random_genes(lanes, rng)
+    found = ratios(bound, genes)
+    by_generation = [float(found.max())]
+    worst, largest = genes[:, [int(found.argmax())]], float(found.max())
+    for _ in range(GENERATIONS):
+        genes = bred(genes, found, rng)
+        found = ratios(bound, genes)
+        by_generation.append(float(found.max()))
+        if found.max() > largest:
+            worst, largest = genes[:, [int(found.argmax())]], float(found.max())
+    return {
+        "policy": claim.policy,
+        "case": claim.case,
+        "set": claim.set_name,
+        "plants": lanes * (1 + GENERATIONS),
+        "largest_ratio": largest,
+        "by_generation": by_generation,
+        "event_by_event": exactly(bound, worst),
+    }
+
+
+def main() -> None:
+    """Try every claim; print a line for each and optionally write them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--only", default="", help="try the sets whose name contains this, and put them into the file")
+    parser.add_argument("--lanes", type=int, default=100)
+    options = parser.parse_args()
+    rows = []
+    for claim in claims():
+        if options.only in claim.set_name:
+            rows.append(tried(claim, options.lanes))
+            print(json.dumps(rows[-1]), flush=True)
+    if options.json and options.only and options.json.exists():
+        before = json.loads(options.json.read_text(encoding="utf-8"))["rows"]
+        fresh = {(row["policy"], row["set"]): row for row in [*before, *rows]}
+        rows = [fresh[c.policy, c.set_name] for c in claims() if (c.policy, c.set_name) in fresh]
+    if options.json:
+        document = {"command": COMMAND, "rows": rows, **current_provenance()}
+        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+    exceeded = [row for row in rows if max(row["largest_ratio"], row["event_by_event"] or 0.0) > 1.0]
+    raise SystemExit(1 if exceeded else 0)
+
+
+if __name__ == "__main__":
+    main()

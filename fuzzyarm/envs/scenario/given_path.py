@@ -1,0 +1,136 @@
+"""A path of the tip by points of a file: the cubic spline through them, followed by any arm."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm.common import checks
+from fuzzyarm.common.documents import read_bytes, read_toml
+from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.default_reference import LONGEST, flattened, timed
+from fuzzyarm.envs.scenario.paths import MOST_WAYPOINTS, Spline, any_point
+from fuzzyarm.envs.scenario.placed import Placed
+from fuzzyarm.envs.scenario.reference import Reference, joint_angles
+from fuzzyarm.envs.scenario.tip_reference import TipReference
+
+__all__ = ["ENDINGS", "GivenPath"]
+
+ENDINGS = (".csv", ".toml")
+"""Endings of the names of files with points."""
+
+_PLANE = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # of the two-joint arm: origin and axes
+_LARGEST_FILE = 4 * 1024 * 1024
+
+
+@dataclasses.dataclass(frozen=True)
+class GivenPath:
+    """Points that the tip passes, from rest to rest.
+
+    Attributes:
+        points: (x, y) [m] of the two-joint arm, x down and y to the right, or (x, y, z) [m] in the base frame of a
+            robot.
+        closed: whether the way goes back to the first point.
+        duration: of the motion [s]; None: that of the rule in `default_reference`.
+
+    Raises:
+        ValueError: a number is out of range, or there are too few points.
+    """
+
+    points: tuple[tuple[float, ...], ...]
+    closed: bool = False
+    duration: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        object.__setattr__(self, "points", self._curve.waypoints)
+        if self.duration is not None:
+            object.__setattr__(self, "duration", checks.real("duration", self.duration, "s", low=1e-3, high=1e3))
+
+    @classmethod
+    def read(cls, path: Path) -> GivenPath:
+        """Read a file.
+
+        A CSV file has a point a line, with or without a heading; if the last is the first again, the path is closed. A
+        TOML file has ``points = [[x, y], ...]`` and, if wanted, ``closed`` and ``duration``.
+
+        Raises:
+            ValueError: the file is none of these, or its numbers are no path; the message names the file.
+            OSError: the file cannot be read.
+        """
+        try:
+            return cls._of_toml(read_toml(path)) if path.suffix == ".toml" else cls._of_csv(path)
+        except (TypeError, ValueError) as error:
+            text = str(error)
+            raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+    @classmethod
+    def _of_toml(cls, content: dict[str, Any]) -> GivenPath:
+        names = [field.name for field in dataclasses.fields(cls)]
+        unknown = [name for name in content if name not in names]
+        if unknown or "points" not in content:
+            raise ValueError(f"its fields are {checks.listed(content)}; allowed: {', '.join(names)}, points at least")
+        return cls(**content)
+
+    @classmethod
+    def _of_csv(cls, path: Path) -> GivenPath:
+        text = read_bytes(path, largest=_LARGEST_FILE).decode("utf-8-sig")
+        rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
+        points: list[Any] = []
+        for number, row in enumerate(rows, start=1):
+            try:
+                points.append(tuple(float(cell) for cell in row))
+            except ValueError:
+                if number > 1:  # the first line may be a heading
+                    raise ValueError(
+                        f"line {number} is {','.join(row)[:40]!r}; needed: x,y or x,y,z in metres"
+                    ) from None
+        if len(points) > MOST_WAYPOINTS:
+            raise ValueError(f"{len(points)} points; allowed: at most {MOST_WAYPOINTS}")
+        checked = [any_point(f"point {number}", point) for number, point in enumerate(points, start=1)]
+        closed = len(checked) > 2 and checked[0] == checked[-1]
+        return cls(tuple(checked[:-1] if closed else checked), closed)
+
+    def reference(self, arm: Robot | ArmParameters) -> Reference:
+        """Return the motion of an arm along the path; the two-joint arm bends its elbow to q2 > 0 if it can.
+
+        Raises:
+            ValueError: the points have another number of coordinates than the arm, or it cannot follow them.
+        """
+        size = 2 if isinstance(arm, ArmParameters) else 3
+        if len(self.points[0]) != size:
+            wanted = "x, y for the two-joint arm" if size == 2 else f"x, y, z for {getattr(arm, 'name', 'a robot')}"
+            raise ValueError(f"the points have {len(self.points[0])} coordinates; needed: {wanted}")
+        curve = self._curve
+        if isinstance(arm, Robot):
+            return self._timed(TipReference(curve, self.duration or LONGEST, arm))
+        reason: ValueError | None = None
+        for elbow in (1, -1):
+            posture = joint_angles(curve.points(0.0)[0], arm.length, elbow)
+            if not all(map(math.isfinite, posture.tolist())):
+                low, high = abs(arm.length[0] - arm.length[1]), sum(arm.length)
+                raise ValueError(
+                    f"the path begins at {self.points[0]} m, {math.hypot(*self.points[0]):.4g} m from the base; "
+                    f"allowed: {low:g} to {high:g} m, the reach of the arm"
+                )
+            try:
+                path = Placed(curve, *_PLANE)
+                slow = TipReference(path, self.duration or LONGEST, robot_of(arm), tuple(posture.tolist()))
+                return flattened(self._timed(slow), arm)
+            except ValueError as error:
+                reason = reason or error
+        assert reason is not None
+        raise reason
+
+    @property
+    def _curve(self) -> Spline:
+        return Spline(self.points, self.closed)  # type: ignore[arg-type]
+
+    def _timed(self, reference: TipReference) -> TipReference:
+        return timed(reference) if self.duration is None else reference

@@ -1,0 +1,145 @@
+"""The file of a bound that was proven by cells: the whole set, and the files of its cells, which lie beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm.common.checks import choice, real
+from fuzzyarm.common.console import escaped
+from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.rounding import at_most
+from fuzzyarm.eval.certified.tip.bound import TipClaim
+from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
+from fuzzyarm.eval.certified.tip.cells import DIVISIBLE, CellBound
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+
+__all__ = ["SCHEMA", "CellsCheck", "check_cells", "is_cells", "save_cells"]
+
+SCHEMA = "fuzzyarm-tip-cells/1"
+"""Of the file of a bound by cells."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Document:
+    """The content of a file."""
+
+    schema: str
+    policy: str
+    case: str
+    set_name: str
+    plants: dict[str, Any]
+    path: str
+    duration: float
+    samples: int
+    field: str
+    bound: float
+    cells: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class CellsCheck:
+    """What the check of a file and of all its cells found.
+
+    Attributes:
+        path: the file.
+        claim: what it claims a bound for; its set is the whole one.
+        bound: that it claims [m], or what was found now where that is larger by rounding.
+        cells: how many there are.
+        reason: why it is not proven; empty if it is.
+        seconds: that the check took.
+    """
+
+    path: Path
+    claim: TipClaim
+    bound: float
+    cells: int
+    reason: str
+    seconds: float
+
+    @property
+    def proven(self) -> bool:
+        """Whether every cell was confirmed and they cover the set."""
+        return not self.reason
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        c = self.claim
+        named = {"file": str(self.path), "policy": c.policy, "case": c.case, "set": c.set_name, "cells": self.cells}
+        return {**named, "proven": self.proven, "bound": self.bound, "reason": self.reason, "seconds": self.seconds}
+
+    def to_text(self) -> str:
+        """Return the result as text."""
+        c = self.claim
+        what = escaped(f"{c.policy}, case {c.case}, set {c.set_name}, {self.cells} cells")
+        said = f"the tip error of {what} is at most {at_most(1e3 * self.bound, 4)} mm"
+        head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
+        return f"{head}\n  {said}" if self.proven else f"{head}\n  claimed: {said}\n  {escaped(self.reason)}"
+
+
+def save_cells(claim: TipClaim, field: str, found: Sequence[CellBound], path: Path) -> None:
+    """Write the file of a bound by cells, atomically; each cell has a bound and a file in the same folder."""
+    bounds = [cell.bound for cell in found if cell.bound is not None]
+    names = [cell.path.name for cell in found if cell.path is not None]
+    document = _Document(
+        SCHEMA, claim.policy, claim.case, claim.set_name, claim.plants.to_dict(), claim.path, claim.duration,
+        found[0].samples, field, max(bounds), names,
+    )  # fmt: skip
+    write_atomically(path, json.dumps(dataclasses.asdict(document), indent=1) + "\n")
+
+
+def is_cells(path: Path) -> bool:
+    """Return whether a file begins as the file of a bound by cells does; OSError if it cannot be read."""
+    with open_regular(path) as file:
+        return SCHEMA.encode() in file.read(64)
+
+
+def check_cells(path: Path) -> CellsCheck:
+    """Check every cell again, and that the cells cover the set.
+
+    Raises:
+        ValueError: no such file, or it or a cell is damaged, or the policy has changed.
+        OSError: a file cannot be read.
+    """
+    content = read_json(path)
+    try:
+        document = record(check_schema(content, SCHEMA), _Document)
+        choice("field", document.field, DIVISIBLE)
+        real("bound", document.bound, "m", low=0.0)
+        if not document.cells or any(Path(name).name != name for name in document.cells):
+            raise ValueError("cells: each is the name of a file in the same folder, and there is at least one")
+        claim = TipClaim(
+            document.policy, document.case, document.set_name, PlantSet.from_dict(document.plants), document.path,
+            document.duration, document.samples,
+        )  # fmt: skip
+    except (TypeError, ValueError) as error:
+        raise DocumentError(f"{path}: {error}") from None
+    begin = time.perf_counter()
+    found = [check_bound(path.with_name(name)) for name in document.cells]
+    reason = _why_not(claim, document, found)
+    bound = document.bound if reason else max(document.bound, *(cell.bound for cell in found))
+    return CellsCheck(path, claim, bound, len(found), reason, time.perf_counter() - begin)
+
+
+def _why_not(claim: TipClaim, document: _Document, found: Sequence[BoundCheck]) -> str:
+    """Return what a bound by cells lacks; empty if it is proven."""
+    reached, highest = getattr(claim.plants, document.field)
+    for cell in found:
+        low, high = getattr(cell.claim.plants, document.field)
+        one: dict[str, Any] = {document.field: getattr(claim.plants, document.field)}
+        whole = dataclasses.replace(cell.claim, plants=dataclasses.replace(cell.claim.plants, **one))
+        if not cell.proven:
+            return f"{cell.path.name}: {cell.reason}"
+        if dataclasses.replace(whole, set_name=claim.set_name) != claim:
+            return f"{cell.path.name} is about something else"
+        if low > reached:
+            return f"no cell holds a {document.field} between {reached:g} and {low:g}"
+        if cell.bound > document.bound * (1 + 1e-9):
+            return f"{cell.path.name}: the tip may err by {at_most(1e3 * cell.bound, 4)} mm"
+        reached = max(reached, high)
+    return "" if reached >= highest else f"no cell holds a {document.field} above {reached:g}"

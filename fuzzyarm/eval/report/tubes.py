@@ -1,0 +1,96 @@
+"""The section of tubes: what is proven of the tip on the elastic, sampled arm, drawn around its path.
+
+Errors are magnified around the path: the tube is the bound of the tip error at each sample to either side of the path,
+and the curve in it the tip of the stored episode.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.certified.tip.bound import PATHS
+from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
+from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.report.chart import figure
+
+__all__ = ["checked_bounds", "tube_section"]
+
+SIZE, EDGE = 440.0, 26.0  # of the drawing and around it [px]
+WIDEST = 0.12  # share of the path's extent that the widest half of a tube may take
+NOTE = (
+    "Band: the tip error that is proven at every sample, for every plant of the set, to either side of the path; line "
+    "in it: the tip of the replayed episode. Both are magnified around the path. The files were checked again when "
+    "this report was made."
+)
+
+
+def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
+    """Return what the check of each file of a bound found; ValueError names the first that is not proven."""
+    found = [check_bound(path) for path in paths]
+    for check in found:
+        if not check.proven:
+            raise ValueError(f"{check.path} is not proven: {check.reason}")
+    return found
+
+
+def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> str:
+    """Return the section of the page, empty without bounds; ValueError where no episode belongs to a bound."""
+    if not checks:
+        return ""
+    drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)
+    sentences = "".join(f"<li>{escape(check.claim.policy)}: {escape(check.sentence)}.</li>" for check in checks)
+    return (
+        '<section aria-labelledby="tubes"><h2 id="tubes">Proven of the tip</h2>'
+        f'<ul>{sentences}</ul><div class="charts">{drawn}</div><p class="note">{escape(NOTE)}</p></section>'
+    )
+
+
+def _episode(check: BoundCheck, rollouts: Sequence[Rollout]) -> Rollout:
+    claim = check.claim
+    for run in rollouts:
+        if (run.policy, run.case) == (claim.policy, claim.case) and len(run.tip) >= len(check.tip):
+            wanted = JointReference(PATHS[claim.path], claim.duration).tip(run.time[: len(check.tip)]).position
+            if np.abs(run.tip_reference[: len(check.tip)] - wanted).max() < 1e-9:
+                return run
+    raise ValueError(
+        f"{check.path}: the evaluation has no episode of {claim.policy} in case {claim.case} along the {claim.path} in "
+        f"{claim.duration:g} s"
+    )
+
+
+def _tube(check: BoundCheck, run: Rollout) -> str:
+    """Return the drawing of one tube, x to the right and y upwards."""
+    count = len(check.tip)
+    path, tip = run.tip_reference[:count], run.tip[:count]
+    along = np.gradient(path, axis=0)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-12)[:, np.newaxis]
+    extent = float(np.ptp(path, axis=0).max())
+    times = _round_down(WIDEST * extent / max(float(check.tip.max()), 1e-12))
+    middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
+    scale = (SIZE - 2.0 * EDGE) / (extent * (1.0 + 2.0 * WIDEST))
+
+    def points(places: np.ndarray) -> str:
+        pixels = 0.5 * SIZE + scale * (places - middle) * [1.0, -1.0]
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y in pixels)
+
+    half = times * check.tip[:, np.newaxis] * across
+    band = np.concatenate([path + half, (path - half)[::-1]])
+    title = f"{check.claim.policy}, set {check.claim.set_name}: errors {times:g} times"
+    svg = (
+        f'<svg class="chart tube" role="img" viewBox="0 0 {SIZE:g} {SIZE:g}"><title>{escape(title)}</title>'
+        f'<polygon class="band" points="{points(band)}"/><polyline class="path" points="{points(path)}"/>'
+        f'<polyline class="tip" points="{points(path + times * (tip - path))}"/></svg>'
+    )
+    return figure(title, svg)
+
+
+def _round_down(value: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not above a number."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-12))

@@ -1,0 +1,73 @@
+"""How fast forces and motors may stray: forces slowly while only noise corrects them, motors after jumps of torque.
+
+c_k are the corrections of the forces by the samples, in N, and means are over the last `SHARE`⁻¹ samples or so:
+
+    s = |mean c|² / (mean |c|² + floor),    calm → 1 for s up to `NOISE`, falling to 0 for s from `DIRECTED` on.
+
+Corrections by noise point anywhere, so that s is about `SHARE`/2; those by a force that moves have one direction, and s
+goes to 1, however small they are. The ratio needs no variance of any sensor. Calm comes slowly and goes at once. The
+forces walk (1 - calm) + `calm_walk` calm times as fast as they do when they move; where calm goes, their variance also
+grows by that of `reopening` seconds of walk, which it would have had without calm.
+
+A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, w = `torque_doubt` and Δu the largest jump
+of the commands that are on their way. A wrong torque constant or lateness acts through such jumps, and what it does to
+the motors would be taken for a load that is answered by a larger jump.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FORCES
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+
+__all__ = ["note_moves", "spread_out", "walk_share"]
+
+SHARE = 0.1  # of a sample, in the means
+NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
+CALMING, STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
+
+
+@register_jitable
+def note_moves(m: Memory, s: Settings, before: np.ndarray) -> None:
+    """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
+    first, square, mean = len(m.z) - len(s.guess), 0.0, 0.0
+    for i in range(FORCES):
+        change = m.z[first + i] - before[i]
+        square += change * change
+        m.moves[i] += SHARE * (change - m.moves[i])
+        mean += m.moves[i] * m.moves[i]
+    m.moves[FORCES] += SHARE * (square - m.moves[FORCES])
+    directed = mean / (m.moves[FORCES] + s.still)
+    calm = 1.0 - min(max((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
+    change = calm - m.flags[FLAG.calm]
+    if change < 0.0:
+        change *= STIRRING
+        for i in range(FORCES):
+            m.P[first + i, first + i] -= change * s.reopening[i]
+    else:
+        change *= CALMING
+    m.flags[FLAG.calm] += change
+
+
+@register_jitable
+def walk_share(calm: float, calm_walk: float) -> float:
+    """Return how fast the forces walk, as a share of their fastest walk."""
+    return 1.0 - (1.0 - calm_walk) * calm
+
+
+@register_jitable
+def spread_out(m: Memory, s: Settings) -> None:
+    """Change what `predict` has added to P: less where forces are calm, more for motors after a jump of the torque."""
+    joints, states = len(m.noise), 4 * len(m.noise)
+    share = walk_share(m.flags[FLAG.calm], s.calm_walk)
+    for i in range(states, states + FORCES):
+        m.P[i, i] -= (1.0 - share * share) * s.noise[i]
+    for j in range(joints):
+        jump = 0.0
+        for k in range(LONGEST_LATENESS + 1):
+            jump = max(jump, np.abs(m.commands[k, j] - m.commands[k + 1, j]))
+        wrong = s.doubt[j] * jump * jump
+        m.P[2 * joints + j, 2 * joints + j] += wrong * wrong

@@ -1,0 +1,57 @@
+"""The recursive algorithms and the generated equations against pinocchio, a library that shares no code with them.
+
+It takes `pip install pin`, which the test extra does not have: without it these tests are skipped.
+"""
+
+import numpy as np
+import pytest
+from support.robots import ROBOTS
+
+from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.records import flat
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix, tip_jacobian, tip_position
+
+pinocchio = pytest.importorskip("pinocchio", reason="pinocchio is not installed: pip install pin")
+pytestmark = pytest.mark.slow
+
+
+def model_of(robot):
+    """The rigid robot in pinocchio, with a frame at the tip, and its data."""
+    model, parent = pinocchio.Model(), 0
+    model.gravity.linear = np.array(robot.gravity)
+    for joint in robot.joints:
+        placement = pinocchio.SE3(np.array(joint.rotation), np.array(joint.position))
+        revolute = pinocchio.JointModelRevoluteUnaligned(np.array(joint.axis))
+        parent = model.addJoint(parent, revolute, placement, joint.name)
+        link = joint.link
+        body = pinocchio.Inertia(link.mass, np.array(link.center), np.array(link.inertia))
+        model.appendBodyToJoint(parent, body, pinocchio.SE3.Identity())
+    at_tip = pinocchio.SE3(np.eye(3), np.array(robot.tip))
+    tip = model.addFrame(pinocchio.Frame("tip", parent, at_tip, pinocchio.FrameType.OP_FRAME))
+    return model, model.createData(), tip
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_rigid_body_dynamics_are_pinocchios(name):
+    robot = ROBOTS[name]
+    model, data, tip = model_of(robot)
+    physics, n = equations_of(robot), len(robot)
+    arm, PerJoint = physics.constants(physics.plant_of(robot), 0.0, 0.0, 0.0), physics.PerJoint
+    rng = np.random.default_rng(0)
+    for q, dq, ddq in rng.uniform(-3.0, 3.0, (20, 3, n)):
+        torque = pinocchio.rnea(model, data, q, dq, ddq)
+        inertia = np.triu(pinocchio.crba(model, data, q))
+        inertia = inertia + np.triu(inertia, 1).T
+        scale = np.abs(torque).max()
+        np.testing.assert_allclose(inverse_dynamics(robot, q, dq, ddq), torque, rtol=0, atol=1e-10 * scale)
+        generated = flat(physics.inverse_dynamics(PerJoint(*q), PerJoint(*dq), PerJoint(*ddq), arm))
+        np.testing.assert_allclose(generated, torque, rtol=0, atol=1e-10 * scale)
+        np.testing.assert_allclose(mass_matrix(robot, q), inertia, rtol=0, atol=1e-10 * np.abs(inertia).max())
+        np.testing.assert_allclose(
+            physics.mass_matrix(PerJoint(*q), arm), inertia, rtol=0, atol=1e-10 * np.abs(inertia).max()
+        )
+        pinocchio.framesForwardKinematics(model, data, q)
+        np.testing.assert_allclose(tip_position(robot, q), data.oMf[tip].translation, rtol=0, atol=1e-10)
+        world = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobian = pinocchio.computeFrameJacobian(model, data, q, tip, world)[:3]
+        np.testing.assert_allclose(tip_jacobian(robot, q), jacobian, rtol=0, atol=1e-10)

@@ -1,0 +1,52 @@
+"""Forces are calm under corrections without a direction, of any size, and open up under those that have one."""
+
+import numpy as np
+import pytest
+
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS, FORCES
+from fuzzyarm.fuzzy_policy.laws.adaptive.forces import note_moves, spread_out, walk_share
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, layout, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+
+SETTINGS = AdaptiveObserverPolicy().settings
+FORCE = slice(8, 8 + FORCES)
+
+
+def corrected(m, corrections):
+    """Calm after corrections (samples, forces) [N] of the forces."""
+    for correction in corrections:
+        before = m.z[FORCE].copy()
+        m.z[FORCE] += correction
+        note_moves(m, SETTINGS, before)
+    return m.flags[FLAG.calm]
+
+
+@pytest.fixture
+def memory():
+    return remembered(np.zeros(layout(2, BELIEFS).noise.stop), 2, BELIEFS)
+
+
+@pytest.mark.parametrize("size", [1e-6, 10.0, 1e4])
+def test_noise_of_any_size_leaves_the_forces_calm(memory, size):
+    noise = size * np.random.default_rng(0).normal(size=(600, FORCES))
+    assert corrected(memory, noise) > 0.7
+    assert walk_share(1.0, 0.3) == pytest.approx(0.3) and walk_share(0.0, 0.3) == 1.0
+
+
+@pytest.mark.parametrize("size", [1.0, 100.0])
+def test_a_direction_ends_the_calm_within_samples_and_opens_the_variance(memory, size):
+    memory.flags[FLAG.calm] = 1.0
+    assert corrected(memory, np.tile([size, 0.0, 0.0], (12, 1))) < 0.05
+    variances = np.diagonal(memory.P)[FORCE]
+    np.testing.assert_allclose(variances, SETTINGS.reopening, rtol=0.05)  # the whole of it, in parts
+
+
+def test_calm_forces_walk_less_and_jumping_torques_are_doubted(memory):
+    memory.flags[FLAG.calm] = 1.0
+    memory.P[FORCE, FORCE] = np.diag(SETTINGS.noise[FORCE])  # what a prediction adds
+    memory.commands[0, 1] = 0.5 * SETTINGS.limit[1]
+    spread_out(memory, SETTINGS)
+    np.testing.assert_allclose(np.diagonal(memory.P)[FORCE], SETTINGS.calm_walk**2 * SETTINGS.noise[FORCE])
+    added = np.sqrt(np.diagonal(memory.P)[4:6])  # of the motor velocities
+    inertia, weights = AdaptiveObserverPolicy().arm.motor_inertia[1], AdaptiveObserverPolicy().weights
+    np.testing.assert_allclose(added, [0.0, 1e-3 * weights.torque_doubt * 0.25 * SETTINGS.limit[1] / inertia])
