@@ -35,6 +35,7 @@ from readme_design import (
     tip_bound_table,
     tip_gamma_table,
 )
+from readme_estimate import estimate_tables
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
@@ -160,7 +161,17 @@ def sections() -> dict[str, str]:
     """Return the tables of the documentation from the stored results, by the name that its directive gives them."""
     stored = {
         name: _stored(name)
-        for name in ("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse", *SCRIPTS)
+        for name in (
+            "evaluate",
+            "bench",
+            "margins",
+            "sweep",
+            "soak",
+            "mujoco_arm",
+            "abuse",
+            "learned_observer",
+            *SCRIPTS,
+        )
     }
     return {
         "results": f"{markdown_table(stored['evaluate']['results'])}\n\n"
@@ -172,6 +183,7 @@ def sections() -> dict[str, str]:
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),
+        "estimate": estimate_tables(stored["learned_observer"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
         "accuracy": accuracy_table(stored["accuracy"]),
         "margins": margins_table(stored["margins"], stored["computed_torque_tuning"]),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from cyclopts import App, Parameter
 
+from fuzzyarm.cli import estimate
 from fuzzyarm.cli.options import chosen, given, option_name, with_fields_of
 from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.rl_baselines.algorithms import ALGORITHMS, find_algorithm
@@ -41,9 +42,10 @@ class Options:
 
 
 def add_algorithms(application: App) -> None:
-    """Add a command for each algorithm that is known at this time."""
+    """Add a command for each algorithm that is known at this time, and that of the estimate, which is regression."""
     for spec in ALGORITHMS.values():
         application.command(options_of(spec), name=spec.name)
+    application.command(estimate.Options, name="estimate")
 
 
 def options_of(spec: AlgorithmSpec) -> type[Options]:

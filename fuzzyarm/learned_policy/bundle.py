@@ -6,39 +6,23 @@ A bundle contains no code: JSON is parsed, safetensors holds arrays of numbers, 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from fuzzyarm.common.checks import listed, whole
-from fuzzyarm.common.console import escaped
-from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read_json, record
-from fuzzyarm.common.files import write_folder_atomically
+from fuzzyarm.common.documents import record
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.folder import DESCRIPTION, WEIGHTS, BundleError, read_folder, tensors_in, write_folder
 from fuzzyarm.learned_policy.network import Network
 
 __all__ = ["DESCRIPTION", "WEIGHTS", "BundleError", "PolicyBundle"]
 
 _Part = TypeVar("_Part")
 
-DESCRIPTION = "policy.json"
-"""File with everything but the weights."""
-
-WEIGHTS = "weights.safetensors"
-"""File with the weights and biases of the layers."""
-
 _SCHEMA = "fuzzyarm-learned-policy/1"
-_LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
-_LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes at the beginning of the file with the weights
 _ACTIVATION = "tanh"
-_SHOWN = 200  # characters of a foreign text in a message
-
-
-class BundleError(ValueError):
-    """A folder is damaged, incomplete or no bundle; the message is one line that names the file and what to do."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,18 +66,11 @@ class PolicyBundle:
             OSError: the folder cannot be written; what was there is left as it was.
             ValueError: the folder exists and is not a bundle.
         """
-        # Imported here: reading a definition needs no safetensors.
-        from safetensors.numpy import save
-
-        if folder.exists() and not (folder / DESCRIPTION).is_file():
-            raise ValueError(f"{folder} exists and is no policy bundle; choose another folder")
         tensors = {}
         for number, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):
-            tensors[f"layer{number}.weight"] = np.ascontiguousarray(weight, dtype=np.float32)
-            tensors[f"layer{number}.bias"] = np.ascontiguousarray(bias, dtype=np.float32)
-        weights = save(tensors)
-        text = json.dumps(self._description(hashlib.sha256(weights).hexdigest()), indent=1, allow_nan=False)
-        write_folder_atomically(folder, {WEIGHTS: weights, DESCRIPTION: f"{text}\n"})
+            tensors[f"layer{number}.weight"] = weight
+            tensors[f"layer{number}.bias"] = bias
+        write_folder(folder, self._description(), tensors)
 
     @classmethod
     def load(cls, folder: str | Path) -> PolicyBundle:
@@ -103,13 +80,7 @@ class PolicyBundle:
             BundleError: a file is missing, too large, damaged, or not of this schema.
         """
         folder = Path(folder)
-        description = _description(folder / DESCRIPTION)
-        weights = _weights(folder / WEIGHTS)
-        if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
-            raise BundleError(
-                f"{folder / WEIGHTS} is not the file that {DESCRIPTION} was written with (its sha256 differs): copy "
-                "the whole folder again, or train anew"
-            )
+        description, weights = read_folder(folder, _SCHEMA, _Description)
         try:
             return cls(
                 features=_part("features", description.features, FeatureDefinition),
@@ -123,8 +94,8 @@ class PolicyBundle:
         except (TypeError, ValueError, OverflowError) as error:
             raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
 
-    def _description(self, digest: str) -> dict[str, Any]:
-        """Return the content of ``policy.json``, for weights with this SHA-256."""
+    def _description(self) -> dict[str, Any]:
+        """Return the content of ``policy.json`` but the digest of the weights."""
         network = _NetworkDescription(
             sizes=list(self.network.sizes),
             activation=_ACTIVATION,
@@ -140,7 +111,7 @@ class PolicyBundle:
             training=self.training,
             seed=self.seed,
             versions=self.versions,
-            weights_sha256=digest,
+            weights_sha256="",
             curve=self.curve,
         )
         return {field.name: getattr(description, field.name) for field in dataclasses.fields(description)}
@@ -172,20 +143,6 @@ class _Description:
     curve: list[dict[str, Any]]
 
 
-def _description(path: Path) -> _Description:
-    """Return the content of ``policy.json``, whose parts are not checked yet."""
-    try:
-        content = read_json(path, largest=_LARGEST_DESCRIPTION)
-    except OSError as error:
-        raise _missing(path, error) from None
-    except ValueError as error:
-        raise BundleError(f"{error}; copy the bundle again, or train anew") from None
-    try:
-        return record(check_schema(content, _SCHEMA), _Description)
-    except ValueError as error:
-        raise BundleError(f"{path} is no description of a policy: {error}") from None
-
-
 def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:
     """Return a part of the description as a record."""
     try:
@@ -194,27 +151,11 @@ def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:
         raise ValueError(f"{name}: {error}") from None
 
 
-def _weights(path: Path) -> bytes:
-    """Return the content of the file with the weights."""
-    try:
-        return read_bytes(path, largest=_LARGEST_WEIGHTS)
-    except OSError as error:
-        raise _missing(path, error) from None
-    except ValueError as error:
-        raise BundleError(f"{error}; that is no policy of this package") from None
-
-
-def _missing(path: Path, error: OSError) -> BundleError:
-    return BundleError(
-        f"{path}: {error.strerror or error}; a policy bundle is a folder with {DESCRIPTION} and {WEIGHTS}"
-    )
-
-
 def _network(description: _NetworkDescription, content: bytes) -> Network:
     """Return the network of a description with the tensors of a safetensors file."""
     if description.activation != _ACTIVATION:
         raise ValueError(f"activation {description.activation!r} is unknown; this version has {_ACTIVATION!r}")
-    tensors = _tensors(content)
+    tensors = tensors_in(content)
     layers = range(len(tensors) // 2)
     names = {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")}
     if set(tensors) != names or not names:
@@ -234,19 +175,3 @@ def _network(description: _NetworkDescription, content: bytes) -> Network:
     if list(network.sizes) != description.sizes:
         raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")
     return network
-
-
-def _tensors(content: bytes) -> dict[str, np.ndarray]:
-    """Return the tensors of a safetensors file by name."""
-    from safetensors import SafetensorError
-    from safetensors.numpy import load
-
-    length = int.from_bytes(content[:_LENGTH], "little")  # of the header: a mapping as JSON, one entry for each tensor
-    if length > _LARGEST_HEADER:
-        raise ValueError(f"{WEIGHTS} is damaged: a header of {length} bytes; allowed: {_LARGEST_HEADER}")
-    try:
-        parse_json(content[_LENGTH : _LENGTH + length])  # refuses what stands twice, which the library does not
-        tensors: dict[str, np.ndarray] = load(content)
-    except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{WEIGHTS} is damaged: {escaped(str(error)[:_SHOWN])}") from None
-    return tensors

@@ -106,7 +106,7 @@ POLICIES: dict[str, NamedPolicy] = {
     "computed-torque": NamedPolicy(Kind.LAW, factory=_computed_torque, has_tip=True),
     "elastic-observer": NamedPolicy(Kind.LAW, factory=_elastic_observer),
     "adaptive-observer": NamedPolicy(Kind.LAW, factory=_adaptive_observer),
-    **{name: NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in LEARNED},
+    **{name: NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
 }
 """All policies by name, without the ending `TIP`; `add_policy` adds one."""
 

@@ -24,10 +24,9 @@ from fuzzyarm.policies.registry import POLICIES, TIP, Factory, Kind, known_names
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
-    from fuzzyarm.learned_policy.policy import LearnedPolicy
     from fuzzyarm.policies.user_code import UserPolicy
 
-__all__ = ["PolicySpec", "load_policy", "resolve", "resolve_all"]
+__all__ = ["PolicySpec", "digest_of", "load_policy", "resolve", "resolve_all"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,16 +71,13 @@ class PolicySpec:
 
             self._check_code()
             source = source_file(self.name)
-            return {} if source is None else {source.name: _sha256(source)}
+            return {} if source is None else {source.name: digest_of(source)}
         if self.kind is Kind.CONTROLLER:
-            return {self._location.name: _sha256(self._location)}
+            return {self._location.name: digest_of(self._location)}
         if self.kind is Kind.LEARNED and self._location.is_dir():
-            from fuzzyarm.learned_policy.bundle import DESCRIPTION, PolicyBundle
+            from fuzzyarm.policies.learned import learned_files
 
-            base = PolicyBundle.load(self._location).action.base
-            own = {DESCRIPTION: _sha256(self._location / DESCRIPTION)}
-            # A base that is no known name is refused when the policy is loaded.
-            return own | resolve(base).files() if base is not None and resolve(base).named else own
+            return learned_files(self._location)
         return {}
 
     def load(
@@ -141,7 +137,9 @@ class PolicySpec:
 
             return controller_policy(self._location, robot, control_period, allow_unproven)
         if self._location.is_dir():
-            return _learned_policy(self._location, control_period, robot)
+            from fuzzyarm.policies.learned import learned_policy
+
+            return learned_policy(self._location, control_period, robot)
         raise ValueError(
             f"unknown policy {self.name!r}; choose from: {', '.join(known_names())}, or the path of a controller file "
             f"(.json, .json{TIP}), or of a learned policy's folder, on the command line also package.module:factory"
@@ -223,27 +221,8 @@ def _is_code(name: str) -> bool:
     return all(part.isidentifier() for part in parts) and not Path(name).exists()
 
 
-def _sha256(file: Path) -> str:
+def digest_of(file: Path) -> str:
     """Return the SHA-256 of a text file, which is the same with the line ends of another system."""
     from fuzzyarm.common.documents import read_bytes  # `import fuzzyarm` loads no msgspec
 
     return hashlib.sha256(read_bytes(file).replace(b"\r\n", b"\n")).hexdigest()
-
-
-def _learned_policy(folder: Path, control_period: float, robot: AnyArm) -> LearnedPolicy:
-    """Load a learned policy, with the policy that it is based on if there is one."""
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-    from fuzzyarm.learned_policy.bundle import PolicyBundle
-    from fuzzyarm.learned_policy.policy import LearnedPolicy
-
-    if not isinstance(robot, ArmParameters) or robot != ArmParameters():
-        raise ValueError(
-            f"{folder.name} was trained on the arm of Table 1 and knows no other; take computed-torque, or design a "
-            "controller with fuzzyarm design --robot FILE"
-        )
-    bundle = PolicyBundle.load(folder)
-    base = bundle.action.base
-    if base is not None and not resolve(base).named:
-        raise ValueError(f"{folder} was trained on the base {base!r}, which is none of: {', '.join(known_names())}")
-    added = None if base is None else load_policy(base, control_period=control_period, robot=robot)
-    return LearnedPolicy(bundle, control_period, robot, added)

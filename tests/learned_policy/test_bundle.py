@@ -11,7 +11,7 @@ import pytest
 from safetensors.numpy import save
 from support.bundles import bundle, network
 
-from fuzzyarm.learned_policy import bundle as bundles
+from fuzzyarm.learned_policy import folder as folders
 from fuzzyarm.learned_policy.bundle import BundleError, PolicyBundle
 from fuzzyarm.learned_policy.definition import ActionDefinition
 from fuzzyarm.learned_policy.network import Network
@@ -160,7 +160,7 @@ def test_a_damaged_or_foreign_bundle_is_refused_in_one_line(folder, damage, mess
 
 @pytest.mark.parametrize(("name", "limit"), [("policy.json", "DESCRIPTION"), ("weights.safetensors", "WEIGHTS")])
 def test_a_file_too_large_is_not_read(folder, name, limit, monkeypatch):
-    monkeypatch.setattr(bundles, f"_LARGEST_{limit}", 100)
+    monkeypatch.setattr(folders, f"_LARGEST_{limit}", 100)
     with pytest.raises(BundleError, match=rf"{name}(:| is) larger than 100 bytes"):
         PolicyBundle.load(folder)
 

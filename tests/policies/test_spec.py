@@ -123,7 +123,7 @@ class TestAddedPolicy:
         policy = load_policy("soft-tip", control_period=2e-3)
         assert isinstance(policy, TipPolicy)
         assert policy.control_period == 2e-3
-        with pytest.raises(ValueError, match=r"choose from: .*ppo-residual, soft, soft-tip, or the path"):
+        with pytest.raises(ValueError, match=r"choose from: .*learned-observer, soft, soft-tip, or the path"):
             load_policy("nobody")
         assert main(["evaluate", "--policy", "soft", "--case", "nominal", "--out", str(tmp_path)]) == 0
         assert "\nsoft: no certificate\n" in capsys.readouterr().out

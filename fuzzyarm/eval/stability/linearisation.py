@@ -43,11 +43,15 @@ POSTURES = 16
 """Number of instants, evenly spaced over the arm's default reference; with 300 of the paper's a gain margin changes by
 0.2 %."""
 _PLANT_STEP = 1e-6  # rad and rad/s, of the central differences
-_MEMORY_STEP = 1e-8  # relative to max(1, |s|); an integral can move the torque by 5e8 N m per rad s
+# Of the law, relative to max(1, |s|) for its memory: an integral can move the torque by 5e8 N m per rad s, and a
+# network may bend within 1e-6 rad. What is measured and what is remembered of it have one step, so that their
+# differences stay exact.
+_LAW_STEP = 1e-8
 _TORQUE_STEP = 1.0  # N m; the plant is linear in the torque
 _NEWTON_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.01)  # of a step
 _NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-9  # the tolerance: change of a state [rad, rad/s] over one period
 _SETTLING = 300  # control periods
+_RESTING = 2000  # control periods, after which a strongly nonlinear law is near its equilibrium
 _NEWTON_REACH = 0.1  # rad; an equilibrium farther from the posture is that of another posture
 
 
@@ -125,20 +129,9 @@ def _linearise(
     policy: Predictor, parameters: AnyArm, posture: np.ndarray, control_period: float, payload: Payload | None
 ) -> LocalLoop:
     arm = _FrozenArm(policy, parameters, posture, control_period, payload)
-    point = arm.start()
-    for _ in range(_NEWTON_STEPS):
-        loop, kept = arm.linearise(point)
-        if not np.isfinite(loop.law).all():
-            raise ValueError(f"near posture {posture} rad the policy gives up: its torque or memory is not finite")
-        matrix, change = loop.matrix(), (arm.advance(point) - point)[kept]
-        if not (np.isfinite(matrix).all() and np.isfinite(change).all()):
-            raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
-        if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and np.all(
-            np.abs(point[arm.q_motor] - posture) <= _NEWTON_REACH
-        ):
-            break
-        point = _nearer(arm, point, kept, np.linalg.lstsq(np.eye(len(change)) - matrix, change)[0])
-    else:
+    first = arm.start()
+    loop = _equilibrium(arm, first, posture) or _equilibrium(arm, arm.settled(first, _RESTING), posture)
+    if loop is None:
         raise ValueError(
             f"no equilibrium within {_NEWTON_REACH} rad of posture {posture} rad: are torques clipped, or does the "
             "policy not hold still there?"
@@ -149,6 +142,23 @@ def _linearise(
         limit = tuple(arm.limit.tolist())
         raise ValueError(f"posture {posture} rad takes {loop.torque} N m of {limit} N m: no linear loop at a limit")
     return loop
+
+
+def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> LocalLoop | None:
+    """Return the loop at the equilibrium that Newton's method finds from a point; None if it finds none."""
+    for _ in range(_NEWTON_STEPS):
+        loop, kept = arm.linearise(point)
+        if not np.isfinite(loop.law).all():
+            raise ValueError(f"near posture {posture} rad the policy gives up: its torque or memory is not finite")
+        matrix, change = loop.matrix(), (arm.advance(point) - point)[kept]
+        if not (np.isfinite(matrix).all() and np.isfinite(change).all()):
+            raise ValueError(f"the numbers overflow at posture {posture} rad: is a joint too stiff, damped or light?")
+        if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and np.all(
+            np.abs(point[arm.q_motor] - posture) <= _NEWTON_REACH
+        ):
+            return loop
+        point = _nearer(arm, point, kept, np.linalg.lstsq(np.eye(len(change)) - matrix, change)[0])
+    return None
 
 
 def _nearer(arm: _FrozenArm, point: np.ndarray, kept: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -207,8 +217,13 @@ class _FrozenArm:
         if np.any(
             np.abs(self._act(point[np.newaxis])[0, self.torque]) >= self.limit
         ):  # a clipped torque has no slope: let the loop settle first
-            for _ in range(_SETTLING):
-                point = self.advance(point)
+            return self.settled(point, _SETTLING)
+        return point
+
+    def settled(self, point: np.ndarray, periods: int) -> np.ndarray:
+        """Return the point where the loop is so many control periods later."""
+        for _ in range(periods):
+            point = self.advance(point)
         return point
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
@@ -220,7 +235,8 @@ class _FrozenArm:
             for duration in (self.period, 0.5 * self.period)
         )
         memory = point[self.memory]
-        law = _differences(self._act, point, np.append(steps, _MEMORY_STEP * np.maximum(1.0, np.abs(memory))))
+        law_steps = _LAW_STEP * np.append(np.ones(self.states), np.maximum(1.0, np.abs(memory)))
+        law = _differences(self._act, point, law_steps)
         # Entries are kept if the torque depends on them, directly or through other memory. Unread entries have
         # differences of exactly 0.
         rows = np.append(np.ones(self.joints, dtype=bool), np.zeros(len(memory), dtype=bool))

@@ -22,7 +22,6 @@ import functools
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import observed
@@ -31,27 +30,25 @@ from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_columns, in_list, reader, writer
+from fuzzyarm.envs.physics.records import in_columns, in_list, reader
 from fuzzyarm.fuzzy_policy.known_arm import (
     constants_of,
     per_joint_of,
     without_dry_friction,
 )
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size, target_parts
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import place_in_schedule
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
-    Estimate,
     ObserverWeights,
     estimate_parts,
     gain_tables,
     state_part,
 )
+from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, predict_of
 from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["ElasticObserverPolicy"]
-
-STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
 class ElasticObserverPolicy(Policy):
@@ -130,9 +127,9 @@ def _memory_parts(joints: int) -> list[slice]:
 def _law_of(physics: Physics) -> Any:
     """Return the compiled law for arms with these equations."""
     joints, (_, started_part, predicted_part) = physics.joints, _memory_parts(physics.joints)
-    theta_part, dtheta_part, _ = target_parts(physics.joints)
     arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
-    estimated, begin, predict = _estimated_of(joints), _begin_of(physics), _predict_of(physics)
+    estimated, begin, predict = estimated_of(joints), begin_of(physics), predict_of(physics)
+    correct, act = correct_of(joints), act_of(joints)
 
     @kernel_for(physics.digest)
     def observe_and_act(
@@ -154,7 +151,7 @@ def _law_of(physics: Physics) -> Any:
         """Correct, act and predict in every lane; `torque` holds u_ff and becomes u, unclipped."""
         arm, o = arm_in(constants, 0), observed(observation)
         started, predicted = memory[:, started_part], memory[:, predicted_part]
-        theta_d, dtheta_d, estimate = target[:, theta_part], target[:, dtheta_part], estimated(predicted)
+        estimate = estimated(predicted)
         innovation, error = np.empty(2 * joints), np.empty(4 * joints)
         index, weight = np.empty(1 << len(kept), dtype=np.int64), np.empty(1 << len(kept))
         applied = np.empty((1, joints))
@@ -163,88 +160,10 @@ def _law_of(physics: Physics) -> Any:
                 started[lane, 0] = 1.0
                 begin(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
             place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
-            for i in range(joints):
-                innovation[i] = o.q_motor[lane, i] - estimate.q_motor[lane, i]
-                innovation[joints + i] = o.dq_motor[lane, i] - estimate.dq_motor[lane, i]
-            _add_product(observer, index, weight, innovation, 1.0, predicted[lane])
-            for i in range(joints):
-                unbent = estimate.load[lane, i] / stiffness[i]
-                error[i] = estimate.q_motor[lane, i] - (theta_d[lane, i] - unbent)
-                error[joints + i] = estimate.q_link[lane, i] - o.q_reference[lane, i]
-                error[2 * joints + i] = estimate.dq_motor[lane, i] - dtheta_d[lane, i]
-                error[3 * joints + i] = estimate.dq_link[lane, i] - o.dq_reference[lane, i]
-                torque[lane, i] -= estimate.load[lane, i]
-            _add_product(feedback, index, weight, error, -1.0, torque[lane])
+            correct(lane, o, predicted, observer, index, weight, innovation)
+            act(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
             for i in range(joints):
                 applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
             predict(predicted, lane, per_joint(applied, 0), per_joint(estimate.load, lane), arm, h, substeps)
 
     return observe_and_act
-
-
-@register_jitable
-def _add_product(
-    table: np.ndarray, index: np.ndarray, weight: np.ndarray, x: np.ndarray, sign: float, y: np.ndarray
-) -> None:
-    """Add ±G x to y (rows,), G (rows, columns) interpolated between the points `index` of a table."""
-    for corner in range(len(index)):
-        gain, share = table[index[corner]], sign * weight[corner]
-        for i in range(gain.shape[0]):
-            product = 0.0
-            for k in range(gain.shape[1]):
-                product += gain[i, k] * x[k]
-            y[i] += share * product
-
-
-@functools.cache
-def _estimated_of(joints: int) -> Any:
-    """Return the compiled function that gives the parts of (x, d) (..., 5 n) as views."""
-    q_motor, q_link, dq_motor, dq_link, load = estimate_parts(joints)
-
-    @register_jitable
-    def estimated(array: np.ndarray) -> Estimate:
-        return Estimate(
-            array[..., q_motor], array[..., q_link], array[..., dq_motor], array[..., dq_link], array[..., load]
-        )
-
-    return estimated
-
-
-@functools.cache
-def _begin_of(physics: Physics) -> Any:
-    """Return the compiled function that fills a lane's first (x̂, d̂)⁻.
-
-    It has K_t (θ - q) = g(q) for the measured θ, links as fast as motors, d = 0.
-    """
-    joints, gravity, estimated = physics.joints, physics.gravity, _estimated_of(physics.joints)
-    per_joint = reader(physics.PerJoint, in_columns)
-
-    @register_jitable
-    def begin(lane: int, q: np.ndarray, dq: np.ndarray, predicted: np.ndarray, stiffness: np.ndarray, arm: Any) -> None:
-        x = estimated(predicted)
-        for i in range(joints):
-            x.q_motor[lane, i] = x.q_link[lane, i] = q[lane, i]
-            x.dq_motor[lane, i] = x.dq_link[lane, i] = dq[lane, i]
-            x.load[lane, i] = 0.0
-        for _ in range(STATICS_STEPS):
-            weight = gravity(per_joint(x.q_link, lane), arm)
-            for i in range(joints):
-                x.q_link[lane, i] = q[lane, i] - weight[i] / stiffness[i]
-
-    return begin
-
-
-@functools.cache
-def _predict_of(physics: Physics) -> Any:
-    """Return the compiled function that advances x̂ of a lane over a control period, d̂ held."""
-    loaded_step = physics.loaded_step
-    read_state, write_state = reader(physics.State, in_columns), writer(physics.State, in_columns)
-
-    @register_jitable
-    def predict(predicted: np.ndarray, lane: int, torque: Any, load: Any, arm: Any, h: float, substeps: int) -> None:
-        state = read_state(predicted, lane)
-        for _ in range(substeps):
-            state = loaded_step(state, torque, load, arm, h)
-        write_state(predicted, lane, state)
-
-    return predict

@@ -1,0 +1,153 @@
+"""Five seeds of `learned-observer`: tip errors, margins, and held-out plants beside the model-based observers.
+
+    for seed in 0 1 2 3 4; do fuzzyarm train estimate --seed $seed --out runs/estimate-$seed; done
+    python benchmarks/learned_observer.py runs/estimate-*/policy [--json FILE]
+
+Of every seed: tip errors in the paper's three cases, and the margins of `fuzzyarm margins`. The median seed has the
+median rms error of Cases 2 and 3 together, among the seeds whose loop is stable in every condition if there are any.
+Of the median seed, `elastic-observer` and, on fewer plants, `adaptive-observer`: largest tip errors over the plants of
+the sweeps' distributions `loads` and `all`, which no training has seen, each plant under all policies; of the smaller
+errors' share of plants a Wilson interval of 95 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import binomtest
+
+from fuzzyarm import load_policy
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.scenario.cases import PAPER_CASES
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.conditions import CONDITIONS
+from fuzzyarm.eval.stability.margins import policy_margins
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.episodes import run_plants
+from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
+from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases
+
+GOALS_MM = {"nominal": 0.0005, "machining": 0.25, "payload": 0.22}  # rms
+QUANTILES = (0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 1.0)
+DISTRIBUTIONS = "loads", "all"
+LEARNED, BASE, ADAPTIVE = "learned-observer", "elastic-observer", "adaptive-observer"
+SEED, CHUNK, BOUND = 500_000, 250, 20.0  # the first held-out seed; plants at once; mm
+
+
+def assess(folder: Path) -> dict[str, Any]:
+    """Return errors [mm], margins and the settings of a seed."""
+    bundle, policy = EstimateBundle.load(folder), load_policy(folder)
+    return {
+        "seed": bundle.seed,
+        "training": bundle.training,
+        "versions": bundle.versions,
+        "cases": evaluate_cases(policy),
+        "margins": policy_margins(policy, bundle.parameters, bundle.control_period),
+        "curve": bundle.curve[:: max(1, len(bundle.curve) // 20)],
+    }
+
+
+def stable(row: dict[str, Any]) -> bool:
+    """Return whether the loop is stable in every condition."""
+    return all(radius is not None and radius < 1.0 for radius in row["margins"]["spectral_radius"].values())
+
+
+def median_seed(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the row of the median seed, see the module."""
+    among = [row for row in rows if stable(row)] or rows
+    ranked = sorted(among, key=lambda row: row["cases"]["machining_rms_mm"] + row["cases"]["payload_rms_mm"])
+    return ranked[(len(ranked) - 1) // 2]
+
+
+def held_out(policies: dict[str, Any], distribution: str, plants: int) -> dict[str, Any]:
+    """Return quantiles of the largest tip errors [mm], and how often each policy beats `BASE`, by case."""
+    config = SweepConfig(policies=tuple(policies), distribution=distribution, plants=plants, seed=SEED)
+    parts = [
+        run_plants(config, policies, list(range(first, min(first + CHUNK, plants))))
+        for first in range(0, plants, CHUNK)
+    ]
+    largest = np.concatenate([part.max_mm for part in parts], axis=2)
+    completed = np.concatenate([part.completed for part in parts], axis=2).astype(bool)
+    largest = np.where(completed, largest, np.inf)
+    base, found = list(policies).index(BASE), {}
+    for number, name in enumerate(policies):
+        for place, case in enumerate(PAPER_CASES):
+            errors = largest[number, place]
+            better = int(np.count_nonzero(errors < largest[base, place]))
+            interval = binomtest(better, plants).proportion_ci(method="wilson")
+            found[f"{name}, {case}"] = {
+                "quantiles_mm": [float(value) for value in np.quantile(errors, QUANTILES, method="inverted_cdf")],
+                "lost": int(np.count_nonzero(~completed[number, place])),
+                "above_20_mm": int(np.count_nonzero(errors > BOUND)),
+                "better_than_base": better / plants,
+                "interval_95": [float(interval.low), float(interval.high)],
+            }
+    return {"plants": plants, "rows": found}
+
+
+def print_document(document: dict[str, Any], console: Console) -> None:
+    """Print the tables."""
+    table = Table("seed", *(f"{case} rms / max, mm" for case in PAPER_CASES), *(c.name for c in CONDITIONS), "CPU, s")
+    for row in document["seeds"]:
+        cases, radius = row["cases"], row["margins"]["spectral_radius"]
+        table.add_row(
+            str(row["seed"]),
+            *(f"{cases[f'{case}_rms_mm']:.4f} / {cases[f'{case}_max_mm']:.4f}" for case in PAPER_CASES),
+            *("-" if radius[c.name] is None else f"{radius[c.name]:.4f}" for c in CONDITIONS),
+            f"{row['training']['cpu_time_s']:.0f}",
+        )
+    console.print(table, f"median seed: {document['median']}")
+    for title, part in document["held_out"].items():
+        table = Table(title, *(f"{100 * q:g} %" for q in QUANTILES), "lost", "above 20 mm", "better than base")
+        for name, row in part["rows"].items():
+            low, high = row["interval_95"]
+            table.add_row(
+                name,
+                *(f"{value:.3f}" for value in row["quantiles_mm"]),
+                str(row["lost"]),
+                str(row["above_20_mm"]),
+                f"{row['better_than_base']:.3f} ({low:.3f} to {high:.3f})",
+            )
+        console.print(f"largest tip error, mm, {part['plants']} plants", table)
+
+
+def main() -> None:
+    """Measure and print, and write the document."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--plants", type=int, default=2000)
+    parser.add_argument("--adaptive-plants", type=int, default=250)
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    rows = sorted((assess(folder) for folder in arguments.folders), key=lambda row: row["seed"])
+    median = median_seed(rows)
+    policy = next(load_policy(one) for one in arguments.folders if EstimateBundle.load(one).seed == median["seed"])
+    pair = {BASE: load_policy(BASE), LEARNED: policy}
+    document = {
+        "schema": "fuzzyarm-learned-observer/1",
+        **current_provenance(),
+        "goals_rms_mm": GOALS_MM,
+        "median": median["seed"],
+        "stable_in_every_condition": [row["seed"] for row in rows if stable(row)],
+        "seeds": rows,
+        "quantiles": list(QUANTILES),
+        "first_held_out_seed": SEED,
+        "held_out": {},
+    }
+    for number, adaptive in ((arguments.plants, {}), (arguments.adaptive_plants, {ADAPTIVE: load_policy(ADAPTIVE)})):
+        for name in DISTRIBUTIONS if number else ():
+            title = ", with ".join((name, *adaptive))
+            document["held_out"][title] = held_out({**pair, **adaptive}, name, number)
+            if arguments.json:  # after every part: the plants take minutes
+                write_atomically(arguments.json, json.dumps(document, indent=1) + "\n")
+    print_document(document, Console(width=200))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""`fuzzyarm train estimate`: train a network beside the elastic observer, with the options of its settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.options import chosen, with_fields_of
+from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.rl_baselines.estimate.config import EstimateConfig
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Options", "run"]
+
+_BUNDLE = "policy"
+
+
+@with_fields_of(EstimateConfig)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Train a recurrent network beside elastic-observer, by regression on a teacher that knows plant and load.
+
+    The folder gets policy/, which --policy and load_policy take. A training takes minutes and cannot be resumed. It
+    needs pip install -c constraints.txt -e ".[rl]" in the repository.
+    """
+
+    out: Annotated[Path, Parameter(metavar="DIR")]
+    """Folder of the run, made if needed"""
+
+
+def run(options: Options) -> int:
+    """Train a policy."""
+    from fuzzyarm.common.console import progress, say, status
+
+    config = chosen(options, EstimateConfig())
+    folder = options.out / _BUNDLE
+    if folder.exists():
+        raise UsageError(f"{folder} holds a policy already; choose another folder")
+    try:
+        from fuzzyarm.rl_baselines.estimate.training import EstimateTraining
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f'{error.name} is not installed; to train, run in the repository: pip install -c constraints.txt -e ".[rl]"'
+        ) from None
+    with claimed_folder(options.out):
+        with status("compiling and loading"):
+            training = EstimateTraining(config)
+        with progress("training", config.chunks) as advance:
+            training.report = _shown(advance)
+            bundle = training.run()
+        bundle.save(folder)
+    say(f"written to {folder}")
+    return 0
+
+
+def _shown(advance: Callable[..., None]) -> Callable[[dict[str, Any]], None]:
+    """Return what shows a row of the curve beside the bar."""
+
+    def show(row: dict[str, Any]) -> None:
+        advance(f"loss {row['loss']:.3f}, largest |λ| {row['radius']:.3f}", completed=row["chunk"] + 1)
+
+    return show

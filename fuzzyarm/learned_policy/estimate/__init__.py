@@ -1,0 +1,1 @@
+"""A recurrent network beside the elastic observer: what it is, its file, and the policy."""

@@ -1,0 +1,105 @@
+"""What the network of `learned-observer` sees: the unexplained z and the context c, each of order 1.
+
+With the innovation ν = y - ŷ⁻ of the observer, one number for each motor angle and velocity,
+
+    z = (asinh(ν/s), asinh(ν/S) ν²/(s² + ν²), d̂/R, the last ρ),
+
+with `FINE` units s, `COARSE` units S and the torques R = `TORQUES`: the first part resolves what is small; the second
+is linear in what is large and flat about zero, so that it does not bear on small deviations. d̂ is what the observer
+believes to load the links. From the observation follows
+
+    c = (cos and sin of θ_1 and θ_1 + θ_2, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e),
+
+e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.common.slices import consecutive
+from fuzzyarm.envs.observation import JOINTS, Observation
+
+__all__ = [
+    "COARSE",
+    "CONTEXT",
+    "FINE",
+    "TORQUES",
+    "UNEXPLAINED",
+    "UNEXPLAINED_PARTS",
+    "UnexplainedParts",
+    "see_context",
+    "see_unexplained",
+]
+
+FINE = (5e-7, 2e-6, 1e-3, 4e-3)
+"""Units s of the innovation of angles [rad] and velocities [rad/s]; about the median in the training."""
+
+COARSE = (1e-5, 4e-5, 2e-2, 8e-2)
+"""Units S, which one innovation in a hundred exceeds."""
+
+TORQUES = (300.0, 150.0)
+"""Units of loads and residual torques [N m]; the largest residual torque."""
+
+_FASTEST, _JERKIEST = 3.0, 30.0  # units of q̇_d [rad/s] and of q̈_d [rad/s²]
+_SLOW, _SLOW_TIP = 0.05, 0.02  # rad/s and m/s: below it a direction fades
+
+
+class UnexplainedParts(NamedTuple):
+    """Where the parts of z lie."""
+
+    fine: Any
+    coarse: Any
+    load: Any
+    residual: Any
+
+
+UNEXPLAINED_PARTS = UnexplainedParts(*consecutive(2 * JOINTS, 2 * JOINTS, JOINTS, JOINTS))
+UNEXPLAINED: int = UNEXPLAINED_PARTS.residual.stop
+"""Numbers in z."""
+
+_ANGLES, _VELOCITIES, _ACCELERATIONS, _FEEDFORWARD, _SIGNS, _TRAVEL, _LEVER = consecutive(
+    2 * JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS
+)
+CONTEXT: int = _LEVER.stop
+"""Numbers in c."""
+_Z_FINE, _Z_COARSE, _Z_LOAD, _Z_RESIDUAL = UNEXPLAINED_PARTS
+
+
+@register_jitable
+def see_unexplained(innovation: np.ndarray, load: np.ndarray, residual: np.ndarray, z: np.ndarray) -> None:
+    """Fill z (`UNEXPLAINED`,) from ν (2 n,) [rad, rad/s], d̂ (n,) [N m] and the last ρ (n,)."""
+    for k in range(2 * JOINTS):
+        z[_Z_FINE][k] = np.arcsinh(innovation[k] / FINE[k])
+        square = innovation[k] * innovation[k]
+        z[_Z_COARSE][k] = np.arcsinh(innovation[k] / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
+    for i in range(JOINTS):
+        z[_Z_LOAD][i] = load[i] / TORQUES[i]
+        z[_Z_RESIDUAL][i] = residual[i]
+
+
+@register_jitable
+def see_context(
+    lane: int, o: Observation, feedforward: np.ndarray, limit: np.ndarray, length: np.ndarray, c: np.ndarray
+) -> None:
+    """Fill c (`CONTEXT`,) from the observation (10,) of a lane, u_ff (2,) [N m], its limit (2,) and L (2,) [m]."""
+    q, dq, ddq = o.q_motor[lane], o.dq_reference[lane], o.ddq_reference[lane]
+    turned = q[0] + q[1]
+    c1, s1, c12, s12 = np.cos(q[0]), np.sin(q[0]), np.cos(turned), np.sin(turned)
+    angles = c[_ANGLES]
+    angles[0], angles[1] = c1, s1
+    angles[2:][0], angles[2:][1] = c12, s12
+    both = dq[0] + dq[1]
+    travel, lever = c[_TRAVEL], c[_LEVER]
+    x, y = -length[0] * s1 * dq[0] - length[1] * s12 * both, length[0] * c1 * dq[0] + length[1] * c12 * both
+    speed = np.sqrt(x * x + y * y + _SLOW_TIP * _SLOW_TIP)
+    travel[0], travel[1] = x / speed, y / speed
+    lever[1] = length[1] * (c12 * travel[1] - s12 * travel[0])
+    lever[0] = length[0] * (c1 * travel[1] - s1 * travel[0]) + lever[1]
+    for i in range(JOINTS):
+        c[_VELOCITIES][i], c[_ACCELERATIONS][i] = dq[i] / _FASTEST, ddq[i] / _JERKIEST
+        c[_FEEDFORWARD][i] = feedforward[i] / limit[i]
+        c[_SIGNS][i] = dq[i] / np.sqrt(dq[i] * dq[i] + _SLOW * _SLOW)

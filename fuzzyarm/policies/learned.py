@@ -1,0 +1,84 @@
+"""The folder of a learned policy, of whichever kind, as a policy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.folder import DESCRIPTION, OBSERVER, schema_of
+from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.policies.registry import known_names
+from fuzzyarm.policies.spec import digest_of, load_policy, resolve
+
+if TYPE_CHECKING:
+    from fuzzyarm.fuzzy_policy.policy import Policy
+    from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+
+__all__ = ["learned_files", "learned_policy"]
+
+
+def learned_files(folder: Path) -> dict[str, str]:
+    """Return the SHA-256, by name, of ``policy.json`` and of the files of the policy's base.
+
+    Raises:
+        ValueError: the folder is damaged.
+        OSError: a file cannot be read.
+    """
+    own = {DESCRIPTION: digest_of(folder / DESCRIPTION)}
+    if schema_of(folder) == OBSERVER:
+        from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
+
+        EstimateBundle.load(folder)
+        return own
+    base = PolicyBundle.load(folder).action.base
+    # A base that is no known name is refused when the policy is loaded.
+    return own | resolve(base).files() if base is not None and resolve(base).named else own
+
+
+def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy:
+    """Load a learned policy, with the policy that it is based on if there is one.
+
+    Args:
+        folder: of the bundle.
+        control_period: time between two calls of `predict` [s].
+        robot: the arm, which must be the one that the policy was trained for.
+
+    Raises:
+        ValueError: the folder is damaged, the arm is another, or the period does not fit.
+    """
+    if schema_of(folder) == OBSERVER:
+        return _learned_observer(folder, control_period, robot)
+    _check_arm(folder, robot, ArmParameters(), "the arm of Table 1")
+    bundle = PolicyBundle.load(folder)
+    base = bundle.action.base
+    if base is not None and not resolve(base).named:
+        raise ValueError(f"{folder} was trained on the base {base!r}, which is none of: {', '.join(known_names())}")
+    added = None if base is None else load_policy(base, control_period=control_period, robot=robot)
+    return LearnedPolicy(bundle, control_period, ArmParameters(), added)
+
+
+def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> LearnedObserverPolicy:
+    # Imported here: the network of a learned torque needs no Riccati equations.
+    from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
+    from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+
+    bundle = EstimateBundle.load(folder)
+    trained = "the arm of Table 1" if bundle.parameters == ArmParameters() else "another arm"
+    _check_arm(folder, robot, bundle.parameters, trained)
+    if control_period != bundle.control_period:
+        raise ValueError(
+            f"{folder.name} was trained for control_period = {bundle.control_period:g} s, not {control_period:g} s: "
+            "take that period, or elastic-observer"
+        )
+    return LearnedObserverPolicy(bundle.network, bundle.parameters, control_period)
+
+
+def _check_arm(folder: Path, robot: AnyArm, trained: ArmParameters, name: str) -> None:
+    if robot != trained:
+        raise ValueError(
+            f"{folder.name} was trained on {name} and knows no other; take computed-torque, or design a "
+            "controller with fuzzyarm design --robot FILE"
+        )

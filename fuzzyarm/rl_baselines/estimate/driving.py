@@ -1,0 +1,126 @@
+"""Chunks of experience: the student drives the lanes of `Courses`, the teacher says what it would have done."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from fuzzyarm.envs.batch.layout import SCALARS
+from fuzzyarm.envs.observation import JOINTS, MEASURED
+from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy
+from fuzzyarm.learned_policy.estimate.signals import TORQUES
+from fuzzyarm.rl_baselines.estimate.config import SEGMENT
+from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
+from fuzzyarm.rl_baselines.estimate.student import as_tensor
+from fuzzyarm.rl_baselines.estimate.teacher import Teacher
+
+__all__ = ["Chunk", "Drive"]
+
+_Z, _C, _OWN = SEEN_PARTS
+_TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
+_LATEST = 4  # torques that may be on their way
+
+
+class Chunk(NamedTuple):
+    """What is learned from.
+
+    Attributes:
+        z: (steps, lanes, numbers of z).
+        c: (steps, lanes, numbers of c).
+        label: (steps, lanes, 2), ρ of the teacher.
+        free: (steps, lanes, 2), 0 where the teacher's torque is at its limit, else 1.
+        begins: (steps, lanes, 1), 0 where an episode begins, else 1.
+        memory: (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step.
+    """
+
+    z: torch.Tensor
+    c: torch.Tensor
+    label: torch.Tensor
+    free: torch.Tensor
+    begins: torch.Tensor
+    memory: torch.Tensor
+
+    def window(self, segment: int, steps: int) -> Chunk:
+        """Return so many steps from the beginning of a segment on."""
+        where = slice(SEGMENT * segment, SEGMENT * segment + steps)
+        return Chunk._make([*(part[where] for part in self[:-1]), self.memory[segment : segment + 1]])
+
+
+class Drive:
+    """Lanes that a student drives, chunk after chunk.
+
+    Args:
+        courses: the lanes, whose episodes begin here.
+        policy: a student.
+        generator: of noise and plants.
+
+    Attributes:
+        lost: episodes that ended before their reference.
+        error: root mean square tip error of the last chunk [m].
+    """
+
+    def __init__(self, courses: Courses, policy: LearnedObserverPolicy, generator: np.random.Generator) -> None:
+        """Begin an episode in every lane."""
+        self._courses, self._lanes, self._generator = courses, courses.lanes, generator
+        self._teacher = Teacher(policy.parameters, courses)
+        count = self._lanes.count
+        self._split = self._lanes.layout.split
+        seeds = generator.integers(0, 2**31, count).tolist()
+        self._observation = self._split(self._lanes.reset(seeds, None, courses.start))[0].copy()
+        self._memory, self._begins = np.zeros((count, policy.memory_size)), np.ones(count, dtype=bool)
+        self._sent = np.zeros((_LATEST, count, JOINTS))
+        self._limit = np.array(policy.parameters.torque_limit)
+        self.lost, self.error = 0, 0.0
+
+    def chunk(self, policy: LearnedObserverPolicy, steps: int) -> Chunk:
+        """Drive so many control periods."""
+        count, limit = self._lanes.count, self._limit
+        seen, label = np.empty((steps, count, SEEN)), np.empty((steps, count, JOINTS))
+        free, begins, memory = np.empty((steps, count, JOINTS)), np.ones((steps, count, 1)), []
+        torque, squares = np.empty((count, JOINTS)), 0.0
+        for k in range(steps):
+            if self._begins.any():
+                begins[k, self._begins] = 0.0
+                self._memory[self._begins] = 0.0
+                self._teacher.begin(self._begins)
+            if k % SEGMENT == 0:
+                memory.append(self._memory[:, policy.hidden].copy())
+            wanted = self._teacher.torque(self._observation)
+            free[k] = np.abs(wanted) < limit
+            policy.observe(self._read(), self._memory, torque, seen[k])
+            label[k] = wanted
+            squares += self._step(self._late(np.clip(torque, -limit, limit)))
+        self.error = float(np.sqrt(squares / steps))
+        rho = np.clip((label - seen[:, :, _OWN]) / np.array(TORQUES), -1.0, 1.0)
+        return Chunk(*map(as_tensor, (seen[:, :, _Z], seen[:, :, _C], rho, free, begins, np.array(memory))))
+
+    def _read(self) -> np.ndarray:
+        """Return the observation (lanes, 10) with encoder noise."""
+        read = self._observation.copy()
+        unit = np.repeat(NOISE, JOINTS) * self._generator.standard_normal((len(read), 2 * JOINTS))
+        read[:, MEASURED] += self._courses.noise[:, np.newaxis] * unit
+        return read
+
+    def _late(self, torque: np.ndarray) -> np.ndarray:
+        """Return what the motors apply (lanes, 2) [N m]: the torques of each lane, late."""
+        self._sent = np.concatenate([torque[np.newaxis], self._sent[:-1]])
+        self._sent[1:, self._begins] = torque[self._begins]
+        delay, lane = self._courses.delay, np.arange(len(torque))
+        whole = np.floor(delay).astype(np.int64)
+        share = (delay - whole)[:, np.newaxis]
+        arrived: np.ndarray = (1.0 - share) * self._sent[whole, lane] + share * self._sent[whole + 1, lane]
+        return arrived
+
+    def _step(self, torque: np.ndarray) -> float:
+        """Advance all lanes, begin anew where an episode ended, and return the mean squared tip error [m²]."""
+        observation, _, scalars = self._split(self._lanes.step(torque))
+        self._observation = observation.copy()
+        self._begins = (scalars[_OVER] != 0.0) | (scalars[_REASON] != 0.0)
+        self.lost += int(np.count_nonzero(scalars[_REASON]))
+        ended = np.flatnonzero(self._begins)
+        if len(ended):
+            begun = self._lanes.reset(None, None, self._courses.start[ended], ended)
+            self._observation[ended] = self._split(begun)[0]
+        return float(np.mean(scalars[_TIP_ERROR] ** 2))

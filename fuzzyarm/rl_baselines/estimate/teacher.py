@@ -1,0 +1,107 @@
+"""The teacher: the observer's own regulator and target, for the true state, plant and load.
+
+    u* = u_ff - Jᵀ F - K (x - x_d),    x_d = (θ_d - K_t⁻¹ Jᵀ F, q_d, θ̇_d, q̇_d),
+
+with u_ff and θ_d of `elastic_target` for the plant as it is, payload included, and F the mean force of the coming
+control period. What the student lacks of u* is what it has to learn. Elementwise over lanes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fuzzyarm.envs.batch.layout import CLOCK
+from fuzzyarm.envs.batch.schedule import row_record
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import Arm, rigid_inverse_dynamics, tip_jacobian
+from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import columns
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, gain_tables
+from fuzzyarm.rl_baselines.estimate.courses import Courses
+
+__all__ = ["Teacher"]
+
+_STATES = 4 * JOINTS
+_ROW = columns(row_record(JOINTS, JOINTS))
+
+
+class Teacher:
+    """The labels of the lanes of `Courses`.
+
+    Args:
+        arm: as the student knows it.
+        courses: the lanes.
+    """
+
+    def __init__(self, arm: ArmParameters, courses: Courses) -> None:
+        """Take the gains that the student's observer has."""
+        lanes = courses.lanes
+        self._lanes, self._arm, self._period = lanes, arm, lanes.period
+        self._feedback = gain_tables(arm, lanes.period, ObserverWeights()).feedback
+        self._limit = np.array(arm.torque_limit)
+        self._past = np.zeros((3, lanes.count, JOINTS))
+        self._smooth = np.zeros((lanes.count, JOINTS))
+        self._fresh = np.ones(lanes.count, dtype=bool)
+
+    def begin(self, which: np.ndarray) -> None:
+        """Forget the past of the lanes (n,) whose episodes begin."""
+        self._fresh[which] = True
+
+    def torque(self, observation: np.ndarray) -> np.ndarray:
+        """Return u* (lanes, 2) [N m], within its limits, before the step for observations (lanes, 10)."""
+        q, dq, ddq = (observation[:, k : k + JOINTS] for k in (4, 6, 8))
+        arm, state = self._plants(), self._lanes.values[:_STATES].T
+        tau = rigid_inverse_dynamics(q, dq, ddq, arm)
+        motion, motor, smooth = self._target(dq, ddq, tau, arm)
+        load = self._load(q)
+        stiffness = np.stack([arm.stiffness1, arm.stiffness2], axis=1)
+        desired = np.hstack([q + motion[0] - load / stiffness, q, motor, dq])
+        place = 0.5 * (np.cos(state[:, 1]) + 1.0) * (len(self._feedback) - 1)
+        left = np.clip(place.astype(np.int64), 0, len(self._feedback) - 2)
+        share = (place - left)[:, np.newaxis, np.newaxis]
+        gain = (1.0 - share) * self._feedback[left] + share * self._feedback[left + 1]
+        fed_back = np.einsum("lij,lj->li", gain, state - desired)
+        wanted: np.ndarray = np.clip(smooth - load - fed_back, -self._limit, self._limit)
+        return wanted
+
+    def _plants(self) -> Arm:
+        """Return the constants of every lane's arm as it is, payload included."""
+        at = self._lanes.layout.LANE.arm
+        return Arm(*(self._lanes.values[row] for row in at))
+
+    def _load(self, q: np.ndarray) -> np.ndarray:
+        """Return Jᵀ F (lanes, 2) [N m] of the coming control period at the reference q (lanes, 2) [rad]."""
+        table = self._lanes.arrays[2]
+        rows = table[self._lanes.clock[CLOCK.row]]
+        force = (
+            self._lanes.values[self._lanes.layout.LANE.force_factor][:, np.newaxis] * rows[:, _ROW.force][:, :JOINTS]
+        )
+        load: np.ndarray = np.einsum("lai,la->li", tip_jacobian(q, self._arm.length), force)
+        return load
+
+    def _target(
+        self, dq: np.ndarray, ddq: np.ndarray, tau: np.ndarray, arm: Arm
+    ) -> tuple[tuple[np.ndarray], np.ndarray, np.ndarray]:
+        """Return θ_d - q_d, θ̇_d and u_ff, each (lanes, 2), for torques τ_d (lanes, 2); as `ElasticTarget` does."""
+        fresh, period = self._fresh, self._period
+        self._past[:, fresh] = tau[fresh]
+        latest, second, third = self._past
+        rate = (11.0 * tau - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * period)
+        curvature = (2.0 * tau - 5.0 * latest + 4.0 * second - third) / (period * period)
+        self._past = np.stack([tau, latest, second])
+        k, damping = np.stack([arm.stiffness1, arm.stiffness2], 1), np.stack([arm.damping1, arm.damping2], 1)
+        b = damping / k
+        velocity, acceleration = dq + (rate - b * curvature) / k, ddq + curvature / k
+        inertia, viscous = (
+            np.stack([arm.motor_inertia1, arm.motor_inertia2], 1),
+            np.stack([arm.viscous1, arm.viscous2], 1),
+        )
+        smooth = inertia * acceleration + viscous * velocity + tau
+        before = np.where(fresh[:, np.newaxis], smooth, self._smooth)
+        self._smooth = smooth
+        middle = velocity + 0.5 * period * acceleration
+        coulomb, static = np.stack([arm.coulomb1, arm.coulomb2], 1), np.stack([arm.static1, arm.static2], 1)
+        slip = stribeck_magnitude(middle, coulomb, static, arm.stribeck_velocity[:, np.newaxis]) * np.sign(middle)
+        self._fresh = np.zeros(len(fresh), dtype=bool)
+        return ((tau - b * (rate - b * curvature)) / k,), velocity, smooth + 0.5 * (smooth - before) + slip

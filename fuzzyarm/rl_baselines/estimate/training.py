@@ -1,0 +1,139 @@
+"""The training: the student drives, the teacher labels, the student learns from the latest chunks.
+
+A gradient step lowers the mean over a window of
+
+    √(1 + ((ρ - ρ*)/s)²) - 1    where the teacher's torque is not at its limit,
+
+with ρ* of the teacher, and the eigenvalues of some linear loops, see `stability`: a third at rest with nothing
+unexplained, a third at rest under a load, the others at states that were visited. A training takes minutes and is not
+resumed; the same seed gives the same network on the same machine.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import torch
+
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
+from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.rl_baselines.estimate.config import SEGMENT, EstimateConfig
+from fuzzyarm.rl_baselines.estimate.courses import draw_courses
+from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive
+from fuzzyarm.rl_baselines.estimate.stability import Loops, Points, eigenvalue_loss, rest_under_loads
+from fuzzyarm.rl_baselines.estimate.student import Student
+
+__all__ = ["PERIOD", "EstimateTraining"]
+
+PERIOD = 1e-3
+"""Control period of the training [s]."""
+
+_SCALE = 0.02  # s
+_LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
+_RESTING = 0.67  # share of the linear loops that are at rest
+_LOAD = 0.1  # standard deviation of the loads under which half of the others rest, in units of `signals.TORQUES`
+_NEWEST = 3  # one gradient step in so many is from the newest chunk
+
+Report = Callable[[dict[str, Any]], None]
+"""Takes the row of a chunk."""
+
+
+class EstimateTraining:
+    """A training from its settings.
+
+    Args:
+        config: the settings.
+        report: called after every chunk with its row of the curve.
+        arm: that the student is trained for.
+
+    Attributes:
+        student: the network.
+        rows: the curve: chunk, tip_error_mm (root mean square over all lanes), loss, excess (of eigenvalues), radius
+            (largest |λ| seen), lost (episodes that ended early).
+    """
+
+    def __init__(
+        self, config: EstimateConfig, report: Report = lambda row: None, arm: ArmParameters | None = None
+    ) -> None:
+        """Make network and loops."""
+        torch.set_num_threads(1)
+        self.config, self.report = config, report
+        self._generator = np.random.default_rng(config.seed)
+        self.student = Student(config.hidden, config.modulation, torch.Generator().manual_seed(config.seed))
+        self._policy = LearnedObserverPolicy(self.student.network(), arm, PERIOD)
+        self._loops = Loops.of(self._policy) if config.stability > 0.0 else None
+        self._optimiser = torch.optim.Adam(self.student.parameters(), lr=config.learning_rate)
+        steps = config.chunks * config.updates
+        self._rate = torch.optim.lr_scheduler.CosineAnnealingLR(self._optimiser, steps, _LAST_RATE)
+        self.rows: list[dict[str, Any]] = []
+
+    def run(self) -> EstimateBundle:
+        """Train to the end and return the bundle."""
+        config, began = self.config, time.process_time()
+        replay: deque[Chunk] = deque(maxlen=config.replay)
+        for number in range(config.chunks):
+            if number % config.redraw == 0:
+                courses = draw_courses(self._policy.parameters, config.lanes, PERIOD, self._generator)
+                drive = Drive(courses, self._policy, self._generator)
+            replay.append(drive.chunk(self._policy, config.steps))
+            learned = [self._update(replay, update) for update in range(config.updates)]
+            self._policy = self._policy.with_network(self.student.network())
+            loss, excess, radius = zip(*learned, strict=True)
+            row = {
+                "chunk": number,
+                "tip_error_mm": 1e3 * drive.error,
+                "loss": float(np.mean(loss)),
+                "excess": float(np.mean(excess)),
+                "radius": float(np.max(radius)),
+                "lost": drive.lost,
+            }
+            self.rows.append(row)
+            self.report({**row, "cpu_time_s": time.process_time() - began})
+        return self.bundle(time.process_time() - began)
+
+    def bundle(self, seconds: float = 0.0) -> EstimateBundle:
+        """Return the student as it is shipped, after a training of so much processor time [s]."""
+        versions = {name: version(name) for name in ("fuzzyarm", "numpy", "torch", "numba")}
+        training = {**self.config.to_dict(), "cpu_time_s": round(seconds, 1)}
+        arm = self._policy.parameters
+        return EstimateBundle(self.student.network(), arm, PERIOD, training, self.config.seed, self.rows, versions)
+
+    def _update(self, replay: deque[Chunk], number: int) -> tuple[float, float, float]:
+        """Do a gradient step; return the loss, the excess of the eigenvalues, and the largest |λ|."""
+        config, draw = self.config, self._generator
+        chunk = replay[-1] if number % _NEWEST == 0 else replay[int(draw.integers(len(replay)))]
+        segments = (config.steps - config.window) // SEGMENT + 1
+        window = chunk.window(int(draw.integers(segments)), config.window)
+        rho, after = self.student(window.z, window.c, window.memory[0], window.begins)
+        error = (rho - window.label) / _SCALE
+        loss = ((torch.sqrt(1.0 + error * error) - 1.0) * window.free).mean()
+        excess, radius = torch.zeros((), dtype=torch.float64), 0.0
+        if self._loops is not None:
+            excess, radius = eigenvalue_loss(self.student, self._loops, self._points(window, after), config.largest)
+        self._optimiser.zero_grad()
+        (loss + config.stability * excess.float()).backward()  # type: ignore[no-untyped-call]
+        norm = torch.nn.utils.clip_grad_norm_(self.student.parameters(), _LARGEST_GRADIENT)
+        if torch.isfinite(norm):
+            self._optimiser.step()
+        self._rate.step()
+        return float(loss.detach()), float(excess.detach()), radius
+
+    def _points(self, window: Chunk, after: torch.Tensor) -> Points:
+        """Draw the linear loops of a gradient step: some at visited states, the others at rest."""
+        assert self._loops is not None
+        config, draw = self.config, self._generator
+        visited = int(config.points * (1.0 - _RESTING))
+        step, lane = draw.integers(1, config.window, visited), draw.integers(0, config.lanes, visited)
+        resting = draw.integers(0, len(self._loops.base), config.points)
+        points = self._loops.points(resting, window.z[step, lane], window.c[step, lane], after[step - 1, lane].detach())
+        loaded = slice(visited, visited + (config.points - visited) // 2)
+        loads = _LOAD * draw.standard_normal((loaded.stop - loaded.start, JOINTS))
+        rest_under_loads(self.student, points, loaded, loads)
+        return points

@@ -1,0 +1,196 @@
+"""`learned-observer` is its equations, on batches as on single arms, and its folder holds data only."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+from safetensors.numpy import load, save
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.dynamics import arm_constants, tip_jacobian
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint, State
+from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
+from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.learned_policy.folder import BundleError
+
+ARM, PERIOD, HIDDEN, MODULATION = ArmParameters(), 1e-3, 7, 3
+
+
+def network(seed=0):
+    """A network with random numbers in single precision; a weak one, because a strong one amplifies rounding."""
+    generator = np.random.default_rng(seed)
+    return EstimateNetwork(
+        **{
+            name: ((0.01 if name in "VD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
+            for name, shape in shapes_of(HIDDEN, MODULATION).items()
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return LearnedObserverPolicy(network())
+
+
+def sigmoid(x):
+    return 1.0 / (1.0 + np.exp(-x))
+
+
+class Oracle:
+    """The equations of `policy`, `network` and `signals` in plain NumPy, for one arm."""
+
+    def __init__(self, made):
+        self.n, self.observer = made, ElasticObserverPolicy(ARM, PERIOD)
+        self.target, self.h, self.rho, self.predicted = ElasticTarget(ARM, PERIOD), np.zeros(HIDDEN), np.zeros(2), None
+        self.target_memory = np.zeros((1, self.target.memory_size))
+
+    def gains(self, q2):
+        place = 4.0 * (np.cos(q2) + 1.0)
+        left = min(int(place), 7)
+        return (
+            (left + 1 - place) * table[left] + (place - left) * table[left + 1]
+            for table in (self.observer.feedback, self.observer.observer)
+        )
+
+    def context(self, o, feedforward):
+        q, dq, ddq = o[:2], o[6:8], o[8:]
+        jacobian = tip_jacobian(q, ARM.length)
+        velocity = jacobian @ dq
+        travel = velocity / np.sqrt(velocity @ velocity + 0.02**2)
+        angles = np.cos(q[0]), np.sin(q[0]), np.cos(q.sum()), np.sin(q.sum())
+        directions = dq / np.sqrt(dq**2 + 0.05**2)
+        limits = np.array(ARM.torque_limit)
+        return np.concatenate(
+            [angles, dq / 3.0, ddq / 30.0, feedforward / limits, directions, travel, jacobian.T @ travel]
+        )
+
+    def residual(self, innovation, load, c):
+        n, units = self.n, np.array([[5e-7, 2e-6, 1e-3, 4e-3], [1e-5, 4e-5, 2e-2, 8e-2]])
+        fine, coarse = np.arcsinh(innovation / units)
+        coarse *= innovation**2 / (innovation**2 + units[0] ** 2)
+        z = np.concatenate([fine, coarse, load / np.array([300.0, 150.0]), self.rho])
+        gates = sigmoid(n.gate_z @ z + n.gate_h @ self.h + n.gate_c @ c + n.gate_bias)
+        s, r = gates[:HIDDEN], gates[HIDDEN:]
+        candidate = np.tanh(n.A @ z + (n.C @ c) * (n.B @ z) + r * (n.U @ self.h))
+        self.h = self.h + s * (candidate - self.h)
+        weights = 1.0 + n.W @ np.tanh(n.P @ c + n.p_0)
+        self.rho = np.clip(n.V @ (self.h * weights) + n.D @ z, -1.0, 1.0)
+
+    def step(self, o):
+        desired, feedforward = np.empty((1, 6)), np.empty((1, 2))
+        self.target.advance(o[np.newaxis], self.target_memory, desired, feedforward)
+        if self.predicted is None:
+            q, constants = o[:2].copy(), arm_constants(ARM)
+            for _ in range(20):
+                q = o[:2] - np.array(two_joints().gravity(PerJoint(*q), constants)) / ARM.stiffness
+            self.predicted = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
+        feedback, observer = self.gains(o[1])
+        innovation = o[:4] - self.predicted[[0, 1, 4, 5]]
+        estimate = self.predicted + observer @ innovation
+        x, load = estimate[:8], estimate[8:]
+        unbent = desired[0, :2] - load / ARM.stiffness
+        u = feedforward[0] - load - feedback @ (x - np.concatenate([unbent, o[4:6], desired[0, 2:4], o[6:8]]))
+        self.residual(innovation, load, self.context(o, feedforward[0]))
+        u = np.clip(u + self.rho * [300.0, 150.0], -np.array(ARM.torque_limit), ARM.torque_limit)
+        state = State(*(PerJoint(*pair) for pair in x.reshape(4, 2)))
+        for _ in range(5):
+            state = two_joints().loaded_step(state, PerJoint(*u), PerJoint(*load), arm_constants(ARM), PERIOD / 5)
+        self.predicted = np.concatenate([np.ravel(state), load])
+        return u
+
+
+def test_the_policy_is_its_equations(policy):
+    env, oracle, memory = FuzzyArmEnv("machining"), Oracle(policy.network), None
+    observation, _ = env.reset(seed=0)
+    sizes = []
+    for _ in range(60):
+        torque, memory = policy.predict(observation, memory)
+        np.testing.assert_allclose(torque, oracle.step(observation), rtol=1e-7, atol=1e-6)
+        sizes.append(np.abs(oracle.rho).max())
+        observation = env.step(torque)[0]
+    assert 0.005 < max(sizes) < 1.0  # the network acts, and is not clipped
+
+
+def test_without_anything_unexplained_it_is_the_elastic_observer(policy):
+    observer, memory, own = ElasticObserverPolicy(ARM, PERIOD), None, None
+    silent = LearnedObserverPolicy(
+        EstimateNetwork(**{name: np.zeros(shape) for name, shape in shapes_of(HIDDEN, MODULATION).items()})
+    )
+    env = FuzzyArmEnv("payload")
+    observation, _ = env.reset(seed=0)
+    for _ in range(30):
+        expected, memory = observer.predict(observation, memory)
+        torque, own = silent.predict(observation, own)
+        assert torque.tobytes() == expected.tobytes()
+        observation = env.step(torque)[0]
+
+
+def test_a_lane_of_a_batch_is_the_single_arm_bit_for_bit(policy):
+    generator, states, batch_state = np.random.default_rng(1), [None] * 5, None
+    for _ in range(10):
+        observations = generator.normal(size=(5, 10))
+        batch, batch_state = policy.predict(observations, batch_state, np.zeros(5, dtype=bool))
+        for lane in range(5):
+            single, states[lane] = policy.predict(observations[lane], states[lane])
+            assert single.tobytes() == batch[lane].tobytes()
+            assert states[lane].tobytes() == batch_state[lane].tobytes()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with a bundle."""
+    EstimateBundle(network(), ARM, PERIOD, {"chunks": 3}, 2, [{"loss": 1.0}], {"numpy": "2"}).save(tmp_path / "mine")
+    return tmp_path / "mine"
+
+
+def test_a_bundle_comes_back_and_is_loaded_by_its_folder(folder, policy):
+    observation = np.linspace(0.1, 1.0, 10)
+    torque, _ = load_policy(folder).predict(observation)
+    assert torque.tobytes() == policy.predict(observation)[0].tobytes()
+    assert EstimateBundle.load(folder).seed == 2
+
+
+def edited(folder, **changes):
+    path = folder / "policy.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def resealed(folder, **changes):
+    path = folder / "weights.safetensors"
+    content = save({**load(path.read_bytes()), **changes})
+    path.write_bytes(content)
+    edited(folder, weights_sha256=hashlib.sha256(content).hexdigest())
+
+
+FORGERIES = {
+    "other weights": (lambda f: edited(f, weights_sha256="0" * 64), "sha256 differs"),
+    "code": (lambda f: edited(f, run="rm"), "unknown field run"),
+    "a foreign array": (lambda f: resealed(f, X=np.zeros(3, np.float32)), "needed: A, B, C"),
+    "a wrong shape": (lambda f: resealed(f, A=np.zeros((HIDDEN, 3), np.float32)), "A has shape"),
+    "no number": (lambda f: resealed(f, D=np.full((2, 12), np.nan, np.float32)), "D"),
+    "double precision": (lambda f: resealed(f, W=np.zeros((HIDDEN, MODULATION))), "W is float64"),
+    "an arm that is none": (lambda f: edited(f, parameters={"mass": [-1.0, 2.0]}), "mass"),
+    "no period": (lambda f: edited(f, control_period=5.0), "control_period"),
+}
+
+
+@pytest.mark.parametrize(("forge", "message"), FORGERIES.values(), ids=FORGERIES)
+def test_a_forged_bundle_is_refused_in_one_line(folder, forge, message):
+    forge(folder)
+    with pytest.raises(BundleError, match=message) as caught:
+        load_policy(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_arm_or_period_is_refused(folder):
+    with pytest.raises(ValueError, match="was trained on the arm of Table 1"):
+        load_policy(folder, robot=ArmParameters(mass=(15.0, 8.0)))
+    with pytest.raises(ValueError, match=r"trained for control_period = 0.001 s, not 0.002 s"):
+        load_policy(folder, control_period=2e-3)

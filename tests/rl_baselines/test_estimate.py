@@ -1,0 +1,140 @@
+"""The training of `learned-observer`: its linear loops, its network, its teacher, and that it learns."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
+from fuzzyarm.eval.stability.linearisation import linearise  # noqa: E402
+from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
+from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy  # noqa: E402
+from fuzzyarm.learned_policy.estimate.signals import CONTEXT, UNEXPLAINED  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.courses import draw_courses  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.stability import CONDITIONS, Loops, eigenvalue_loss  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.training import EstimateTraining  # noqa: E402
+
+ARM, PERIOD = ArmParameters(), 1e-3
+SHORT = {"chunks": 2, "lanes": 4, "steps": 50, "window": 50, "updates": 2, "hidden": 5, "modulation": 2, "points": 3}
+
+
+def student(seed=0, output=0.02):
+    """A student whose output is not zero."""
+    made = Student(6, 3, torch.Generator().manual_seed(seed))
+    with torch.no_grad():
+        for matrix in (made.V, made.D):
+            matrix.normal_(std=output, generator=torch.Generator().manual_seed(seed + 1))
+    return made
+
+
+def points(hidden, count=4, seed=0):
+    generator = np.random.default_rng(seed)
+    return (0.5 * generator.normal(size=(count, size)) for size in (UNEXPLAINED, CONTEXT, hidden))
+
+
+def test_the_network_in_torch_is_the_one_that_is_shipped():
+    made, (z, c, h) = student(), points(6)
+    tensors = [torch.from_numpy(part).float()[None] for part in (z, c)]
+    rho, after = made(*tensors, torch.from_numpy(h).float(), torch.ones(1, 4, 1))
+    for lane in range(4):
+        memory, answer = h[lane].copy(), np.empty(2)
+        respond(z[lane], c[lane], memory, answer, *made.network().arguments)
+        np.testing.assert_allclose(rho[0, lane].detach().numpy(), answer, atol=1e-6)
+        np.testing.assert_allclose(after[0, lane].detach().numpy(), memory, atol=1e-6)
+
+
+def test_the_slopes_of_the_network_are_its_differences():
+    made, (z, c, h) = student(), points(6)
+    slopes = made.slopes(*map(torch.from_numpy, (z, c, h)))
+    arguments, step = made.network().arguments, 1e-6
+
+    def answer(z, h):
+        memory, rho = h.copy(), np.empty(2)
+        respond(z, c[0], memory, rho, *arguments)
+        return np.concatenate([memory, rho])
+
+    by_z = [(answer(z[0] + d, h[0]) - answer(z[0] - d, h[0])) / (2 * step) for d in step * np.eye(UNEXPLAINED)]
+    by_h = [(answer(z[0], h[0] + d) - answer(z[0], h[0] - d)) / (2 * step) for d in step * np.eye(6)]
+    np.testing.assert_allclose(np.transpose(by_z), torch.cat([slopes.h_z, slopes.rho_z], 1)[0].detach(), atol=1e-6)
+    np.testing.assert_allclose(np.transpose(by_h), torch.cat([slopes.h_h, slopes.rho_h], 1)[0].detach(), atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def loops():
+    return Loops.of(LearnedObserverPolicy(student().network()))
+
+
+def at_rest(loops, which, hidden):
+    return loops.points(np.array(which), *(torch.zeros(0, size) for size in (UNEXPLAINED, CONTEXT, hidden)))
+
+
+def test_the_linear_loops_are_those_whose_margins_are_measured(loops):
+    made, seen = student(output=0.004), []
+    policy = LearnedObserverPolicy(made.network())
+    loop = linearise(policy, ARM, np.array([0.6, 1.2]), PERIOD)
+    for number, condition in enumerate(CONDITIONS[:5]):  # of the nominal arm
+        _, radius = eigenvalue_loss(made, loops, at_rest(loops, [2 * len(CONDITIONS) + number], 6), 0.99)
+        measured = np.abs(np.linalg.eigvals(loop.matrix(condition.gain, condition.delay))).max()
+        assert radius == pytest.approx(measured, rel=1e-3)
+        seen.append(abs(radius - float(loops.reference[2 * len(CONDITIONS) + number])))
+    assert max(seen) > 1e-3  # the network is part of the loop
+
+
+def test_the_derivative_of_the_eigenvalue_loss_is_its_difference(loops):
+    made = student(output=0.01).double()
+    where = at_rest(loops, [1, 12, 20, 44], 6)
+    loss, _ = eigenvalue_loss(made, loops, where, 0.9)
+    loss.backward()
+    direction = torch.randn(made.V.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    values = []
+    for sign in (1.0, -1.0):
+        with torch.no_grad():
+            made.V.add_(sign * 1e-6 * direction)
+            values.append(float(eigenvalue_loss(made, loops, where, 0.9)[0]))
+            made.V.sub_(sign * 1e-6 * direction)
+    assert float((made.V.grad * direction).sum()) == pytest.approx((values[0] - values[1]) / 2e-6, rel=1e-3)
+
+
+def test_the_teacher_leads_the_tip_along_the_course():
+    courses = draw_courses(ARM, 16, PERIOD, np.random.default_rng(4))
+    lanes, teacher = courses.lanes, Teacher(ARM, courses)
+    observation = lanes.layout.split(lanes.reset(list(range(16))))[0]
+    teacher.begin(np.ones(16, dtype=bool))
+    errors = []
+    for _ in range(150):
+        observation, _, scalars = lanes.layout.split(lanes.step(teacher.torque(observation)))
+        errors.append(1e3 * scalars[1])
+    assert np.median(np.sqrt(np.mean(np.square(errors), axis=0))) < 0.3  # mm
+
+
+@pytest.fixture(scope="module")
+def trained():
+    return EstimateTraining(EstimateConfig(**SHORT)).run()
+
+
+def test_the_same_seed_gives_the_same_network(trained):
+    again = EstimateTraining(EstimateConfig(**SHORT)).run()
+    for field in dataclasses.fields(EstimateNetwork):
+        one, two = getattr(trained.network, field.name), getattr(again.network, field.name)
+        assert one.tobytes() == two.tobytes()
+    assert trained.network.A.tobytes() != Student(5, 2, torch.Generator().manual_seed(0)).network().A.tobytes()
+    assert [row["chunk"] for row in trained.curve] == [0, 1]
+
+
+@pytest.mark.slow
+def test_training_lowers_the_loss():
+    config = EstimateConfig(**{**SHORT, "chunks": 12, "lanes": 32, "updates": 10, "redraw": 100})
+    losses = [row["loss"] for row in EstimateTraining(config).run().curve]
+    assert np.mean(losses[-3:]) < 0.9 * np.mean(losses[:2])
+
+
+def test_settings_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="steps = 100 and window = 150"):
+        EstimateConfig(steps=100, window=150)
+    with pytest.raises(ValueError, match="largest"):
+        EstimateConfig(largest=1.1)
