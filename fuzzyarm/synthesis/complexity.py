@@ -76,7 +76,8 @@ def _size(system: ErrorModel, *, slack: int, derivative_rows: int, rows_of_P: in
     """Return the counts above."""
     n, n_u = system.B.shape
     vertices, pairs, N_e = len(system.A) * len(system.E), len(system.pairs), len(system.E)
-    n_e, n_r, m = system.blocks[0], len(system.feedforward), len(system.uncertainties)
+    n_e, m = system.blocks[0], len(system.uncertainties)
+    n_r = len(system.feedforward) if system.given_L is None else 0
     n_w, n_z, r = system.D[0].shape[1], len(system.C), sum(len(u.H) for u in system.uncertainties)
     upper = sum(size * (size + 1) // 2 for size in system.blocks)
     bounds = vertices * (n_u + n_e) if gains_bounded else 0

@@ -89,7 +89,6 @@ def test_a_controller_file(tmp_path, capsys):
         (["--policy", "computed-torque"], "must be one or more different names"),
         (["--robot", "missing.toml"], "missing.toml"),
         (["--robot", "bad.toml"], "mass[0] = -1 kg is out of range"),
-        (["--robot", "short.toml"], "reach"),
         (["--policy", "fuzzy-4", "--robot", "arm.toml"], "designed for another robot (mass differ)"),
         (["--out", "margins.txt"], "margins.txt must be a file ending in .json"),
         (["--out", "folder.json"], "folder.json must be a file ending in .json"),
@@ -102,7 +101,6 @@ def test_bad_usage_is_one_line_before_anything_runs(tmp_path, capsys, monkeypatc
     (tmp_path / "folder.json").mkdir()
     (tmp_path / "broken.json").write_text("{}")
     (tmp_path / "bad.toml").write_text("mass = [-1, 8]\n")
-    (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\n")
     (tmp_path / "arm.toml").write_text("mass = [12, 8]\n")
     before = sorted(tmp_path.iterdir())
     assert main([*QUICK, *arguments]) == 2

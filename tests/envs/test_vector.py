@@ -992,8 +992,8 @@ LIGHT = DomainRandomisation(
     viscous_friction=(0.0, 100.0),
 )
 EXTREME = {
-    "arms": {"parameters": extreme_arms(96)},
-    "arms with long steps": {"parameters": extreme_arms(96, seed=1), "control_period": 0.05, "substep": 0.05},
+    "arms": {"parameters": extreme_arms(32)},
+    "arms with long steps": {"parameters": extreme_arms(32, seed=1), "control_period": 0.05, "substep": 0.05},
     "heavy": {"randomisation": HEAVY},
     "light": {"randomisation": LIGHT},
 }
@@ -1001,7 +1001,7 @@ EXTREME = {
 
 @pytest.mark.parametrize("name", EXTREME)
 def test_extreme_arms_move_or_end_with_a_reason(name):
-    lanes = 96
+    lanes = 32
     envs, ends, moved = batch(lanes, case="machining", **EXTREME[name]), 0, np.zeros(lanes, dtype=bool)
     envs.reset(seed=0)
     for action in torques(3, 200, lanes):

@@ -467,6 +467,32 @@ def compare_with_eager(dtype, device, lanes=37, **arguments):
     return ours, theirs
 
 
+def test_the_step_is_one_graph_of_fixed_shapes(monkeypatch):
+    """What torch is given to compile is the eager step; without a compiler one line says what to do."""
+    asked = []
+
+    def uncompiled(function, **settings):
+        asked.append(settings)
+        return function
+
+    monkeypatch.setattr(torch, "compile", uncompiled)
+    compare_with_eager(torch.float64, "cpu", reference=SHORT, substep=1e-3, disturbance=DISTURBED)
+    assert [(settings["fullgraph"], settings["dynamic"]) for settings in asked] == [(True, False)]
+
+    def without_a_compiler(function, **settings):
+        def graph(*arguments):
+            raise RuntimeError("backend failed:\nNo working C++ compiler found in c++, g++\n")
+
+        return graph
+
+    monkeypatch.setattr(torch, "compile", without_a_compiler)
+    envs = TorchFuzzyArm(2, device="cpu", compiled=True)
+    envs.reset(seed=0)
+    with pytest.raises(RuntimeError, match=r"^compiled=True needs a C\+\+ compiler and found none: .*compiled=False"):
+        envs.step(np.zeros((2, 2)))
+
+
+@pytest.mark.slow
 @needs_compiler
 def test_compiled_is_eager(device):
     # fullgraph=True: torch raises at any graph break. 37 lanes: whole vectors and a remainder.

@@ -24,8 +24,11 @@ every_form = pytest.mark.parametrize(
 )
 
 
-def error_model(rules, form, integral, common):
-    specification = Specification(NAMED_RULES[rules], form, integral=integral, common_multiplier=common)
+def error_model(rules, form, integral, common, feedforward=None):
+    """Return the error model; by default with a free L, as the paper counts."""
+    specification = Specification(
+        NAMED_RULES[rules], form, integral=integral, common_multiplier=common, feedforward=feedforward
+    )
     return error_system(TSModel(ARM, specification.kept), specification)
 
 
@@ -78,8 +81,9 @@ def test_full_size_is_that_of_the_theorem_written_in_cvxpy(form, integral, commo
 @every_form
 @pytest.mark.parametrize("rules", [32, 4, 2, 1])
 @pytest.mark.parametrize("minimise", ["gamma", "gain_bound"])
-def test_reduced_size_is_that_of_the_cone_program(form, integral, common, rules, minimise):
-    system = error_model(rules, form, integral, common)
+@pytest.mark.parametrize("feedforward", [None, 0.0], ids=["free L", "L = 0"])
+def test_reduced_size_is_that_of_the_cone_program(form, integral, common, rules, minimise, feedforward):
+    system = error_model(rules, form, integral, common, feedforward)
     cone = program(
         ReducedModel.of(system), Problem(0.3, gamma=1.0 if minimise == "gain_bound" else None, minimise=minimise)
     )

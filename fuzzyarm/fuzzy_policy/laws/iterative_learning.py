@@ -14,7 +14,6 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from fuzzyarm.envs.observation import PARTS
 
@@ -89,6 +88,8 @@ class TorqueLearning:
         """
         if not state.added:
             raise ValueError("there is no pass to learn from: call predict along the path before begin_pass")
+        from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
+
         sections = butter(ORDER, min(2.0 * CUT_OFF * self.policy.control_period, 0.99), output="sos")
         added = np.array(state.added)
         learned = sosfiltfilt(sections, added, axis=0, padlen=min(len(added) - 1, PADDING))

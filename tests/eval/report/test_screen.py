@@ -11,6 +11,7 @@ from support.altered_evaluations import wild, with_runs, write
 from fuzzyarm.cli import main
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts
 
+RESULTS = "[aria-label='Table of results']"
 DESK, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
 TIME = "document.getElementById('time').textContent"
 CHATTERING = 7  # the policy that does, the last one
@@ -222,18 +223,18 @@ def test_all_columns_of_the_table_are_reachable_on_a_phone(any_page):
     page = any_page(PHONE)
     assert page.run("document.documentElement.scrollWidth") <= PHONE["width"]
     assert "sideways" in page.run("document.querySelector('.sideways').textContent") and visible(page, ".sideways")
-    (region,) = boxes(page, ".scroll")
-    assert boxes(page, "thead th")[-1, 2] > region[2]
-    assert "linear-gradient" in page.run("getComputedStyle(document.querySelector('.scroll')).backgroundImage")
-    reached, headings = set(), len(boxes(page, "thead th"))
+    (region,) = boxes(page, RESULTS)
+    assert boxes(page, f"{RESULTS} thead th")[-1, 2] > region[2]
+    assert "linear-gradient" in page.run(f"getComputedStyle(document.querySelector(`{RESULTS}`)).backgroundImage")
+    reached, headings = set(), len(boxes(page, f"{RESULTS} thead th"))
     for left in range(0, 800, 10):
-        page.run(f"document.querySelector('.scroll').scrollLeft = {left}")
-        heads = boxes(page, "thead th")
+        page.run(f"document.querySelector(`{RESULTS}`).scrollLeft = {left}")
+        heads = boxes(page, f"{RESULTS} thead th")
         assert heads[0, 0] == pytest.approx(region[0], abs=1)  # the names of the policies stay
         names = heads[0, 2]
         reached |= {k for k in range(1, headings) if names <= heads[k, 0] + 1 and heads[k, 2] <= region[2] + 1}
     assert reached == set(range(1, headings))
-    assert boxes(page, "tbody th[scope=row]")[:, 0] == pytest.approx(region[0], abs=1)
+    assert boxes(page, f"{RESULTS} tbody th[scope=row]")[:, 0] == pytest.approx(region[0], abs=1)
 
 
 def test_no_hint_where_the_table_fits(any_page):

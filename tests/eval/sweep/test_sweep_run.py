@@ -96,6 +96,7 @@ Path(sys.argv[1], "found.json").write_text(json.dumps(found | {"left": ray.is_in
 """
 
 
+@pytest.mark.slow
 def test_ray_gives_the_same_numbers_and_a_killed_worker_costs_only_its_chunk(tmp_path, expected):
     """In a process of its own: Ray does not wait for its processes, which warns."""
     path = os.pathsep.join([str(HERE), *sys.path])  # Ray's workers get it too

@@ -16,7 +16,6 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
@@ -160,6 +159,8 @@ class AdaptivePasses:
         count = min(len(force), len(state.expected))
         force[:count] += state.expected[:count] * ~state.other_path[:, np.newaxis]
         nyquist = 0.5 / self.policy.control_period
+        from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
+
         sections = butter(ORDER, min(CUT_OFF / nyquist, 0.99), output="sos")
         return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
 
