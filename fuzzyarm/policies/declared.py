@@ -62,6 +62,13 @@ _NAMED = {
         _SEES,
         "estimate of state, load, constants and lateness, with covariance",
     ),
+    "learned-observer": Declared(
+        "squared distance to the torque of a teacher who knows plant and load; eigenvalues of the loop",
+        "random plants, forces, payloads, delays, noise and references",
+        _ELASTIC,
+        _SEES,
+        "estimate of state and load; the state of a network",
+    ),
     "ppo-nominal": Declared(_REWARD, "nominal case" + _HAND, "nothing", _SEES, _LEARNED),
     "ppo-robust": Declared(_REWARD, _RANDOM, "nothing", _SEES, _LEARNED),
     "ppo-residual": Declared(_REWARD, _RANDOM, "what fuzzy-4-tip knows", _SEES, f"as fuzzy-4-tip; {_LEARNED}"),

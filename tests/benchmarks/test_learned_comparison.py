@@ -40,6 +40,8 @@ scores = loaded(ROOT / "benchmarks" / "learned_scores.py")
 loaded(ROOT / "benchmarks" / "learned_tables.py")
 comparison = loaded(ROOT / "benchmarks" / "learned_comparison.py")
 
+pytestmark = pytest.mark.slow  # a script outside of the package
+
 # A good law with a few random newton metres stays on the path; hundreds of random newton metres alone do not.
 GENTLE = ActionDefinition(scale=(1e-4, 1e-4), base="fuzzy-4-tip")
 WILD = ActionDefinition()
@@ -408,7 +410,6 @@ def small(tmp_path, monkeypatch):
     return tmp_path / "benchmarks" / "learned"
 
 
-@pytest.mark.slow
 def test_command_of_the_document_makes_it_again(small):
     names = "my-ppo-0", "my-ppo-1", "other-7"
     for name in names:
@@ -450,7 +451,6 @@ def test_bad_folder_of_trainings_is_one_line(small, folders, message):
     assert message in err
 
 
-@pytest.mark.slow
 def test_script_runs_from_anywhere(tmp_path):
     """It finds its neighbour, which this file loads itself."""
     script = ROOT / "benchmarks" / "learned_comparison.py"

@@ -64,9 +64,7 @@ def test_a_step_past_the_end_of_the_schedule_stays_at_its_end():
     assert done.stdout == "1.5\n"
 
 
-@pytest.mark.parametrize(
-    "kind", ["single", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("family", "batch"))]
-)
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=pytest.mark.slow) for kind in ("single", "family", "batch")])
 def test_an_environment_used_by_several_threads_does_not_crash(kind):
     script = ABUSE.format(make=KINDS[kind])
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

@@ -37,7 +37,7 @@ def test_an_extreme_requirement_is_refused_in_one_line(tmp_path, capsys, option)
     "options",
     [
         ["--gamma=1e-30"],
-        ["--alpha=1e6"],
+        pytest.param(["--alpha=1e6"], marks=pytest.mark.slow),
         ["--alpha=2e-6", "--gamma=1e-30"],
         ["--gain-bound=1e-30"],
         pytest.param(["--alpha=9e5", "--fastest-pole=9.9e5"], marks=pytest.mark.slow),

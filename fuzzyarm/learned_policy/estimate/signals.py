@@ -58,6 +58,7 @@ class UnexplainedParts(NamedTuple):
 
 
 UNEXPLAINED_PARTS = UnexplainedParts(*consecutive(2 * JOINTS, 2 * JOINTS, JOINTS, JOINTS))
+"""Where they stand in z."""
 UNEXPLAINED: int = UNEXPLAINED_PARTS.residual.stop
 """Numbers in z."""
 

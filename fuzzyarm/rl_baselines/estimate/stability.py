@@ -72,6 +72,7 @@ CONDITIONS = (
     Condition(stiffness=1.2),
     Condition(payload=5.0),
 )
+"""Those of `fuzzyarm margins`."""
 _ANGLES = tuple((0.6, q2) for q2 in (0.0, 0.7, 1.2, 1.6, 2.0, 2.6))  # rad
 
 
@@ -106,7 +107,8 @@ class Loops:
     def points(self, which: np.ndarray, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor) -> Points:
         """Return points in the loops `which` (points,): the first at visited z, c and h, the others at rest.
 
-        At a visited state (visited, ·) the loop is that of the nearest posture, in the condition of the drawn one.
+        At a visited state (visited, ·) the loop is that of the nearest posture, in the condition of the drawn one. The
+        network's numbers are dimensionless.
         """
         loop, visited = torch.from_numpy(which), len(z)
         context = self.context[loop].clone()
@@ -197,7 +199,7 @@ def _context(policy: LearnedObserverPolicy, q: np.ndarray) -> np.ndarray:
 def eigenvalue_loss(student: Student, loops: Loops, points: Points, largest: float) -> tuple[torch.Tensor, float]:
     """Return the mean over points of Σ max(|λ| - λ_max, 0), with λ_max = `largest`, and the largest |λ|.
 
-    Where the observer alone has a larger |λ|, its own is allowed, and 0.001 more.
+    Where the observer alone has a larger |λ|, its own is allowed, and 0.001 more. All are dimensionless.
     """
     which, z = points.loop, points.z
     slopes = student.slopes(z, points.c, points.h)

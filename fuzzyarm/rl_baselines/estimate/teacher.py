@@ -12,7 +12,7 @@ import numpy as np
 
 from fuzzyarm.envs.batch.layout import CLOCK
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.dynamics import Arm, rigid_inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -45,12 +45,13 @@ class Teacher:
         self._fresh = np.ones(lanes.count, dtype=bool)
 
     def begin(self, which: np.ndarray) -> None:
-        """Forget the past of the lanes (n,) whose episodes begin."""
+        """Forget the past of the lanes whose episodes begin; shape of `which` (lanes,), no unit."""
         self._fresh[which] = True
 
     def torque(self, observation: np.ndarray) -> np.ndarray:
         """Return u* (lanes, 2) [N m], within its limits, before the step for observations (lanes, 10)."""
-        q, dq, ddq = (observation[:, k : k + JOINTS] for k in (4, 6, 8))
+        o = observed(observation)
+        q, dq, ddq = o.q_reference, o.dq_reference, o.ddq_reference
         arm, state = self._plants(), self._lanes.values[:_STATES].T
         tau = rigid_inverse_dynamics(q, dq, ddq, arm)
         motion, motor, smooth = self._target(dq, ddq, tau, arm)

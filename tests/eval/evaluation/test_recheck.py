@@ -154,6 +154,7 @@ def test_another_file_of_the_same_name_is_noticed(folder, capsys):
     assert "mine.json-tip is neither in the current folder nor beside the results" in one_line_error(capsys)
 
 
+@pytest.mark.slow
 def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsys, undrawn):
     """It is recorded by its name; what is found under that name has to have the digest that was measured."""
     elsewhere, out = folder / "elsewhere", folder / "out"

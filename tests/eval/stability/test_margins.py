@@ -251,13 +251,21 @@ def test_margins_of_a_robot() -> None:
     assert "the default reference of planar-3r" in margin_notes(document)[0]
 
 
-def test_every_policy_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "policies",
+    [
+        ("fuzzy-4-tip", "elastic-observer", "adaptive-observer", "learned-observer", "ppo-robust"),
+        pytest.param(None, marks=pytest.mark.slow),
+    ],
+    ids=["one of a kind", "all"],
+)
+def test_every_policy_there_is(policies: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """By default each has its row, is stable in the nominal loop unless it was learned, and is reported when done."""
     monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 1)  # not 16: each row is tested
     steps: list[int] = []
-    document = measure_margins(MarginsConfig(), lambda: steps.append(1))
-    assert [row["policy"] for row in document["rows"]] == list(NAMES)
-    assert len(steps) == len(NAMES)
+    document = measure_margins(MarginsConfig(policies), lambda: steps.append(1))
+    names = [row["policy"] for row in document["rows"]]
+    assert names == list(policies or NAMES) and len(steps) == len(names)
     for row in document["rows"]:
         radius = row["spectral_radius"]["nominal"]
         if row["policy"] in LEARNED:  # their training did not require stability

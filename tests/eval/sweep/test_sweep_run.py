@@ -112,6 +112,7 @@ def test_ray_gives_the_same_numbers_and_a_killed_worker_costs_only_its_chunk(tmp
     assert not found["left"]
 
 
+@pytest.mark.slow
 def test_another_chunk_size_gives_the_same_numbers(tmp_path, expected):
     config = SweepConfig(**vars(CONFIG) | {"chunk": 24})
     assert equal(swept(tmp_path, Engine(jobs=1), config=config), expected)
