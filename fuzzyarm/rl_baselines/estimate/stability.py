@@ -199,7 +199,7 @@ def _context(policy: LearnedObserverPolicy, q: np.ndarray) -> np.ndarray:
 def eigenvalue_loss(student: Student, loops: Loops, points: Points, largest: float) -> tuple[torch.Tensor, float]:
     """Return the mean over points of Σ max(|λ| - λ_max, 0), with λ_max = `largest`, and the largest |λ|.
 
-    Where the observer alone has a larger |λ|, its own is allowed, and 0.001 more. All are dimensionless.
+    Where the observer alone has a larger |λ|, its own is allowed, and 0.001 more. All are numbers without a unit.
     """
     which, z = points.loop, points.z
     slopes = student.slopes(z, points.c, points.h)
