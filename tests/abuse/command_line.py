@@ -47,6 +47,8 @@ COMPUTING = (
     "fuzzyarm.eval.stability.margins.measure_margins",
     "fuzzyarm.eval.paper.evidence.gather",
     "fuzzyarm.eval.report.page.write_report",
+    "fuzzyarm.export.laws.sheet_of",
+    "fuzzyarm.export.c_files.export_c",
 )
 """Where commands begin to compute."""
 NUMBERS = (
@@ -79,6 +81,8 @@ NEEDED = {
     "margins": ["--policy", "fuzzy-1"],
     "sweep": ["--policy", "fuzzy-1", "--plants", "4", "--jobs", "1"],
     "bench": ["--rounds", "5"],
+    "show": ["fuzzy-1"],
+    "export": ["c", "fuzzy-1", "--out", "source"],
 }
 """A valid command line of each command, behind its name."""
 
@@ -97,9 +101,9 @@ def options(command: str) -> list[str]:
         fields = dataclasses.fields(options_of(ALGORITHMS["ppo"]))
     else:
         fields = dataclasses.fields(importlib.import_module(f"fuzzyarm.cli.{command}").Options)
-    return [f"--{option_name(field.name)}" for field in fields if field.name not in ("files", "folder", "_")] + [
-        "--help"
-    ]
+    return [
+        f"--{option_name(field.name)}" for field in fields if field.name not in ("files", "folder", "what", "_")
+    ] + ["--help"]
 
 
 def _words(rng: np.random.Generator, command: str) -> list[str]:

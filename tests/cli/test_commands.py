@@ -176,6 +176,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_a_real_interrupt_leaves_no_part_files(tmp_path):
     """SIGINT while the first figure is written: exit code 130, one line, nothing half-written."""
     with running(INTERRUPTED, *QUICK, "--out", str(tmp_path), stderr=subprocess.PIPE) as process:

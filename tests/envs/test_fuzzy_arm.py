@@ -154,6 +154,7 @@ def test_module_prefix_registers_without_an_import():
     assert python(code) == "(10,)"
 
 
+@pytest.mark.slow
 def test_making_and_stepping_loads_nothing_heavy():
     # SciPy's linalg is loaded by Numba itself; of SciPy, this project needs `interpolate`, and only for splines.
     heavy = "cvxpy clarabel torch matplotlib pygame scipy.interpolate scipy.optimize stable_baselines3 rich"
@@ -292,6 +293,7 @@ def test_the_same_seed_is_the_same_episode_bit_for_bit():
     assert digest(env, 8) != first
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_episode_in_another_process():
     code = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_fuzzy_arm as t; "

@@ -296,6 +296,7 @@ def test_its_spec_makes_it_again():
     assert again.spec == envs.spec and digest(again, actions, seed=1) == digest(envs, actions, seed=1)
 
 
+@pytest.mark.slow
 def test_the_module_prefix_makes_it_and_nothing_heavy_is_loaded():
     code = (
         "import sys, gymnasium; envs = gymnasium.make_vec('fuzzyarm:FuzzyArm-v0', num_envs=2); envs.reset(seed=0); "
@@ -541,6 +542,7 @@ def test_a_copy_goes_on_where_the_original_was(way, threads):
     envs.close()
 
 
+@pytest.mark.slow
 def test_a_pickle_goes_on_in_another_process():
     envs, actions = batch(BLOCK + 1, threads=2, disturbance=NOISY), torques(2, 30, BLOCK + 1)
     envs.reset(seed=0)

@@ -112,7 +112,10 @@ def _fitted(robot: Robot, name: str) -> TipReference:
             return timed(TipReference(path, LONGEST, robot))
         except ValueError as error:
             reason = error
-    raise ValueError(f"{robot.name} cannot follow a {name} at its home posture; give a reference=: {reason}")
+    raise ValueError(
+        f"{robot.name} cannot follow a {name} at its home posture; give a reference=, or other limits of its joints "
+        f"(joint_limit, velocity_limit, torque_limit): {reason}"
+    )
 
 
 def _plane(robot: Robot, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

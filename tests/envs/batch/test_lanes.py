@@ -371,6 +371,7 @@ print(hasattr(env._kernels.advance_one, "signatures"))
 """
 
 
+@pytest.mark.slow
 def test_a_copy_goes_on_in_another_process_whatever_its_first_action():
     """There the kernels are compiled, or read from disk, for floats, even if the first torques are integers."""
     env = FuzzyArmEnv(disturbance=NOISY)

@@ -163,6 +163,7 @@ def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys):
     assert "other policy files than there are now (swept_twice.law:make: swept_twice/gains.py" in error
 
 
+@pytest.mark.slow
 def test_what_code_of_ones_own_does_wrong_is_one_line(imported, tmp_path, capsys):
     (tmp_path / "swept_badly.py").write_text(
         "class Bad:\n    def predict(self, observation, **_):\n        return [1.0], None\n"

@@ -164,6 +164,7 @@ def run_up_to(policy, reference, t, targets):
     return state
 
 
+@pytest.mark.slow
 def test_on_the_rigid_arm_the_kept_premises_are_cancelled_for_any_error():
     """With all premises kept, law and arm leave E ė = A e + B K e + the difference of the feedforwards, exactly."""
     name, rng = "fuzzy-32", np.random.default_rng(1)

@@ -50,6 +50,7 @@ def worst_disturbance(controller, q, dq, e):
     return G.T @ np.linalg.solve(controller.P, e) / controller.gamma**2
 
 
+@pytest.mark.slow
 def test_dissipation_holds_on_the_nonlinear_rigid_arm(controller):
     """An independent formulation: random states, errors and disturbances, the worst one included."""
     rng = np.random.default_rng(0)
