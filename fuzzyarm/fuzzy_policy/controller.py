@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.checks import choice, finite_array, instance, real, truth
-from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.hexadecimal import decoded, digest_of, encoded, signed
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, checked_record, controller_in
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, PLANT_STATES, VELOCITY
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
@@ -27,7 +27,6 @@ __all__ = [
     "POLE_ARRAYS",
     "RATES",
     "Controller",
-    "ControllerFileError",
     "consistent_feedforward",
 ]
 
@@ -40,12 +39,7 @@ OPTIONAL = ("fastest_pole", *POLE_ARRAYS)  # optional: left out of the file wher
 RATES = (1e-6, 1e6)  # [1/s], alpha and fastest_pole
 GAINS = (1e-30, 1e30)  # gamma, in the units of either form
 LARGEST = 1e60  # of any entry of an array
-MAX_BYTES = 8 * 1024 * 1024  # far above the file of the largest model
 _ABSENT = "absent"  # no hexadecimal number: a field that the file does not have
-
-
-class ControllerFileError(ValueError):
-    """A controller file is damaged, no controller file, or made for another robot; the message says which."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -234,19 +228,12 @@ class Controller:
             ControllerFileError: not a controller file, of another version, damaged, or inconsistent.
             OSError: the file cannot be read.
         """
-        try:
-            return cls._from_document(read_json(Path(path), largest=MAX_BYTES))
-        except DocumentError as error:  # names the file itself
-            raise ControllerFileError(str(error)) from None
-        except (TypeError, ValueError) as error:
-            raise ControllerFileError(f"{path}: {error}") from None
+        return controller_in(path, cls.from_document)
 
     @classmethod
-    def _from_document(cls, content: Any) -> Controller:
-        check_schema(content, SCHEMA)
-        document = record(content, _Document)
-        if document.digest != digest_of({key: value for key, value in content.items() if key != "digest"}):
-            raise ControllerFileError("the digest does not match: the file was changed after it was written")
+    def from_document(cls, content: Any) -> Controller:
+        """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
+        document = checked_record(content, SCHEMA, _Document)
         model = TSModel(ArmParameters.from_dict(decoded(document.robot)), document.kept)
         if not np.array_equal(np.array(decoded(document.bounds)), model.bounds):
             raise ControllerFileError("the premise bounds do not belong to the robot parameters: the file was changed")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from fuzzyarm.common.documents import DocumentError, read_json
-from fuzzyarm.fuzzy_policy.controller import MAX_BYTES, Controller, ControllerFileError
+from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.scheduled import SCHEMA, ScheduledController
+from fuzzyarm.fuzzy_policy.signed_files import controller_in
 
 __all__ = ["load_controller"]
 
@@ -18,9 +19,9 @@ def load_controller(path: str | Path) -> Controller | ScheduledController:
         ControllerFileError: not a controller file, of another version, damaged, or inconsistent.
         OSError: the file cannot be read.
     """
-    try:
-        content = read_json(Path(path), largest=MAX_BYTES)
-    except DocumentError as error:
-        raise ControllerFileError(str(error)) from None
-    schema = content.get("schema") if isinstance(content, dict) else None
-    return ScheduledController.load(path) if schema == SCHEMA else Controller.load(path)
+    return controller_in(path, _controller_of)
+
+
+def _controller_of(content: Any) -> Controller | ScheduledController:
+    form = ScheduledController if isinstance(content, dict) and content.get("schema") == SCHEMA else Controller
+    return form.from_document(content)

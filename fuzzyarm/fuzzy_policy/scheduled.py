@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.checks import choice, finite_array, instance, real, whole
-from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.controller import GAINS, LARGEST, MAX_BYTES, RATES, ControllerFileError
+from fuzzyarm.fuzzy_policy.controller import GAINS, LARGEST, RATES
 from fuzzyarm.fuzzy_policy.hexadecimal import decoded, digest_of, encoded, signed
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError, checked_record, controller_in
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 
 __all__ = ["FORM", "FUNCTIONS", "MOST_PREMISES", "SCHEMA", "Premise", "ScheduledController", "rule_weights"]
@@ -242,19 +242,12 @@ class ScheduledController:
             ControllerFileError: not such a file, of another version, damaged, or inconsistent.
             OSError: the file cannot be read.
         """
-        try:
-            return cls._from_document(read_json(Path(path), largest=MAX_BYTES))
-        except DocumentError as error:  # names the file itself
-            raise ControllerFileError(str(error)) from None
-        except (TypeError, ValueError) as error:
-            raise ControllerFileError(f"{path}: {error}") from None
+        return controller_in(path, cls.from_document)
 
     @classmethod
-    def _from_document(cls, content: Any) -> ScheduledController:
-        check_schema(content, SCHEMA)
-        document = record(content, _Document)
-        if document.digest != digest_of({key: value for key, value in content.items() if key != "digest"}):
-            raise ControllerFileError("the digest does not match: the file was changed after it was written")
+    def from_document(cls, content: Any) -> ScheduledController:
+        """Return the controller of a file's content; ValueError if it is not of this form, damaged or inconsistent."""
+        document = checked_record(content, SCHEMA, _Document)
         choice("form", document.form, (FORM,))
         if document.robot_digest != document.robot.digest:
             raise ControllerFileError("the robot's digest does not match: the file was changed")

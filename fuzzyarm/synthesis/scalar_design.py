@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from fuzzyarm.common.bisection import last_that_works
+from fuzzyarm.common.slices import consecutive
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest, loop
 from fuzzyarm.fuzzy_policy.states import SCALAR_STATES
 from fuzzyarm.synthesis.semidefinite_program import Family, minimise, symmetric_units
@@ -26,6 +27,14 @@ __all__ = ["Feedback", "best_feedback", "feedback_for_gamma", "smallest_pole"]
 GAMMA_SLACK = 1.001  # of γ over the solver's, so that the inequalities hold strictly
 STRICT = 2e-4  # of the rates, likewise
 MOST = 50.0  # fastest pole over the smallest one, where the search for a given γ gives up
+
+# Places among the unknowns: P by its upper triangle, m = k P, and γ².
+_P, _M = consecutive(SCALAR_STATES * (SCALAR_STATES + 1) // 2, SCALAR_STATES)
+_P_AND_M, _GAMMA = slice(_M.stop), _M.stop
+_UNKNOWNS = _GAMMA + 1
+# Rows of the inequality of γ: state, disturbance, output; and of that of the fastest pole: two blocks of the state.
+_X, _W, _Z = consecutive(SCALAR_STATES, 1, 1)
+_UPPER, _LOWER = consecutive(SCALAR_STATES, SCALAR_STATES)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,17 +67,17 @@ def best_feedback(kappa: float, rate: float, fastest_pole: float) -> Feedback | 
         rate: a = α + μ [1/s].
         fastest_pole: β [1/s].
     """
-    x, _ = minimise(np.eye(10)[-1], _families(kappa, fastest_pole / rate))
+    x, _ = minimise(np.eye(_UNKNOWNS)[_GAMMA], _families(kappa, fastest_pole / rate))
     if not np.isfinite(x).all():
         return None
-    P = np.tensordot(x[:6], symmetric_units(SCALAR_STATES), axes=1)
+    P = np.tensordot(x[_P], symmetric_units(SCALAR_STATES), axes=1)
     if not np.linalg.eigvalsh(P)[0] > 0.0:
         return None
     # Back from the time unit 1/a: x = T x̃ with T = diag(1, a, 1/a), and V = Ṽ/a.
     T_inverse = np.diag([1.0, 1.0 / rate, rate])
     X = T_inverse @ np.linalg.inv(P) @ T_inverse / rate
-    k = rate**2 * np.linalg.solve(P, x[6:9]) @ T_inverse
-    gamma = GAMMA_SLACK * math.sqrt(max(x[9], 0.0)) / rate**2
+    k = rate**2 * np.linalg.solve(P, x[_M]) @ T_inverse
+    gamma = GAMMA_SLACK * math.sqrt(max(x[_GAMMA], 0.0)) / rate**2
     found = Feedback(k, 0.5 * (X + X.T), gamma, fastest_pole)
     return found if _holds(found, kappa, rate) else None
 
@@ -99,18 +108,18 @@ def _families(kappa: float, pole: float) -> list[Family]:
         moved = np.concatenate([A @ P, -share * (b @ rows)])
         state = moved + np.swapaxes(moved, 1, 2)
         alone = np.concatenate([P, np.zeros_like(P[:SCALAR_STATES])])
-        whole, constant = np.zeros((1, 10, 5, 5)), np.zeros((1, 5, 5))
-        whole[0, :9, :3, :3] = -state - 2.0 * (1.0 + STRICT) * alone
-        whole[0, :6, :3, 4:], whole[0, :6, 4:, :3] = -P @ c.T, -c @ P
-        whole[0, 9, 3, 3] = 1.0
-        constant[0, :3, 3:4], constant[0, 3:4, :3], constant[0, 4, 4] = -share * b, -share * b.T, 1.0
-        slow = np.zeros((1, 10, 6, 6))
-        slow[0, :9, :3, :3] = slow[0, :9, 3:, 3:] = pole * (1.0 - STRICT) * alone
-        slow[0, :9, 3:, :3], slow[0, :9, :3, 3:] = moved, np.swapaxes(moved, 1, 2)
-        families += [Family(constant, whole), Family(np.zeros((1, 6, 6)), slow)]
-    positive = np.zeros((1, 10, 3, 3))
-    positive[0, :6] = P
-    return [*families, Family(np.zeros((1, 3, 3)), positive)]
+        whole, constant = np.zeros((1, _UNKNOWNS, _Z.stop, _Z.stop)), np.zeros((1, _Z.stop, _Z.stop))
+        whole[0, _P_AND_M, _X, _X] = -state - 2.0 * (1.0 + STRICT) * alone
+        whole[0, _P, _X, _Z], whole[0, _P, _Z, _X] = -P @ c.T, -c @ P
+        whole[0, _GAMMA, _W, _W] = 1.0
+        constant[0, _X, _W], constant[0, _W, _X], constant[0, _Z, _Z] = -share * b, -share * b.T, 1.0
+        slow = np.zeros((1, _UNKNOWNS, _LOWER.stop, _LOWER.stop))
+        slow[0, _P_AND_M, _UPPER, _UPPER] = slow[0, _P_AND_M, _LOWER, _LOWER] = pole * (1.0 - STRICT) * alone
+        slow[0, _P_AND_M, _LOWER, _UPPER], slow[0, _P_AND_M, _UPPER, _LOWER] = moved, np.swapaxes(moved, 1, 2)
+        families += [Family(constant, whole), Family(np.zeros((1, _LOWER.stop, _LOWER.stop)), slow)]
+    positive = np.zeros((1, _UNKNOWNS, SCALAR_STATES, SCALAR_STATES))
+    positive[0, _P] = P
+    return [*families, Family(np.zeros((1, SCALAR_STATES, SCALAR_STATES)), positive)]
 
 
 def _holds(found: Feedback, kappa: float, rate: float) -> bool:

@@ -11,8 +11,9 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller, ControllerFileError
+from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
 from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.synthesis import Specification, design
 
 
@@ -163,7 +164,7 @@ def test_a_changed_gain_is_refused_by_load_policy(document, tmp_path):
 
 
 def test_a_huge_file_is_refused_unread(tmp_path, monkeypatch):
-    monkeypatch.setattr("fuzzyarm.fuzzy_policy.controller.MAX_BYTES", 10)
+    monkeypatch.setattr("fuzzyarm.fuzzy_policy.signed_files.MAX_BYTES", 10)
     with pytest.raises(ControllerFileError, match="larger"):
         Controller.load(write(tmp_path, "0" * 11))
 
@@ -224,7 +225,7 @@ def test_a_model_without_dropped_premises_has_no_multipliers_of_its_fastest_pole
         **dict.fromkeys(("tau", "pole_tau"), (136, 2, 0)),
     }
     whole = dataclasses.replace(limited, model=model, **{name: np.zeros(shape) for name, shape in shapes.items()})
-    copy = Controller._from_document(json.loads(whole.to_json()))
+    copy = Controller.from_document(json.loads(whole.to_json()))
     assert {name: getattr(copy, name).shape for name in shapes} == shapes
 
 
@@ -232,7 +233,7 @@ def test_files_without_a_fastest_pole_say_nothing_of_it(controller):
     """What older versions wrote is read and written as before."""
     text = without_fastest_pole(controller).to_json()
     assert "pole" not in text
-    assert Controller._from_document(json.loads(text)).to_json() == text
+    assert Controller.from_document(json.loads(text)).to_json() == text
 
 
 @pytest.mark.parametrize(

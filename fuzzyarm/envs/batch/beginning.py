@@ -1,4 +1,24 @@
-"""The compiled beginning of episodes: the domain randomisation is drawn, the arm is loaded and put at its start."""
+"""The compiled beginning of episodes: the domain randomisation is drawn, the arm is loaded and put at its start.
+
+The kernel of `begin_of` begins a new episode in some lanes, at rest unless told otherwise:
+``begin(which, plants, plant_of, starts, start_of, place_of, ranges, initial, values, clock, drawn, table, period,
+out)``:
+
+- which: (n,) the lanes.
+- plants: (plants, numbers of `Plant`).
+- plant_of: (lanes,) each lane's plant.
+- starts: (schedules, numbers of `Start`).
+- start_of: (n,) the schedule to begin, or the first one of the family.
+- place_of: (n,) where each payload is, see `Physics.payload_place`.
+- ranges: (numbers of `draw_record`, 2), see `DomainRandomisation.ranges`.
+- initial: (n, numbers of the state) states; nan in the first entry: at rest on the reference.
+- values: (numbers of `Lane`, lanes), written.
+- clock: (numbers of `Clock`, lanes), written; holds the key of the lane's last episode before, of this one after.
+- drawn: (numbers of `draw_record`, lanes), written; or with no lanes, not written.
+- table: (rows, numbers of a row).
+- period: control period [s].
+- out: (`Layout.width` n,), the results of these lanes, see `Layout.split`; written.
+"""
 
 from __future__ import annotations
 
@@ -34,26 +54,7 @@ _read_start = reader(Start, in_columns)
 
 @functools.cache
 def begin_of(layout: Layout) -> Any:
-    """Return the kernel that begins a new episode in some lanes, at rest unless told otherwise.
-
-    ``begin(which, plants, plant_of, starts, start_of, place_of, ranges, initial, values, clock, drawn, table, period,
-    out)``:
-
-    - which: (n,) the lanes.
-    - plants: (plants, numbers of `Plant`).
-    - plant_of: (lanes,) each lane's plant.
-    - starts: (schedules, numbers of `Start`).
-    - start_of: (n,) the schedule to begin, or the first one of the family.
-    - place_of: (n,) where each payload is, see `Physics.payload_place`.
-    - ranges: (numbers of `draw_record`, 2), see `DomainRandomisation.ranges`.
-    - initial: (n, numbers of the state) states; nan in the first entry: at rest on the reference.
-    - values: (numbers of `Lane`, lanes), written.
-    - clock: (numbers of `Clock`, lanes), written; holds the key of the lane's last episode before, of this one after.
-    - drawn: (numbers of `draw_record`, lanes), written; or with no lanes, not written.
-    - table: (rows, numbers of a row).
-    - period: control period [s].
-    - out: (`Layout.width` n,), the results of these lanes, see `Layout.split`; written.
-    """
+    """Return the kernel that begins a new episode in some lanes, see the module for its arguments and their shapes."""
     physics, Lane, parts = layout.physics, layout.Lane, layout.parts
     read_plant, read_state = reader(physics.Plant, in_columns), reader(physics.State, in_columns)
     read_reference, write_lane = reader(reference_record(physics.joints), in_columns), writer(Lane, in_rows)

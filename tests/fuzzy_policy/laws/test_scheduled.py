@@ -12,10 +12,10 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.fuzzy_policy.controller import ControllerFileError
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy, scheduled_torque
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, Premise
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
 ROBOT = "planar-3r"

@@ -10,7 +10,7 @@ import pytest
 from fuzzyarm.envs.physics.rigid_body import bias, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.certified.verification import verify_file
-from fuzzyarm.fuzzy_policy.controller import Controller, ControllerFileError
+from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
 from fuzzyarm.fuzzy_policy.laws.scheduled import scheduled_torque
@@ -19,6 +19,7 @@ from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled
 from fuzzyarm.synthesis.metric_search import relative
 

@@ -31,6 +31,9 @@ SAMPLES = 33  # of a segment, at which changes of mode are looked for
 MOST_SEGMENTS = 8  # in a period
 SHORTEST = 1e-6  # share of the rest of a period, below which a change of mode is passed over
 
+# Where the parts of a state begin: angles of motors and links, then their velocities.
+_LINK, _MOTOR_VELOCITY, _LINK_VELOCITY = JOINTS, 2 * JOINTS, 3 * JOINTS
+
 
 class Mode(enum.IntEnum):
     """What the friction of a motor of the centre is, in one segment."""
@@ -99,18 +102,18 @@ class Centre:
             left = self._period - begun
             found = self._solved(state, torques, _part(force, begun, left, self._period), modes, left)
             at, who = self._first_change(found, torque) if count < MOST_SEGMENTS - 1 else (1.0, 0)
-            if at <= SHORTEST and state[4 + who]:
+            if at <= SHORTEST and state[_MOTOR_VELOCITY + who]:
                 # A velocity that is zero but for rounding, and on the wrong side, is set to zero.
                 state = state.copy()
-                state[4 + who] = 0.0
+                state[_MOTOR_VELOCITY + who] = 0.0
                 continue
             if SHORTEST < at < 1.0 - SHORTEST:
                 part = round(at * left / self._grain) * self._grain  # so that all durations add up exactly
                 found = self._solved(state, torques, _part(force, begun, part, self._period), modes, part)
                 for j in range(JOINTS):  # who has come to rest rests exactly
-                    before, after = state[4 + j], found.end[4 + j]
+                    before, after = state[_MOTOR_VELOCITY + j], found.end[_MOTOR_VELOCITY + j]
                     if modes[j] in (Mode.FORWARD, Mode.BACKWARD) and abs(after) < 1e-9 and abs(after) < abs(before):
-                        found.end[4 + j] = 0.0
+                        found.end[_MOTOR_VELOCITY + j] = 0.0
                 begun += part
             else:
                 begun = self._period
@@ -125,8 +128,9 @@ class Centre:
             if drags[j] is not None:
                 modes.append(Mode.FREE)
                 continue
-            net = self._net(state[j], state[2 + j], state[4 + j], state[6 + j], torque[j], j)
-            moving = state[4 + j] or (net if abs(net) > self._static[j] else 0.0)
+            link, velocity, link_velocity = (state[at + j] for at in (_LINK, _MOTOR_VELOCITY, _LINK_VELOCITY))
+            net = self._net(state[j], link, velocity, link_velocity, torque[j], j)
+            moving = velocity or (net if abs(net) > self._static[j] else 0.0)
             modes.append(Mode(int(np.sign(moving))) if moving else Mode.REST)
         return tuple(modes)
 
@@ -168,7 +172,7 @@ class Centre:
     ) -> Segment:
         """Return the polynomials of given modes; force as in `segments`, of this duration [s]."""
         half = 0.5 * duration
-        angle, velocity = state[:4, np.newaxis], state[4:, np.newaxis]
+        angle, velocity = state[:_MOTOR_VELOCITY, np.newaxis], state[_MOTOR_VELOCITY:, np.newaxis]
         start = angle + velocity * (half * (self._nodes + 1.0))
         acceleration = np.zeros((4, NODES))
         push = [force[i] + force[2 + i] * 0.5 * self._nodes for i in range(2)]
@@ -179,10 +183,10 @@ class Centre:
             if np.abs(acceleration - before).max() < 1e-11:
                 break
         speeds = half * acceleration @ self._velocity.T
-        speeds[:, 0] += state[4:]
+        speeds[:, 0] += state[_MOTOR_VELOCITY:]
         angles = half**2 * acceleration @ self._angle.T
-        angles[:, 0] += state[:4] + half * state[4:]
-        angles[:, 1] += half * state[4:]
+        angles[:, 0] += state[:_MOTOR_VELOCITY] + half * state[_MOTOR_VELOCITY:]
+        angles[:, 1] += half * state[_MOTOR_VELOCITY:]
         for joint in range(JOINTS):
             if modes[joint] == Mode.REST:
                 angles[joint], speeds[joint] = 0.0, 0.0
