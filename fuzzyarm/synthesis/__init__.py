@@ -4,9 +4,10 @@
     result = design(Specification(gamma=1.4e-4, fastest_pole=200.0))
     result.controller.save("controller.json")
 
-`design` is for the two-joint arm, `design_scheduled` for serial robots of any number of joints.
+`design` is for the two-joint arm, `design_scheduled` for serial robots of any number of joints. `DesignProblem` is what
+`design` solves as an open cvxpy model, for constraints and objectives of a user's own.
 
-The solver, Clarabel, is loaded here and nowhere else; it is loaded with the first name that needs it.
+The solver, Clarabel, and cvxpy are loaded here and nowhere else, each with the first name that needs it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fuzzyarm.synthesis.cvxpy_model.problem import DesignProblem
     from fuzzyarm.synthesis.description import describe
     from fuzzyarm.synthesis.designer import Design, DesignFailed, design
     from fuzzyarm.synthesis.scheduled_description import describe_scheduled
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Design",
     "DesignFailed",
+    "DesignProblem",
     "ScheduledDesign",
     "ScheduledSpecification",
     "Specification",
@@ -36,6 +39,7 @@ __all__ = [
 _HOMES = {
     "Design": "designer",
     "DesignFailed": "designer",
+    "DesignProblem": "cvxpy_model.problem",
     "ScheduledDesign": "scheduled_design",
     "ScheduledSpecification": "scheduled_design",
     "Specification": "specification",
