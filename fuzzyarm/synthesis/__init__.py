@@ -12,11 +12,12 @@ The solver, Clarabel, and cvxpy are loaded here and nowhere else, each with the 
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from fuzzyarm.common.lazy import lazily
 
 if TYPE_CHECKING:
-    from fuzzyarm.synthesis.cvxpy_model.problem import DesignProblem
+    from fuzzyarm.synthesis.cvxpy_model.design_problem import DesignProblem
     from fuzzyarm.synthesis.description import describe
     from fuzzyarm.synthesis.designer import Design, DesignFailed, design
     from fuzzyarm.synthesis.scheduled_description import describe_scheduled
@@ -39,7 +40,7 @@ __all__ = [
 _HOMES = {
     "Design": "designer",
     "DesignFailed": "designer",
-    "DesignProblem": "cvxpy_model.problem",
+    "DesignProblem": "cvxpy_model.design_problem",
     "ScheduledDesign": "scheduled_design",
     "ScheduledSpecification": "scheduled_design",
     "Specification": "specification",
@@ -50,8 +51,4 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = lazily(__name__, _HOMES)
