@@ -66,7 +66,9 @@ def _alone(standing: Standing, titles: Mapping[str, str]) -> str:
     name = _names([standing.policy])
     if standing.score is None:
         return f"{name} ran alone and lost the path in {standing.lost} of {_episodes(standing.episodes)}."
-    errors = [f"{_length(error)} in {_title(titles[case])}" for case, error in standing.rms.items() if error is not None]
+    errors = [
+        f"{_length(error)} in {_title(titles[case])}" for case, error in standing.rms.items() if error is not None
+    ]
     return f"{name} ran alone; its rms tip error is {_series(errors)}."
 
 

@@ -81,7 +81,7 @@ def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "
 
 
 def command(config: EvaluationConfig) -> str:
-    """Return the command of an evaluation with this configuration; FILE stands for an unknown file of an arm or a path."""
+    """Return the command of an evaluation with this configuration; FILE stands for an unknown file of arm or path."""
     default = EvaluationConfig()
     known = dataclasses.replace(
         config, parameters=default.parameters, control_period=default.control_period, points=default.points
