@@ -23,6 +23,7 @@ _Part = TypeVar("_Part")
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
 _ACTIVATION = "tanh"
+_PAPERS_JOINTS = 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -58,6 +59,8 @@ class PolicyBundle:
         joints = len(self.action.scale)
         if self.features.joints != joints:
             raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
+        if self.arm is None and joints != _PAPERS_JOINTS:
+            raise ValueError(f"it is for {joints} joints and does not say of which arm")
         found = self.network.sizes[0], self.network.sizes[-1]
         needed = self.features.size, len(self.action.scale)
         if found != needed:
