@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fuzzyarm.synthesis.description import describe
-    from fuzzyarm.synthesis.designer import Design, DesignFailed, design
+    from fuzzyarm.synthesis.designer import Design, DesignFailed, design, find_design
     from fuzzyarm.synthesis.scheduled_description import describe_scheduled
     from fuzzyarm.synthesis.scheduled_design import ScheduledDesign, ScheduledSpecification, design_scheduled
     from fuzzyarm.synthesis.specification import Specification
@@ -31,6 +31,7 @@ __all__ = [
     "describe_scheduled",
     "design",
     "design_scheduled",
+    "find_design",
 ]
 
 _HOMES = {
@@ -43,6 +44,7 @@ _HOMES = {
     "describe_scheduled": "scheduled_description",
     "design": "designer",
     "design_scheduled": "scheduled_design",
+    "find_design": "designer",
 }
 
 
