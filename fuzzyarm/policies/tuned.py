@@ -14,7 +14,7 @@ import dataclasses
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fuzzyarm.common.checks import choice, distinct, real
 from fuzzyarm.policies.registry import TIP
@@ -38,6 +38,7 @@ COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS = (
 )
 """The laws that need no controller file."""
 
+Weights = TypeVar("Weights")
 _LARGEST = 2**16  # bytes of the file
 _FASTEST, _LONGEST = 1e6, 0.1  # rad/s, s
 
@@ -106,9 +107,10 @@ class TunedLaws:
         return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False) + "\n"
 
 
-def _whole(name: str, kind: Any, values: dict[str, float] | None) -> Any:
+def _whole(name: str, kind: type[Weights], values: dict[str, float] | None) -> Weights:
     """Return weights of which the file gives each; ValueError if one is missing or unknown."""
-    wanted, found = {field.name for field in dataclasses.fields(kind)}, set(values or {})
+    wanted = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    found = set(values or {})
     if found != wanted:
         raise ValueError(f"{name}: {', '.join(sorted(found ^ wanted))} missing or unknown")
     return kind(**(values or {}))
