@@ -20,9 +20,12 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot_text import arm_as_toml
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.provenance import current_provenance
@@ -36,9 +39,10 @@ from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws
 
-__all__ = ["NothingFound", "Tuned", "begin", "laws_of", "resumed_arm", "steps_for", "tune"]
+__all__ = ["NothingFound", "Tuned", "begin", "check_strength", "laws_of", "resumed_arm", "steps_for", "tune"]
 
 MARGINS = "margins.json"
+INSTANTS = 501  # of the path, at which the weight is held
 
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
 """Opens a progress bar of a description and a total, as `common.console.progress` does."""
@@ -79,8 +83,26 @@ def begin(arm: AnyArm, folder: Path) -> None:
         tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
         way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
         raise ValueError(f"{folder} exists and is not empty; {way}")
-    default_reference(arm)  # an arm that cannot hold itself, before anything is computed
+    check_strength(arm)
     write_atomically(folder / IN_FOLDER, arm_as_toml(arm))
+
+
+def check_strength(arm: AnyArm) -> None:
+    """Check that the motors can hold the arm anywhere on its path.
+
+    Raises:
+        ValueError: one cannot, or the arm cannot follow the path.
+    """
+    robot, reference = robot_of(arm), default_reference(arm)
+    q = reference.sample(np.linspace(0.0, reference.duration, INSTANTS)).q
+    weight, limit = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q)), robot.drive("torque_limit")
+    share = np.max(np.abs(weight) / limit, axis=0)
+    joint = int(np.argmax(share))
+    if share[joint] >= 1.0:
+        raise ValueError(
+            f"the arm cannot hold itself: joint {joint + 1} needs {share[joint] * limit[joint]:.4g} N m against "
+            f"gravity on its path, its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or lengths"
+        )
 
 
 def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
@@ -126,10 +148,10 @@ def tune(arm: AnyArm, folder: Path, *, engine: Engine, bar: Bar, finished: Calla
             write_finding(folder, finding)
         findings[step.policy] = finding
         finished(finding)
-    laws = laws_of(arm, findings)
-    if not laws.policies:
+    if all(finding.chosen is None for finding in findings.values()):
         reasons = "; ".join(f"{name}: {finding.notes[-1]}" for name, finding in findings.items() if finding.notes)
         raise NothingFound(f"no policy has stable gains for this arm ({reasons})")
+    laws = laws_of(arm, findings)
     write_atomically(folder / NAME, laws.to_json())
     config = MarginsConfig(robot=str(folder))
     with bar("margins", len(laws.policies)) as advance:
