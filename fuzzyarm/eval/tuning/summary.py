@@ -13,10 +13,15 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 from fuzzyarm.eval.tuning.conditions import PERIOD, heaviest
 from fuzzyarm.eval.tuning.finding import Finding
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER
 
 __all__ = ["README", "decision", "summary"]
 
 README = "README.md"
+
+_USUAL: dict[str, Any] = {ELASTIC_OBSERVER: ObserverWeights(), ADAPTIVE_OBSERVER: AdaptiveWeights()}
 
 _UNITS = {
     "alpha": "1/s",
@@ -46,7 +51,12 @@ def decision(finding: Finding) -> str:
     """Return what was chosen for a policy in one line, or that nothing was."""
     if finding.chosen is None:
         return f"left out. {finding.notes[-1] if finding.notes else ''}".rstrip()
-    return ", ".join(_with_unit(name, value) for name, value in finding.chosen.items())
+    usual = _USUAL.get(finding.policy)
+    changed = {name: value for name, value in finding.chosen.items() if usual is None or value != getattr(usual, name)}
+    if not changed:
+        return "the weights of Table 1"
+    named = ", ".join(_with_unit(name, value) for name, value in changed.items())
+    return named if usual is None else f"{named}; its other weights are those of Table 1"
 
 
 def _with_unit(name: str, value: float | None) -> str:
