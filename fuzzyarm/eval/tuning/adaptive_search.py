@@ -70,8 +70,8 @@ BOX = {
 }
 FULL = Budget(sobol=8, searches=2, evaluations=24, from_guess=True)
 """The search that chose the shipped weights."""
-SHORT = Budget(sobol=4, searches=1, evaluations=10, from_guess=True)
-"""The search of `fuzzyarm tune`: the first guess, four others, and a step in each weight."""
+SHORT = Budget(sobol=8, searches=0, evaluations=0)
+"""The search of `fuzzyarm tune`: the first guess and eight others."""
 FIRST_STEP = math.log(1.4)
 DIGITS = 2
 LANES, SEED = 40, 11

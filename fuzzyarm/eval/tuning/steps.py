@@ -168,7 +168,8 @@ def _observer(budget: Budget, context: Context) -> Finding:
     arm, box = context.arm, observer_search.BOX
     rule = (
         "Smallest tip error over random plants, forces and payloads, among the weights with which deviations shrink to "
-        f"a hundredth within the movement in every condition; those of Table 1 unless others are {100 * WORTH:g} % better."
+        "a hundredth within the movement in every condition; those of Table 1 unless others are "
+        f"{100 * WORTH:g} % better."
     )
     best, guess = found_weights(
         observer_search.objective_for,
@@ -199,7 +200,7 @@ def _adaptive(budget: Budget, context: Context) -> Finding:
     arm, box = context.arm, adaptive_search.BOX
     rule = (
         "Smallest sum of the mean and a tenth of the worst largest tip error over random arms, loads and paths; those "
-        f"of Table 1 unless others are {100 * WORTH:g} % better. The search is short."
+        f"of Table 1 unless others are {100 * WORTH:g} % better. The search is a short one: these and a few others."
     )
     lawful = context.earlier.get(COMPUTED_TORQUE)
     omega = None if lawful is None or lawful.chosen is None else lawful.chosen["bandwidth"]
