@@ -154,10 +154,10 @@ def policies_of(robot: object) -> tuple[str, ...] | None:
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.robot import shipped_robots
 
-    if not isinstance(robot, str) or robot in shipped_robots() or not is_tuned(Path(robot)):
+    if not isinstance(robot, str | os.PathLike) or robot in shipped_robots() or not is_tuned(Path(robot)):
         return None
     folder = Path(robot)
-    return tuple(str(folder / name) for name in read_laws(folder, chosen_arm(robot, None)).policies)
+    return tuple(str(folder / name) for name in read_laws(folder, chosen_arm(folder, None)).policies)
 
 
 def tuned_policy(folder: Path, law: str, arm: AnyArm, control_period: float) -> Policy:
@@ -194,11 +194,11 @@ def _made(folder: Path, laws: TunedLaws, law: str, arm: Any) -> Policy:
 
         return ElasticObserverPolicy(arm, laws.control_period, laws.observer_weights())
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-    from fuzzyarm.policies.controller_policy import controller_policy
+    from fuzzyarm.policies.controller_policy import file_policy
 
     certified = [name for name in laws.policies if name.removesuffix(TIP) not in LAWS]
     fallback = ComputedTorquePolicy(arm, laws.control_period, laws.bandwidth)
     if certified:
         path = folder / f"{certified[0].removesuffix(TIP)}.json"
-        fallback = controller_policy(path, arm, laws.control_period)  # type: ignore[assignment]
+        fallback = file_policy(path, arm, laws.control_period)  # type: ignore[assignment]
     return AdaptiveObserverPolicy(arm, laws.control_period, laws.adaptive_weights(), TipPolicy(fallback))

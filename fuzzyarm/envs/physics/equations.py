@@ -74,7 +74,7 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
 
     Args:
         robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, folder of `fuzzyarm
-            tune`, or a `Robot`; None: the two-joint arm.
+            tune`, a `Robot`, or `ArmParameters`; None: the two-joint arm.
         parameters: of the two-joint arm, or None.
 
     Raises:
@@ -89,10 +89,12 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
             f"give either robot = {checks.shown(getattr(robot, 'name', robot))} or parameters of the two-joint arm, "
             "not both"
         )
-    if isinstance(robot, Robot):
+    if isinstance(robot, Robot | ArmParameters):
         return robot
     if not isinstance(robot, str | os.PathLike):
-        raise TypeError(f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, or a Robot")
+        raise TypeError(
+            f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, a Robot or ArmParameters"
+        )
     return _named(os.fspath(robot))
 
 

@@ -7,7 +7,7 @@
     margins.json      what `fuzzyarm margins --robot FOLDER --json` prints
     README.md         the decisions, for a person
 
-Every file is written whole or not at all, and `laws.json` after those that it speaks of. No step depends on time,
+Every file is written whole or not at all, and that of the laws after those that it speaks of. No step depends on time,
 chance or the number of processes, so a run that was interrupted gives what one gives that was not.
 """
 
@@ -26,6 +26,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
+from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.physics.robot_text import arm_as_toml
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.provenance import current_provenance
@@ -76,9 +77,11 @@ def begin(arm: AnyArm, folder: Path) -> None:
     """Write the arm into a folder that has nothing of a tuning yet.
 
     Raises:
-        ValueError: the folder is not empty, or the arm cannot follow its path.
+        ValueError: the folder is not empty or has the name of a robot, or the arm cannot follow its path.
         OSError: the file cannot be written.
     """
+    if str(folder) in shipped_robots():
+        raise ValueError(f"{folder} is also the name of a robot, which --robot would take; choose another name")
     if any(folder.iterdir()):
         tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
         way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
