@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["LAWS", "NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "read_laws", "tuned_policy"]
 
 SCHEMA = "fuzzyarm-tuned/1"
+"""Of the file of the laws."""
 NAME = "laws.json"
 """The file of the laws in the folder."""
 

@@ -68,14 +68,20 @@ BOX = {
     "encoder_velocity": (5e-4, 5e-3),
     "gate": (1.0, 8.0),
 }
+"""Where the Sobol set lies, by name of the weight; Nelder-Mead may leave it."""
 FULL = Budget(sobol=8, searches=2, evaluations=24, from_guess=True)
 """The search that chose the shipped weights."""
 SHORT = Budget(sobol=8, searches=0, evaluations=0)
 """The search of `fuzzyarm tune`: the first guess and eight others."""
 FIRST_STEP = math.log(1.4)
+"""Of Nelder-Mead, in the logarithm of a weight."""
 DIGITS = 2
-LANES, SEED = 40, 11
-LOST = 50.0  # mm
+LANES = 40
+"""Arms of a group."""
+SEED = 11
+"""Of the arms that are tuned on."""
+LOST = 50.0
+"""What an arm counts that is lost [mm]."""
 TAIL = 0.1  # weight of the worst arm beside the mean
 FEASIBLE = 0.95  # of the torque limits
 LARGEST_FORCE, LATEST_ONSET = 250.0, 0.5  # N, on the arm of Table 1; s
@@ -119,7 +125,7 @@ class RandomArms:
         self.seed = seed
 
     def largest_errors(self, policy: AdaptiveObserverPolicy) -> np.ndarray:
-        """Return the largest tip error of every lane's episode [mm], at most `LOST`."""
+        """Return the largest tip error of every lane's episode [mm], (lanes,), at most `LOST`."""
         observation, _ = self.envs.reset(seed=self.seed)
         lanes = np.arange(len(self.delay))
         state, largest, running = None, np.zeros(len(lanes)), np.ones(len(lanes), dtype=bool)
@@ -208,10 +214,10 @@ def objective_for(arm: ArmParameters, bandwidth: float | None = None) -> Objecti
 
 
 def weights_of(logarithms: Sequence[float] | np.ndarray) -> AdaptiveWeights:
-    """Return the weights, rounded to what says something."""
+    """Return the weights of logarithms (n,) in the order of `BOX`, rounded to what says something."""
     return AdaptiveWeights(**dict(zip(BOX, rounded(np.exp(np.asarray(logarithms)), DIGITS), strict=True)))
 
 
 def logarithms_of(weights: AdaptiveWeights) -> np.ndarray:
-    """Return the logarithms of `BOX` of weights."""
+    """Return the logarithms (n,) of weights, in the order of `BOX`."""
     return np.log([getattr(weights, name) for name in BOX])

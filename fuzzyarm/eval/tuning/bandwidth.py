@@ -28,6 +28,7 @@ __all__ = ["BANDWIDTHS", "LEAST_GAIN_MARGIN", "assess", "assess_policy", "choice
 BANDWIDTHS = [float(omega) for omega in range(5, 161, 5)]
 """The grid [rad/s]."""
 LEAST_GAIN_MARGIN = 2.0
+"""Factor on the loop gain that a loop has to bear."""
 MEASURED = (
     "tip_error_max_mm",
     "tip_error_rms_mm",

@@ -36,7 +36,7 @@ def heaviest(arm: AnyArm) -> float:
 
 
 def force_factor(arm: AnyArm) -> float:
-    """Return the arm's forces over those of Table 1, by which its machining force is scaled; 1 for Table 1."""
+    """Return the arm's forces over those of Table 1 [1], by which its machining force is scaled; 1 for Table 1."""
     own, papers = (case.disturbance.tip_force for case in (case_for("machining", arm), find_case("machining")))
     assert isinstance(own, MachiningForce) and isinstance(papers, MachiningForce)
     return own.base / papers.base

@@ -15,6 +15,7 @@ from fuzzyarm.common.files import write_atomically
 __all__ = ["SCHEMA", "STEPS", "Finding", "finite", "read_finding", "write_finding"]
 
 SCHEMA = "fuzzyarm-tuning-step/1"
+"""Of the file of a step."""
 STEPS = "steps"
 """The folder, in that of the tuning, with a file for each step."""
 _LARGEST = 2**18  # bytes of such a file

@@ -64,14 +64,17 @@ FULL = Budget(sobol=64, searches=3, evaluations=150)
 """The search that chose the shipped weights."""
 SHORT = Budget(sobol=48, searches=2, evaluations=60)
 """The search of `fuzzyarm tune`."""
-FIRST_STEP = math.log(1.6)  # of Nelder-Mead, in the logarithm of a weight
+FIRST_STEP = math.log(1.6)
+"""Of Nelder-Mead, in the logarithm of a weight."""
 DIGITS = 3  # of a weight; a finer one says nothing
 UNFIT = 100.0
 """Costs [mm] from this on are of weights that do not meet the constraint."""
 
 LANES = 48
-SEED = 1  # of the arms that are tuned on
+SEED = 1
+"""Of the arms that are tuned on."""
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
+"""Standard deviations, rad and rad/s."""
 PLANTS = DomainRandomisation(
     mass=(0.9, 1.1),
     motor_inertia=(0.9, 1.1),
@@ -174,13 +177,13 @@ def objective_for(arm: ArmParameters) -> Objective:
 
 
 def weights_of(logarithms: Sequence[float] | np.ndarray) -> ObserverWeights:
-    """Return the weights, rounded; the encoder's are those of `ObserverWeights`."""
+    """Return the weights of logarithms (4,) of `BOX`, rounded; the encoder's are those of `ObserverWeights`."""
     link_angle, link_rate, load_walk, motor_share = np.exp(np.asarray(logarithms))
     values = (link_angle, link_angle * link_rate, load_walk, load_walk * motor_share)
     return ObserverWeights(*rounded(values, DIGITS))
 
 
 def logarithms_of(weights: ObserverWeights) -> np.ndarray:
-    """Return the logarithms of `BOX` of weights."""
+    """Return the logarithms (4,) of what `BOX` bounds, of weights."""
     w = weights
     return np.log([w.link_angle, w.link_velocity / w.link_angle, w.load_walk, w.motor_torque / w.load_walk])

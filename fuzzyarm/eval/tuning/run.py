@@ -13,9 +13,11 @@ chance or the number of processes, so a run that was interrupted gives what one 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -40,7 +42,17 @@ from fuzzyarm.eval.tuning.summary import README, summary
 from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws
 
-__all__ = ["NothingFound", "Tuned", "begin", "check_strength", "laws_of", "resumed_arm", "steps_for", "tune"]
+__all__ = [
+    "NothingFound",
+    "Tuned",
+    "begin",
+    "check_strength",
+    "laws_of",
+    "resumed_arm",
+    "steps_for",
+    "tune",
+    "tune_arm",
+]
 
 MARGINS = "margins.json"
 INSTANTS = 501  # of the path, at which the weight is held
@@ -127,7 +139,44 @@ def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
     return own
 
 
-def tune(arm: AnyArm, folder: Path, *, engine: Engine, bar: Bar, finished: Callable[[Finding], None]) -> Tuned:
+def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False, jobs: int | None = None) -> Tuned:
+    """Find the numbers of every model-based policy for an arm, as `fuzzyarm tune` does.
+
+    Args:
+        robot: what `chosen_arm` takes; None: Table 1, or with `resume` the arm of the folder.
+        folder: to write, made if needed.
+        resume: whether to go on with the tuning in the folder.
+        jobs: number of processes; None: one per core.
+
+    Raises:
+        NothingFound: no policy has stable gains.
+        ValueError: the folder is not empty, of another arm or damaged; or the arm cannot follow its path.
+        OSError: a file cannot be read or written.
+    """
+    folder = Path(folder)
+    asked = None if robot is None and resume else chosen_arm(robot, None)
+    if resume:
+        arm = resumed_arm(folder, asked)
+    else:
+        arm = chosen_arm(asked, None)
+        folder.mkdir(parents=True, exist_ok=True)
+        begin(arm, folder)
+    return tune(arm, folder, engine=Engine(jobs=jobs))
+
+
+@contextlib.contextmanager
+def _no_bar(description: str, total: int) -> Iterator[Callable[..., None]]:
+    yield lambda *arguments, **named: None
+
+
+def tune(
+    arm: AnyArm,
+    folder: Path,
+    *,
+    engine: Engine,
+    bar: Bar = _no_bar,
+    finished: Callable[[Finding], None] = lambda finding: None,
+) -> Tuned:
     """Find what is missing in a folder of `begin`, and complete it.
 
     Args:

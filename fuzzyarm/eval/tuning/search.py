@@ -92,7 +92,7 @@ def best_of(first: Descent, others: Sequence[Descent]) -> Descent:
 
 
 def rounded(weights: Sequence[float] | np.ndarray, digits: int) -> list[float]:
-    """Return weights rounded to what says something."""
+    """Return weights (n,), in their own units, rounded to so many digits."""
     return [float(f"{value:.{digits}g}") for value in weights]
 
 
@@ -112,9 +112,9 @@ def found_weights(
     Args:
         objective_for: returns the objective of an arm; called in each worker, and cached there.
         arm: handed to it.
-        guess: logarithms of the first guess.
-        points: the Sobol set.
-        first_step: of each search.
+        guess: logarithms (n,) of the first guess.
+        points: the Sobol set (points, n).
+        first_step: of each search, a factor's logarithm [1].
         budget: of the search; its Sobol points are the first of `points`.
         engine: runs the evaluations.
         advance: called with the number of evaluations that were done.

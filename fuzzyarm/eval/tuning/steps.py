@@ -30,6 +30,7 @@ from fuzzyarm.synthesis import design
 __all__ = ["FUZZY", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "measured_radii", "nothing_found"]
 
 RULES = 4
+"""Rules of the fuzzy controller."""
 FUZZY = f"fuzzy-{RULES}"
 """The name of the fuzzy controller; models that keep more premises are alike, and have its γ and fastest pole."""
 

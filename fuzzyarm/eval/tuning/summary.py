@@ -20,6 +20,7 @@ from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER
 __all__ = ["README", "decision", "summary"]
 
 README = "README.md"
+"""The file of the page."""
 
 _USUAL: dict[str, Any] = {ELASTIC_OBSERVER: ObserverWeights(), ADAPTIVE_OBSERVER: AdaptiveWeights()}
 
