@@ -24,6 +24,7 @@ from readme_adaptive import (
     adaptive_passes_table,
     adaptive_plants_table,
 )
+from readme_arms import own_arm_tables, tuned_arms_table
 from readme_design import (
     bounds_table,
     complexity_table,
@@ -77,6 +78,7 @@ SCRIPTS: dict[str, list[str]] = {
     "adaptive_tuning": [],
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
+    "own_arms": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
@@ -203,6 +205,8 @@ def sections() -> dict[str, str]:
             stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
         ),
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
+        "own-arm": own_arm_tables(stored["own_arms"]),
+        "own-arms": tuned_arms_table(stored["own_arms"]),
         "robots": robots_table(),
         "robot-speed": robot_speed_table(_stored("robot_speed")),
         "robot-comparison": robot_comparison_tables(

@@ -32,6 +32,7 @@ GROUPS = {
         "leaderboard": "Rank the policies of several evaluations.",
     },
     "Design controllers": {
+        "tune": "Find the numbers of all model-based policies for an arm.",
         "design": "Design a fuzzy controller by linear matrix inequalities.",
         "verify": "Prove controller files, and files of bounds, again.",
         "prove": "Prove a bound of the tip error on the elastic arm.",

@@ -47,6 +47,7 @@ COMPUTING = (
     "fuzzyarm.eval.stability.margins.measure_margins",
     "fuzzyarm.eval.paper.evidence.gather",
     "fuzzyarm.eval.report.page.write_report",
+    "fuzzyarm.eval.tuning.run.tune",
     "fuzzyarm.export.laws.sheet_of",
     "fuzzyarm.export.c_files.export_c",
 )
@@ -72,6 +73,7 @@ NUMBERS = (
 NEEDED = {
     "verify": [str(CONTROLLERS / "fuzzy-1.json")],
     "design": ["--out", "controller.json", "--rules", "1"],
+    "tune": ["--out", "my-arm"],
     "paper": ["--out", "paper"],
     "prove": ["--policy", "fuzzy-1", "--out", "bound.json"],
     "leaderboard": ["{evaluation}"],
