@@ -31,6 +31,9 @@ GROUPS = {
         "report": "Make one HTML page of an evaluation, with a replay.",
         "leaderboard": "Rank the policies of several evaluations.",
     },
+    "Know the arm": {
+        "identify": "Find the parameters of an arm in a log of its motors.",
+    },
     "Design controllers": {
         "design": "Design a fuzzy controller by linear matrix inequalities.",
         "verify": "Prove controller files, and files of bounds, again.",
