@@ -144,7 +144,7 @@ def _searched(
 
 
 def _stacked(line: Linearised, scale: np.ndarray, told: np.ndarray) -> np.ndarray:
-    """Return the derivatives of all residuals over the told entries of θ in units of the scale, shape (rows S, told)."""
+    """Return the derivatives of all residuals over the told entries of θ, in units of the scale: (rows S, told)."""
     over = line.over_theta[:, told] * scale[told][:, np.newaxis]
     return np.asarray(np.moveaxis(over, 1, -1).reshape(-1, over.shape[1]))
 
@@ -158,13 +158,14 @@ def _scale(start: np.ndarray, motion: Motion) -> np.ndarray:
             least[k] = 0.02 * torque[one.joint]
         if one.joint is not None and one.field == "viscous_friction":
             least[k] = 0.02 * torque[one.joint] / max(speed[one.joint], 1e-6)
-    return np.maximum(np.abs(start), np.maximum(least, 1e-9))
+    scale: np.ndarray = np.maximum(np.abs(start), least)
+    return scale
 
 
 def _spread(line: Linearised, told: np.ndarray) -> float:
     """Return s², which is 1 if the model explains the log down to its noise."""
     free = line.residual.size - STATES * line.residual.shape[1] - int(told.sum())
-    return float(np.sum(line.residual**2)) / max(free, 1)
+    return float(np.sum(line.residual**2) / max(free, 1))
 
 
 def _errors(line: Linearised, scale: np.ndarray, told: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
