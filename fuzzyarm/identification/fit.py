@@ -25,13 +25,14 @@ from fuzzyarm.identification.motion import Motion
 from fuzzyarm.identification.shooting import STATES, Linearised, Shooting, segments_of, starts_of
 from fuzzyarm.identification.unknowns import UNKNOWNS, bounds_of, constants_of, start_of
 
-__all__ = ["DEVIATIONS", "Fit", "fit_elastic", "noise_of"]
+__all__ = ["DEVIATIONS", "SEGMENTS", "Fit", "fit_elastic", "noise_of"]
 
 DEVIATIONS = 1.959963984540054
 """Half width of a 95 % interval in standard deviations."""
+SEGMENTS = (0.1, 0.4, 0.4)
+"""Lengths of the segments [s], one search after the other: short ones stay with the log wherever the search begins."""
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40
-_PASSES = 2  # the second with the noise that the first one left
 _CLOSE = 1e-7
 _FOURTH = 70.0  # sum of squares of the coefficients 1, -4, 6, -4, 1
 _MEDIAN = 0.6744897501960817  # of |x| for x normal
@@ -86,29 +87,28 @@ def fit_elastic(
     Raises:
         ValueError: the log tells nothing.
     """
-    theta, scale = start_of(rough), _scale(start_of(start), motion)
-    beginnings, measured, torque = segments_of(log)
+    theta, known = start_of(rough), start_of(start)
+    scale, noise = _scale(known, motion), noise_of(log)
     constants = functools.partial(constants_of, arm=start)
-    arm = Arm(*constants(theta[:, np.newaxis])[:, 0])
-    shooting = Shooting(measured, torque, log.period, starts_of(motion, beginnings, arm), noise_of(log), constants)
-    low, high = bounds_of(start, scale)
+    bounds = bounds_of(start, scale)
     told = np.ones(len(theta), dtype=bool)
-    known = start_of(start)
-    for _ in range(_PASSES):
-        theta = np.where(told, np.clip(theta, low, high), known)
-        line = shooting.linearised(theta, _DIFFERENCE * scale)
-        _leave_out(line, theta, scale, told, 1.0)  # far from the best θ the residuals say nothing of the noise
+    for length in SEGMENTS:
+        theta = np.where(told, np.clip(theta, *bounds), known)
+        beginnings, measured, torque = segments_of(log, length)
+        states = starts_of(motion, beginnings, Arm(*constants(theta[:, np.newaxis])[:, 0]))
+        shooting = Shooting(measured, torque, log.period, states, noise, constants)
+        told[:] = True
+        _leave_out(shooting.linearised(theta, _DIFFERENCE * scale), theta, scale, told, 1.0)
         while told.any():
-            theta = _searched(shooting, np.where(told, theta, known), scale, told, (low, high), progress)
+            theta = _searched(shooting, np.where(told, theta, known), scale, told, bounds, progress)
             line = shooting.linearised(theta, _DIFFERENCE * scale)
             if not _leave_out(line, theta, scale, told, _spread(line, told)):
                 break
         if not told.any():
             raise ValueError("the log tells no parameter: the simulated arm does not follow it; check units and signs")
-        left = line.residual.reshape(len(measured), measured.shape[1], -1) * shooting.noise[:, np.newaxis]
-        noise = np.sqrt(np.mean(left**2, axis=(0, 2)))
-        shooting.noise = np.maximum(noise, 1e-3 * shooting.noise)
-    return _summary(line, left, theta, scale, told, (low, high))
+        left = line.residual.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
+        noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-3 * noise)
+    return _summary(line, left, theta, scale, told, bounds)
 
 
 def _searched(

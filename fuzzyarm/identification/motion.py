@@ -18,6 +18,7 @@ __all__ = ["CUTOFF", "Motion", "smoothed"]
 
 CUTOFF = 10.0  # Hz: above what motors draw, and below the vibration of elastic joints
 _ORDER = 4
+_SETTLING = 3.0  # periods of the cut-off frequency
 _HIGHEST = 0.4  # cut-off frequency as a share of the sampling rate's half, at most
 
 
@@ -49,7 +50,7 @@ def smoothed(log: Log, cutoff: float = CUTOFF) -> Motion:
     dq = np.gradient(q, log.period, axis=0) if log.velocity is None else smooth(log.velocity)
     held = log.torque.copy()
     held[1:] = 0.5 * (log.torque[1:] + log.torque[:-1])
-    edge = min(round(rate / cutoff), len(q) // 4)
+    edge = min(round(_SETTLING * rate / cutoff), len(q) // 4)
     settled = slice(edge, len(q) - edge)
     independent = (settled.stop - settled.start) * log.period * 2.0 * cutoff
     return Motion(q, dq, np.gradient(dq, log.period, axis=0), smooth(held), settled, independent)

@@ -6,6 +6,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification.fit import DEVIATIONS, Fit, fit_elastic
 from fuzzyarm.identification.log import Log
@@ -116,9 +118,9 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
             f"too little excitation: the log does not tell {', '.join(rigid.untold)} (condition number "
             f"{rigid.condition:.3g}); move both joints to and fro, faster and further, as the motion of --suggest does"
         )
-    fit = fit_elastic(log, motion, rigid_arm(rigid.base, start), start, progress)
     try:
+        fit = fit_elastic(log, motion, rigid_arm(rigid.base, start), start, progress)
         arm = arm_of(fit.theta, start)
-    except ValueError as error:
+    except (ValueError, np.linalg.LinAlgError) as error:
         raise ValueError(f"the log leads to no arm: {error}; check masses and lengths of the start") from None
     return Identified(arm, start, rigid, fit, len(log.angle), log.period)

@@ -34,6 +34,8 @@ BASE = (
 """The parameter of the arm that each entry of π tells, the others being known."""
 
 SLOWEST = 3.0
+LEAST_MOVING = 0.02
+"""Share of the samples at which a joint has to be faster, forwards and backwards; otherwise nothing of it is told."""
 LEAST_SHARE = 1e-2
 """A base parameter counts as untold if its standard error is above a third of it and moves the torque by more than this
 share of its own root mean square."""
@@ -112,9 +114,11 @@ def fit_rigid(motion: Motion, start: ArmParameters) -> RigidFit:
     information = (stacked / size).T @ (stacked / size) * share
     error = np.sqrt(np.abs(np.diag(np.linalg.pinv(information, rcond=1e-14, hermitian=True)))) / size
     moves = error * size / np.linalg.norm(known)
-    empty = np.linalg.norm(stacked, axis=0) == 0.0
-    untold = empty | ((error > np.abs(base) / 3.0) & (moves > LEAST_SHARE))
-    condition = float(singular[0] / max(singular[-1], 1e-300)) if not empty.any() else float("inf")
+    untold = (error > np.abs(base) / 3.0) & (moves > LEAST_SHARE)
+    for joint in range(2):
+        ways = [np.mean(fast[:, joint] & (side * dq[:, joint] > 0.0)) for side in (-1.0, 1.0)]
+        untold |= (min(ways) < LEAST_MOVING) & np.array([f"[{joint}]" in name for name in BASE])
+    condition = float(singular[0] / max(singular[-1], 1e-300))
     return RigidFit(base, error, condition, np.array(found), tuple(np.array(BASE)[untold].tolist()))
 
 

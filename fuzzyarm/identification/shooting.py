@@ -25,15 +25,14 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.identification.log import Log
 from fuzzyarm.identification.motion import Motion
 
-__all__ = ["SEGMENT", "Linearised", "Shooting", "segments_of", "starts_of"]
+__all__ = ["Linearised", "Shooting", "segments_of", "starts_of"]
 
-SEGMENT = 0.4
-"""Length of a segment [s]."""
 STATES = 8
 _MEASURED = np.array([0, 1, 4, 5])  # motor angles and velocities in a state
 _SMALL_TURN = 1e-6  # of a scale, for differences
 _REACH = np.array([0.05] * 4 + [1.0] * 4)[:, np.newaxis]  # rad and rad/s that a state may be from its first guess
-_PASSES = 4
+_PASSES = 40
+_LEAST = 1e-6  # damping beside slopes of 10³ and more
 _LOST = 1e9  # residual of a simulation that has run away
 _GOOD = 1e-7  # decrease of the cost, as a share of it, at which the states count as found
 
@@ -69,7 +68,8 @@ class Shooting:
     constants: Callable[[np.ndarray], np.ndarray]
 
     def __post_init__(self) -> None:
-        """Remember the first guesses."""
+        """Prepare the simulation; the search for states begins at those of the last linearisation."""
+        self.kept = self.states
         self._hold = hold_of(two_joints())
         self._substeps = default_substeps(self.period)
 
@@ -85,64 +85,86 @@ class Shooting:
     def linearised(self, theta: np.ndarray, steps: np.ndarray) -> Linearised:
         """Return the residuals and their derivatives over θ (|θ|,), by differences of the length of `steps` (|θ|,)."""
         residual, over_states = self._eliminated(theta)
+        self.kept = self.states
         moved = theta[:, np.newaxis] + np.diag(steps)
-        lanes = np.tile(self.states, (1, len(theta)))
-        ahead = self._simulated(np.repeat(moved, self.count, axis=1), lanes)
+        lanes, every = np.tile(self.states, (1, len(theta))), np.arange(self.count)
+        ahead = self._simulated(np.repeat(moved, self.count, axis=1), lanes, every)
         ahead = ahead.reshape(len(residual), len(theta), self.count)
         over_theta = (ahead - residual[:, np.newaxis]) / steps[:, np.newaxis]
-        normal, slope = self._normal(over_states)
+        normal, slope = _normal(over_states, np.full(self.count, _LEAST))
         shared = np.linalg.solve(normal, np.einsum("rks,rps->skp", slope, over_theta))
         return Linearised(residual, over_theta - np.einsum("rks,skp->rps", slope, shared))
 
     def _eliminated(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residuals (rows, S) and their derivatives over the states (rows, 8, S) at the best states."""
-        residual, over_states = self._over_states(theta)
+        """Return the residuals (rows, S) and their derivatives over the states (rows, 8, S) at the best states.
+
+        Levenberg's method in each segment for itself: a step that does not help is taken back, and the next is shorter.
+        """
+        states, damping, open_ = self.kept.copy(), np.ones(self.count), np.arange(self.count)
+        residual, over_states = self._over_states(theta, states, open_)
         for _ in range(_PASSES):
-            normal, slope = self._normal(over_states)
-            gain = np.einsum("rks,rs->sk", slope, residual)
+            cost = np.sum(residual[:, open_] ** 2, axis=0)
+            normal, slope = _normal(over_states[..., open_], damping[open_])
+            gain = np.einsum("rks,rs->sk", slope, residual[:, open_])
             step = np.linalg.solve(normal, gain[..., np.newaxis])[..., 0]
-            if float(np.sum(step * gain)) <= _GOOD * float(np.sum(residual**2)):
+            far = np.sum(step * gain, axis=1) > _GOOD * cost
+            open_, cost, step = open_[far], cost[far], step[far]
+            if not open_.size:
                 break
-            self.states = self.states - _REACH * step.T
-            residual, over_states = self._over_states(theta)
+            moved = states[:, open_] - _REACH * step.T
+            ahead, slopes = self._over_states(theta, moved, open_)
+            better = np.sum(ahead**2, axis=0) < cost
+            damping[open_] *= np.where(better, 0.1, 30.0)
+            won = open_[better]
+            states[:, won], residual[:, won], over_states[..., won] = (
+                part[..., better] for part in (moved, ahead, slopes)
+            )
+        self.states = states
         return residual, over_states
 
-    def _normal(self, over_states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return damped normal matrices (S, 8, 8) of the states in units of `_REACH`, and the slopes behind them."""
-        slope = over_states * _REACH
-        return np.einsum("rks,rls->skl", slope, slope) + np.eye(STATES), slope
-
-    def _over_states(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lanes = np.tile(self.states, (1, STATES + 1))
-        steps = _SMALL_TURN * _REACH
+    def _over_states(self, theta: np.ndarray, states: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return residuals (rows, C) and derivatives over the states (rows, 8, C) for C chosen segments."""
+        count, steps = len(chosen), _SMALL_TURN * _REACH
+        lanes = np.tile(states, (1, STATES + 1))
         for k in range(STATES):
-            lanes[k, (k + 1) * self.count : (k + 2) * self.count] += steps[k]
-        found = self._simulated(np.repeat(theta[:, np.newaxis], lanes.shape[1], axis=1), lanes)
-        found = found.reshape(len(found), STATES + 1, self.count)
+            lanes[k, (k + 1) * count : (k + 2) * count] += steps[k]
+        found = self._simulated(np.repeat(theta[:, np.newaxis], lanes.shape[1], axis=1), lanes, chosen)
+        found = found.reshape(len(found), STATES + 1, count)
         residual = found[:, 0]
         return residual, (found[:, 1:] - residual[:, np.newaxis]) / steps
 
-    def _simulated(self, theta: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Return residuals (rows, lanes) for θ (|θ|, lanes) and states (8, lanes); lanes go through the segments."""
-        copies, channels = states.shape[1] // self.count, self.measured.shape[1]
-        constants, lanes = np.ascontiguousarray(self.constants(theta)), np.ascontiguousarray(states)
+    def _simulated(self, theta: np.ndarray, states: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Return residuals (rows, lanes) for θ (|θ|, lanes) and states (8, lanes).
+
+        The lanes go through the chosen segments (C,), once or several times.
+        """
+        copies, channels = states.shape[1] // len(chosen), self.measured.shape[1]
+        constants, lanes = np.ascontiguousarray(self.constants(theta)), np.array(states, order="C")
         force = np.zeros((size(force_line(two_joints().axes)), lanes.shape[1]))
-        torque = np.ascontiguousarray(np.tile(self.torque, (1, 1, copies)))
-        measured = np.tile(self.measured, (1, 1, copies))
-        found = np.empty((len(measured), channels, lanes.shape[1]))
-        lanes, h = lanes.copy(), self.period / self._substeps
-        for k in range(len(measured)):
+        torque = np.ascontiguousarray(np.tile(self.torque[..., chosen], (1, 1, copies)))
+        found = np.empty((len(self.measured), channels, lanes.shape[1]))
+        h = self.period / self._substeps
+        for k in range(len(found)):
             found[k] = lanes[_MEASURED[:channels]]
             if k < len(torque):
                 self._hold(lanes, torque[k], force, constants, h, self._substeps)
-        found -= measured
+        found -= np.tile(self.measured[..., chosen], (1, 1, copies))
         found /= self.noise[:, np.newaxis]
         flat = found.reshape(-1, lanes.shape[1])
         return flat if np.isfinite(flat).all() else np.nan_to_num(flat, nan=_LOST, posinf=_LOST, neginf=-_LOST)
 
 
-def segments_of(log: Log, length: float = SEGMENT) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return instants of the beginnings (S,), measurements (steps + 1, 2 or 4, S) and torques (steps, 2, S)."""
+def _normal(over_states: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return damped normal matrices (S, 8, 8) of the states in units of `_REACH`, and the slopes behind them."""
+    slope = over_states * _REACH
+    return np.einsum("rks,rls->skl", slope, slope) + damping[:, np.newaxis, np.newaxis] * np.eye(STATES), slope
+
+
+def segments_of(log: Log, length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return instants of the beginnings (S,), measurements (steps + 1, 2 or 4, S) and torques (steps, 2, S).
+
+    The segments have a length [s] and follow one another; what is left at the end is not used.
+    """
     samples = max(round(length / log.period), 20)
     beginnings = np.arange(0, len(log.angle) - samples + 1, samples)
     parts = [log.angle] if log.velocity is None else [log.angle, log.velocity]
