@@ -108,7 +108,7 @@ def measure(seeds: int, duration: float) -> dict[str, Any]:
 def main() -> None:
     """Measure, and write the result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--duration", type=float, default=10.0)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()

@@ -33,6 +33,7 @@ SEGMENTS = (0.1, 0.4, 0.4)
 """Lengths of the segments [s], one search after the other: short ones stay with the log wherever the search begins."""
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40
+_NOTHING = 1e-100  # a singular value of 0
 _CLOSE = 1e-7
 _FOURTH = 70.0  # sum of squares of the coefficients 1, -4, 6, -4, 1
 _MEDIAN = 0.6744897501960817  # of |x| for x normal
@@ -171,7 +172,7 @@ def _spread(line: Linearised, told: np.ndarray) -> float:
 def _errors(line: Linearised, scale: np.ndarray, told: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
     """Return standard errors of the told entries of θ in units of the scale, and the condition number."""
     singular, turn = np.linalg.svd(_stacked(line, scale, told), full_matrices=False)[1:]
-    inverse = 1.0 / np.maximum(singular, 1e-12 * max(float(singular[0]), 1e-300))
+    inverse = 1.0 / np.maximum(singular, max(1e-12 * float(singular[0]), _NOTHING))
     error: np.ndarray = np.sqrt(spread * np.sum((inverse[:, np.newaxis] * turn) ** 2, axis=0))
     return error, float(inverse[-1] / inverse[0])
 

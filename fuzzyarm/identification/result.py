@@ -20,6 +20,8 @@ __all__ = ["CORRELATED", "Identified", "identify"]
 CORRELATED = 0.2
 """Correlation of neighbouring residuals above which the intervals are too narrow to be believed."""
 
+_DOUBT = 3.0  # standard errors
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identified:
@@ -117,6 +119,16 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
         raise ValueError(
             f"too little excitation: the log does not tell {', '.join(rigid.untold)} (condition number "
             f"{rigid.condition:.3g}); move both joints to and fro, faster and further, as the motion of --suggest does"
+        )
+    negative = [
+        name
+        for name, value, error in zip(BASE, rigid.base, rigid.error, strict=True)
+        if "friction" not in name and value < -_DOUBT * error
+    ]
+    if negative:
+        raise ValueError(
+            f"the log leads to no arm: least squares give {', '.join(negative)} a value below 0; check signs and "
+            "units of the log, and masses and lengths of the start"
         )
     try:
         fit = fit_elastic(log, motion, rigid_arm(rigid.base, start), start, progress)

@@ -49,6 +49,8 @@ COMPUTING = (
     "fuzzyarm.eval.report.page.write_report",
     "fuzzyarm.export.laws.sheet_of",
     "fuzzyarm.export.c_files.export_c",
+    "fuzzyarm.identification.excitation.suggested",
+    "fuzzyarm.identification.result.identify",
 )
 """Where commands begin to compute."""
 NUMBERS = (
@@ -82,6 +84,7 @@ NEEDED = {
     "sweep": ["--policy", "fuzzy-1", "--plants", "4", "--jobs", "1"],
     "bench": ["--rounds", "5"],
     "show": ["fuzzy-1"],
+    "identify": ["--suggest", "motion.csv"],
     "export": ["c", "fuzzy-1", "--out", "source"],
 }
 """A valid command line of each command, behind its name."""

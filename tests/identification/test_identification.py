@@ -24,9 +24,9 @@ TRUTH = ArmParameters()
 QUIET = EncoderNoise(1e-8, 1e-6)
 
 
-def motion_of(duration=3.0, size=1.0):
+def motion_of(duration=2.5):
     rng = np.random.default_rng(5)
-    sine, cosine = size * rng.normal(size=(2, 4, 2)) / np.arange(1, 5)[:, np.newaxis]
+    sine, cosine = rng.normal(size=(2, 4, 2)) / np.arange(1, 5)[:, np.newaxis]
     return Excitation(np.array([0.0, 0.5]), 0.3 * sine, 0.3 * cosine, 0.4, duration, TRUTH)
 
 
@@ -81,8 +81,9 @@ def test_the_filter_shifts_nothing_and_derives():
     time = np.arange(4000) * 1e-3
     angle = np.stack([np.sin(3.0 * time), np.cos(2.0 * time)], axis=-1)
     motion = smoothed(Log(1e-3, angle, np.ones((4000, 2))))
-    inner = motion.settled
-    np.testing.assert_allclose(motion.q[inner], angle[inner], atol=2e-6)
+    inner = slice(1000, 3000)
+    assert motion.settled == slice(300, 3700)
+    np.testing.assert_allclose(motion.q[inner], angle[inner], atol=1e-5)
     np.testing.assert_allclose(motion.dq[inner, 0], 3.0 * np.cos(3.0 * time[inner]), atol=2e-4)
     np.testing.assert_allclose(motion.ddq[inner, 0], -9.0 * np.sin(3.0 * time[inner]), atol=2e-3)
 
@@ -90,7 +91,7 @@ def test_the_filter_shifts_nothing_and_derives():
 def test_the_noise_is_read_off_a_moving_signal():
     rng = np.random.default_rng(3)
     angle = np.sin(np.arange(5000)[:, np.newaxis] * 2e-3) + rng.normal(scale=1e-5, size=(5000, 2))
-    assert noise_of(Log(1e-3, angle, angle)) == pytest.approx([1e-5, 1e-5], rel=0.05)
+    assert noise_of(Log(1e-3, angle, angle)) == pytest.approx([1e-5, 1e-5], rel=0.1)
 
 
 def test_a_quiet_log_gives_the_arm_back(found):
@@ -101,11 +102,13 @@ def test_a_quiet_log_gives_the_arm_back(found):
     assert found.fit.noise == pytest.approx([1e-8, 1e-8, 1e-6, 1e-6], rel=0.2)
 
 
+@pytest.mark.slow
 def test_velocities_may_be_missing(log, tmp_path):
     path = tmp_path / "log.csv"
     path.write_text(write_log(dataclasses.replace(log, velocity=None)))
-    found = identify(read_log(path), wrong(1.02))
+    found = identify(read_log(path), wrong())
     np.testing.assert_allclose(found.fit.theta, start_of(TRUTH), rtol=5e-3)
+    assert len(found.fit.noise) == 2
 
 
 def test_a_log_that_does_not_move_names_what_it_does_not_tell():
@@ -124,14 +127,14 @@ def test_one_joint_at_rest_is_named(log):
 
 def test_a_motion_is_smooth_and_rests_at_its_ends():
     motion, h = motion_of(), 1e-5
-    t = np.linspace(0.05, 2.95, 200)
+    t = np.linspace(0.05, 2.45, 200)
     ahead, behind, here = motion.sample(t + h), motion.sample(t - h), motion.sample(t)
     np.testing.assert_allclose((ahead.q - behind.q) / (2.0 * h), here.dq, atol=1e-6)
     np.testing.assert_allclose((ahead.dq - behind.dq) / (2.0 * h), here.ddq, atol=1e-4)
     tip = (motion.tip(t + h).position - motion.tip(t - h).position) / (2.0 * h)
     np.testing.assert_allclose(tip, motion.tip(t).velocity, atol=1e-6)
-    np.testing.assert_allclose(np.linalg.norm(motion.normals(np.linspace(0.0, 3.0, 50)), axis=-1), 1.0)
-    ends = motion.sample(np.array([0.0, 3.0]))
+    np.testing.assert_allclose(np.linalg.norm(motion.normals(np.linspace(0.0, 2.5, 50)), axis=-1), 1.0)
+    ends = motion.sample(np.array([0.0, 2.5]))
     np.testing.assert_allclose(ends.q, [[0.0, 0.5]] * 2, atol=1e-12)
     assert not ends.dq.any() and not ends.ddq.any()
 
@@ -143,7 +146,10 @@ def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypa
     limits = TRUTH.joint_limit, TRUTH.velocity_limit, TRUTH.torque_limit
     for used, limit in zip(use_of(motion, TRUTH), limits, strict=True):
         assert (used <= 1.01 * SHARE * np.array(limit)).all()
-    assert condition_of(motion, TRUTH) < condition_of(motion_of(10.0), TRUTH)
+    monkeypatch.setattr(excitation, "_DRAWS", 1)
+    monkeypatch.setattr(excitation, "_REFINEMENTS", 1)
+    chance = [condition_of(suggested(TRUTH, 10.0, seed), TRUTH) for seed in range(1, 6)]
+    assert condition_of(motion, TRUTH) < 0.8 * np.median(chance)
     text = motion_csv(motion, TRUTH).splitlines()
     assert text[0].startswith("time,q1,q2,dq1") and len(text) == 10_002
 
@@ -226,6 +232,11 @@ def test_the_command_writes_the_arm_the_picture_and_the_numbers(found, log, tmp_
     document = json.loads(capsys.readouterr().out)
     assert [row["name"] for row in document["parameters"]] == list(names())
     assert document["arm"] == found.arm.to_dict() and document["kept"][0] == "length"
+
+
+def test_torques_of_the_wrong_sign_are_not_believed(log):
+    with pytest.raises(ValueError, match=r"no arm: least squares give inertia\[0\], .* below 0; check signs and units"):
+        identify(dataclasses.replace(log, torque=-log.torque), TRUTH)
 
 
 @pytest.mark.slow
