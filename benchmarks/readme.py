@@ -36,6 +36,7 @@ from readme_design import (
     tip_gamma_table,
 )
 from readme_estimate import estimate_tables
+from readme_identification import identification_table
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
@@ -71,6 +72,7 @@ SCRIPTS: dict[str, list[str]] = {
     "computed_torque_tuning": [],
     "tip_feedforward": [],
     "saturation": [],
+    "identification": [],
     "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
@@ -179,6 +181,7 @@ def sections() -> dict[str, str]:
         f"{paper_line(stored['evaluate'])}",
         "tip": tip_table(stored["tip_feedforward"]),
         "saturation": saturation_table(stored["saturation"]),
+        "identification": identification_table(stored["identification"]),
         "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),
