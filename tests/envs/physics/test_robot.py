@@ -85,7 +85,7 @@ def test_a_wrong_drive_is_refused(values, message):
 
 
 def test_cicese_has_the_identified_inertia_and_gravity():
-    """M = [[2.351 + 0.168 c2, 0.102 + 0.084 c2], [., 0.102]], g = 9.81 (3.921 s1 + 0.186 s12, 0.186 s12), as printed."""
+    """M = [[2.351 + 0.168 c2, 0.102 + 0.084 c2], [., 0.102]] and g = 9.81 (3.921 s1 + 0.186 s12, 0.186 s12)."""
     robot, q = robot_named("cicese"), np.array([0.4, 0.7])
     rotors = np.diag(robot.drive("motor_inertia"))
     c2, s1, s12 = np.cos(q[1]), np.sin(q[0]), np.sin(q.sum())
