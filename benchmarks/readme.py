@@ -37,6 +37,7 @@ from readme_design import (
     tip_gamma_table,
 )
 from readme_estimate import estimate_tables
+from readme_identification import identification_table
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
@@ -64,7 +65,7 @@ SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "p
 """Policies of the sweep."""
 ADAPTIVE_SWEEPS = ("all", "loads")
 """Distributions of the sweeps of the adaptive observer."""
-COMPARED_ROBOTS = ("planar-3r", "ur5", "panda")
+COMPARED_ROBOTS = ("cicese", "manutec-r3", "planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
     "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
@@ -72,6 +73,7 @@ SCRIPTS: dict[str, list[str]] = {
     "computed_torque_tuning": [],
     "tip_feedforward": [],
     "saturation": [],
+    "identification": [],
     "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
@@ -182,6 +184,7 @@ def sections() -> dict[str, str]:
         f"{paper_line(stored['evaluate'])}",
         "tip": tip_table(stored["tip_feedforward"]),
         "saturation": saturation_table(stored["saturation"]),
+        "identification": identification_table(stored["identification"]),
         "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),

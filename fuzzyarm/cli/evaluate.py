@@ -33,8 +33,8 @@ class Options:
     encoder_noise: Annotated[tuple[float, float] | None, Parameter(metavar="RAD RAD_PER_S")] = None
     """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Another robot: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm (default: the paper's
-    arm). Its path and its loads are scaled, see the documentation"""
+    """Another robot: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
+    (default: the paper's arm). Its path and its loads are scaled, see the documentation"""
     path: Annotated[str, Parameter(metavar="NAME|FILE")] = "circle"
     """Path of the tip: circle, lemniscate, line or square, placed and sized for the arm, or a file of points in metres
     (.csv, .toml)"""

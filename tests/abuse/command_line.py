@@ -50,6 +50,8 @@ COMPUTING = (
     "fuzzyarm.eval.tuning.run.tune",
     "fuzzyarm.export.laws.sheet_of",
     "fuzzyarm.export.c_files.export_c",
+    "fuzzyarm.identification.excitation.suggested",
+    "fuzzyarm.identification.result.identify",
 )
 """Where commands begin to compute."""
 NUMBERS = (
@@ -84,6 +86,7 @@ NEEDED = {
     "sweep": ["--policy", "fuzzy-1", "--plants", "4", "--jobs", "1"],
     "bench": ["--rounds", "5"],
     "show": ["fuzzy-1"],
+    "identify": ["--suggest", "motion.csv"],
     "export": ["c", "fuzzy-1", "--out", "source"],
 }
 """A valid command line of each command, behind its name."""
