@@ -69,8 +69,8 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
     """Return the arm that the arguments ``robot`` and ``parameters`` of an environment name; neither: Table 1.
 
     Args:
-        robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, or a `Robot`; None: the
-            two-joint arm.
+        robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, a `Robot`, or
+            `ArmParameters`; None: the two-joint arm.
         parameters: of the two-joint arm, or None.
 
     Raises:
@@ -85,10 +85,12 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
             f"give either robot = {checks.shown(getattr(robot, 'name', robot))} or parameters of the two-joint arm, "
             "not both"
         )
-    if isinstance(robot, Robot):
+    if isinstance(robot, Robot | ArmParameters):
         return robot
     if not isinstance(robot, str | os.PathLike):
-        raise TypeError(f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, or a Robot")
+        raise TypeError(
+            f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, a Robot or ArmParameters"
+        )
     return _named(os.fspath(robot))
 
 

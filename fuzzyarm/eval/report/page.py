@@ -37,7 +37,7 @@ __all__ = ["command", "render_page", "write_report"]
 SCRIPTS = ("data.js", "canvas.js", "plane.js", "space.js", "arms.js", "curves.js", "plots.js", "page.js")
 
 
-def write_report(folder: Path, out: Path, bounds: Sequence[Path] = ()) -> None:
+def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Path] = ()) -> None:
     """Write the report of the evaluation in `folder` to `out`, atomically, with the tubes of files of tip bounds.
 
     Raises:
@@ -45,9 +45,9 @@ def write_report(folder: Path, out: Path, bounds: Sequence[Path] = ()) -> None:
             episode of the evaluation; nothing is written.
         OSError: a file cannot be read or written.
     """
-    stored = read_evaluation(folder)
-    tubes = tube_section(checked_bounds(bounds), stored.rollouts)
-    write_atomically(out, render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
+    stored = read_evaluation(Path(folder))
+    tubes = tube_section(checked_bounds([Path(one) for one in bounds]), stored.rollouts)
+    write_atomically(Path(out), render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
 
 
 def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "") -> str:
