@@ -54,7 +54,7 @@ from readme_results import (
     sweep_table,
     tip_table,
 )
-from readme_robots import robot_comparison_tables, robot_speed_table, robots_table
+from readme_robots import robot_comparison_tables, robot_learned_table, robot_speed_table, robots_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
@@ -129,6 +129,8 @@ def measure() -> None:
     for name in COMPARED_ROBOTS:
         result = RESULTS / f"robot_comparison_{name}.json"
         _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
+    learned = sorted(BENCHMARKS.glob("learned/ppo-ur5-*"))
+    _python(BENCHMARKS / "robot_learned.py", "ur5", *learned, "--json", RESULTS / "robot_learned_ur5.json")
     _python(BENCHMARKS / "robot_speed.py", "--json", RESULTS / "robot_speed.json")
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
@@ -212,6 +214,7 @@ def sections() -> dict[str, str]:
         "own-arms": tuned_arms_table(stored["own_arms"]),
         "robots": robots_table(),
         "robot-speed": robot_speed_table(_stored("robot_speed")),
+        "robot-learned": robot_learned_table(_stored("robot_learned_ur5")),
         "robot-comparison": robot_comparison_tables(
             [_stored(name) for name in map("robot_comparison_{}".format, COMPARED_ROBOTS) if _is_stored(name)]
         ),
