@@ -128,6 +128,34 @@ MUTATIONS = (
         "test_enclosures.py", "tip",
     ),
     Mutation(
+        "nonlinearity of the predicted links", "predictor.py", "return np.asarray((fixed + mass @ claimed) * ROUND_UP)",
+        "return 0.0 * fixed", "test_observer_law.py", "near",
+    ),
+    Mutation(
+        "predicted friction of any sign", "predictor.py", "return _Kick(free, way, *gains, dt * strong * ROUND_UP,",
+        "return _Kick(free, way, *gains, 0.0,", "test_observer_law.py", "kick",
+    ),
+    Mutation(
+        "predicted friction that may stick", "predictor.py", "            rest = part * ROUND_UP\n",
+        "            rest = 0.0\n", "test_observer_law.py", "kick",
+    ),
+    Mutation(
+        "predicted friction that slips", "predictor.py", "rest = 0.5 * (high - low) * dt / inertia * vm_r * ROUND_UP +",
+        "rest = 0.0 +", "test_observer_law.py", "kick",
+    ),
+    Mutation(
+        "way of a predicted motor that stops", "predictor.py",
+        "np.array([0.5 * t, 0.25 * t * t, 0.0]), 0.0, rest * ROUND_UP)",
+        "np.array([0.5 * t, 0.25 * t * t, 0.0]), 0.0, 0.0)", "test_observer_law.py", "kick",
+    ),
+    Mutation(
+        "gains of the observer between angles", "observer_law.py", "    return middle, rows, rest\n",
+        "    return middle, rows, 0.0 * rest\n", "test_observer_law.py", "near",
+    ),
+    Mutation(
+        "floats of the predictor", "predictor.py", "ROUNDED = 2.0**-46", "ROUNDED = 0.0", "test_observer_law.py", "point",
+    ),
+    Mutation(
         "merging of columns", "zonotope.py", "    return Q * sizes,", "    return 0.9 * Q * sizes,",
         "test_enclosures.py", "merged",
     ),
