@@ -153,7 +153,8 @@ MUTATIONS = (
         "    return middle, rows, 0.0 * rest\n", "test_observer_law.py", "near",
     ),
     Mutation(
-        "floats of the predictor", "predictor.py", "ROUNDED = 2.0**-46", "ROUNDED = 0.0", "test_observer_law.py", "point",
+        "floats of the predictor", "predictor.py", "ROUNDED = 2.0**-46", "ROUNDED = 0.0", "test_observer_law.py",
+        "point",
     ),
     Mutation(
         "merging of columns", "zonotope.py", "    return Q * sizes,", "    return 0.9 * Q * sizes,",
