@@ -136,8 +136,8 @@ MUTATIONS = (
         "return _Kick(free, way, *gains, 0.0,", "test_observer_law.py", "kick",
     ),
     Mutation(
-        "predicted friction that may stick", "predictor.py", "            rest = part * ROUND_UP\n",
-        "            rest = 0.0\n", "test_observer_law.py", "kick",
+        "predicted friction that may stick", "predictor.py", "part = 0.5 * v_r + 0.5 * dt * alpha_r",
+        "part = 0.0 * v_r + 0.0 * dt * alpha_r", "test_observer_law.py", "kick",
     ),
     Mutation(
         "predicted friction that slips", "predictor.py", "rest = 0.5 * (high - low) * dt / inertia * vm_r * ROUND_UP +",
@@ -155,6 +155,23 @@ MUTATIONS = (
     Mutation(
         "floats of the predictor", "predictor.py", "ROUNDED = 2.0**-46", "ROUNDED = 0.0", "test_observer_law.py",
         "point",
+    ),
+    Mutation(
+        "curvature of the network", "network_law.py", "rest += self._network.rounding(", "rest = self._network.rounding(",
+        "test_network_law.py", "near",
+    ),
+    Mutation(
+        "floats of the network", "network_law.py", "return np.asarray(1.01 * error)", "return 0.0 * error",
+        "test_network_law.py", "point",
+    ),
+    Mutation(
+        "curvature of the law below a network", "network_law.py",
+        "middle, gain, rest = smooth_part(value, tube.slopes, spread)",
+        "middle, gain, rest = smooth_part(value, tube.slopes, 0.0 * spread)", "test_network_law.py", "near",
+    ),
+    Mutation(
+        "a network that is clipped", "network_law.py", "between(max(low, -most), min(high, most)), between(0.0, 1.0)",
+        "between(max(low, -most), min(high, most)), arb(1)", "test_network_law.py",
     ),
     Mutation(
         "merging of columns", "zonotope.py", "    return Q * sizes,", "    return 0.9 * Q * sizes,",

@@ -59,7 +59,7 @@ def test_at_a_point_it_is_the_policy(policy, k):
     assert allowed.max() < 1e-8
 
 
-@pytest.mark.parametrize(("k", "size"), [(6, 0.2), (6, 0.005), (7, 1.0)])
+@pytest.mark.parametrize(("k", "size"), [(6, 1e-2), (6, 1e-4), (7, 1.0)])
 def test_every_answer_near_the_point_is_held_and_what_is_not_linear_is_needed(policy, k, size):
     """At an even sample the network acts, at an odd one its action is held."""
     law, where, rng = NetworkLaw(policy, REFERENCES), remembered(policy), np.random.default_rng(k)
@@ -80,8 +80,8 @@ def test_every_answer_near_the_point_is_held_and_what_is_not_linear_is_needed(po
         exact = np.concatenate([torque, state[where]])
         worst = np.maximum(worst, np.abs(exact - found.middle - given @ g) / np.maximum(rest, 1e-18))
     assert (worst <= 1.0).all()
-    assert k == 7 or worst[:2].max() > 1e-3 * size
-    assert (rest[:2] < 10.0 * size * np.abs(given[:2]).sum(axis=1)).all()
+    assert k == 7 or worst[:2].max() > 0.01
+    assert (rest[:2] < 100.0 * size * np.abs(given[:2]).sum(axis=1)).all()
 
 
 def test_derivatives_of_a_network_hold_every_secant_also_where_it_is_clipped():
