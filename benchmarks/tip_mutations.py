@@ -157,7 +157,7 @@ MUTATIONS = (
         "point",
     ),
     Mutation(
-        "curvature of the network", "network_law.py", "rest += self._network.rounding(", "rest = self._network.rounding(",
+        "curvature of the network", "network_law.py", "rest += self._network", "rest = self._network",
         "test_network_law.py", "near",
     ),
     Mutation(

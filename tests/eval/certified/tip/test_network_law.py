@@ -78,9 +78,9 @@ def test_every_answer_near_the_point_is_held_and_what_is_not_linear_is_needed(po
         state[where] = other[4:]
         torque, state = policy.predict(np.concatenate([other[:4], REFERENCES[k]]), state)
         exact = np.concatenate([torque, state[where]])
-        worst = np.maximum(worst, np.abs(exact - found.middle - given @ g) / np.maximum(rest, 1e-18))
+        worst = np.maximum(worst, np.abs(exact - found.middle - given @ g) / np.maximum(rest, 1e-14))
     assert (worst <= 1.0).all()
-    assert k == 7 or worst[:2].max() > 0.01
+    assert k == 7 or worst[:2].max() > 1e-5
     assert (rest[:2] < 100.0 * size * np.abs(given[:2]).sum(axis=1)).all()
 
 
