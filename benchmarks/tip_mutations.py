@@ -154,7 +154,7 @@ MUTATIONS = (
     ),
     Mutation(
         "floats of the predictor", "predictor.py", "ROUNDED = 2.0**-46", "ROUNDED = 0.0", "test_observer_law.py",
-        "point",
+        "integrator",
     ),
     Mutation(
         "curvature of the network", "network_law.py", "rest += self._network", "rest = self._network",

@@ -10,7 +10,7 @@ backwards; those of a clip that the box meets are all of [0, 1].
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,8 +76,8 @@ class BallNetwork:
         for number, (weight, bias) in enumerate(self._layers):
             before = (weight * arb_mat([[h] for h in hidden]) + bias).entries()
             if number < len(self._layers) - 1:
-                hidden = [x.tanh() for x in before]
-                rates.append([1 - h * h for h in hidden])
+                hidden = [_between_ends(arb.tanh, x) for x in before]
+                rates.append([_falling(lambda h: 1 - h * h, h) for h in hidden])
             else:
                 ends = [_clipped(x, 1.0) for x in before]
                 hidden = [value for value, _ in ends]
@@ -246,9 +246,23 @@ def _evaluated(features: list[_Feature], forms: Forms, spread: np.ndarray) -> li
             found.append((arb(f.constant) / f.scale, arb(0)))
             continue
         x = (f.constant + f.sign * (numbers[f.index] + ball(0.0, float(spread[f.index])))) / f.scale
-        rate = arb(f.sign) / f.scale
-        found.append((x.asinh(), rate / (1 + x * x).sqrt()) if f.bent else (x, rate))
+        value, rate = (_between_ends(arb.asinh, x), _falling(_asinh_rate, x)) if f.bent else (x, arb(1))
+        found.append((value, rate * (arb(f.sign) / f.scale)))
     return found
+
+
+def _asinh_rate(x: arb) -> arb:
+    return 1 / (1 + x * x).sqrt()
+
+
+def _between_ends(function: Callable[[arb], arb], x: arb) -> arb:
+    """Return what a function that rises takes on a ball."""
+    return function(x.lower()).union(function(x.upper()))
+
+
+def _falling(function: Callable[[arb], arb], x: arb) -> arb:
+    """Return what an even function that falls with |x| takes on a ball."""
+    return function(x.abs_lower()).union(function(x.abs_upper()))
 
 
 def _clipped(x: arb, most: float) -> tuple[arb, arb]:

@@ -8,11 +8,14 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.friction import stick_slip, stribeck_magnitude
+from fuzzyarm.envs.physics.integrator import loaded_step
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.enclosures import BITS
+from fuzzyarm.eval.certified.tip.forms import Forms
 from fuzzyarm.eval.certified.tip.observer_law import ObserverLaw, _interpolated
 from fuzzyarm.eval.certified.tip.plant_set import SETS
 from fuzzyarm.eval.certified.tip.predictor import Predictor
@@ -68,6 +71,20 @@ def test_at_a_point_it_is_the_policy(policy, law, k):
     missed, allowed = np.abs(found.middle - answers(policy, k, point)), np.abs(found.columns).sum(axis=1) + found.box
     assert (missed <= allowed).all()
     assert (allowed[:2] < 1e-8).all() and (allowed[2:6] < 1e-11).all() and (allowed[6:] < 1e-9).all()
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-4, 0.3])
+def test_the_predicted_steps_are_those_of_the_integrator_but_for_rounding(speed):
+    """Five sub-steps of `loaded_step` in floats, at rest, nearly at rest and slipping."""
+    numbers = np.array([0.7, 0.8, 0.699, 0.797, speed, -speed, speed, 0.0, 2.0, -1.0, 70.0, 30.0])
+    forms = Forms(numbers, Zonotope(12, 0))
+    Predictor(ARM, 2e-4, 5).advance(forms)
+    state = State(*(PerJoint(*pair) for pair in numbers[:8].reshape(4, 2)))
+    for _ in range(5):
+        state = loaded_step(state, PerJoint(70.0, 30.0), PerJoint(2.0, -1.0), ARM, 2e-4)
+    missed = np.abs(np.concatenate([np.ravel(pair) for pair in state]) - forms.middle[:8])
+    assert (missed <= forms.largest()[:8] - np.abs(forms.middle[:8]) + 1e-300).all()
+    assert missed.max() > 0.0 and (forms.box[:8] < 1e-10).all()
 
 
 @pytest.mark.parametrize(("k", "size"), [(300, 1.0), (300, 0.05), (12, 0.3), (12, 3.0), (0, 0.1)])

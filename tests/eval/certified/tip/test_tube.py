@@ -227,7 +227,7 @@ def test_the_command(tmp_path, capsys):
 
 
 def test_no_bound_is_exit_code_1(tmp_path, capsys):
-    assert main(["prove", "--policy", "elastic-observer"]) == 1
+    assert main(["prove", "--policy", "adaptive-observer"]) == 1
     assert "no bound for" in one_line_error(capsys)
     wide = tmp_path / "wide.toml"
     wide.write_text("stiffness = [0.5, 1.5]\n")
