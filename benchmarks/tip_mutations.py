@@ -162,7 +162,7 @@ MUTATIONS = (
     ),
     Mutation(
         "floats of the network", "network_law.py", "return np.asarray(1.01 * error)", "return 0.0 * error",
-        "test_network_law.py", "point",
+        "test_network_law.py", "floats",
     ),
     Mutation(
         "curvature of the law below a network", "network_law.py",

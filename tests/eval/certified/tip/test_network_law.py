@@ -106,6 +106,17 @@ def test_derivatives_of_a_network_hold_every_secant_also_where_it_is_clipped():
             assert secant.overlaps(arb(there[0, i] - here[0, i], 1e-12))
 
 
+def test_the_floats_of_a_network_err_within_their_allowance(policy):
+    network, rng = policy.bundle.network, np.random.default_rng(1)
+    features = network.mean + network.std * rng.normal(size=(20, len(network.mean)))
+    action, balls = np.empty((20, 2)), BallNetwork(network)
+    network.act(features, action)
+    for row, floats in zip(features, action, strict=True):
+        exact, allowed = balls.output([arb(x) for x in row.tolist()])[0], balls.rounding(np.abs(row))
+        missed = [float((e - x).abs_upper()) for e, x in zip(exact, floats.tolist(), strict=True)]
+        assert (np.array(missed) <= allowed).all() and allowed.max() < 1e-6
+
+
 def test_a_clip_is_the_number_the_limit_or_both():
     assert [float(x.mid()) for x in _clipped(arb(0.5, 0.1), 1.0)] == [0.5, 1.0]
     assert [float(x.mid()) for x in _clipped(arb(-3.0, 0.1), 1.0)] == [-1.0, 0.0]
