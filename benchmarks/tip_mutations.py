@@ -81,9 +81,8 @@ MUTATIONS = (
     ),
     Mutation("sinc near zero", "laws.py", "size**3 / 30.0 * 1.001", "0.0", "test_ball_laws.py"),
     Mutation(
-        "curvature of the law", "tube.py",
-        "for x, g, r in zip(row, gains, spread.tolist(), strict=True))",
-        "for x, g, r in zip(row[:0], gains[:0], spread.tolist()[:0], strict=True))", "test_tube.py", "sample",
+        "curvature of the law", "response.py", "rest[i] += radius_of(slope, gain[i, j]) * spread[j]", "rest[i] += 0.0",
+        "test_tube.py", "sample",
     ),
     Mutation(
         "force of any course", "tube.py", "(1.0, 0.0), [plants.force_course] * 2", "(1.0, 0.0), [0.0] * 2",
@@ -94,8 +93,8 @@ MUTATIONS = (
         "courses = [0.0 * signal_size(part)", "test_tube.py", "force",
     ),
     Mutation(
-        "errors of the encoders", "tube.py", "errors = np.repeat(noise, JOINTS)",
-        "errors = 0.0 * np.repeat(noise, JOINTS)", "test_tube.py", "encoders",
+        "errors of the encoders", "tube.py", "errors = np.repeat(problem.plants.noise, JOINTS)",
+        "errors = 0.0 * np.repeat(problem.plants.noise, JOINTS)", "test_tube.py", "encoders",
     ),
     Mutation(
         "uncertain constants along the centre", "period.py",
@@ -151,10 +150,6 @@ MUTATIONS = (
     Mutation(
         "gains of the observer between angles", "observer_law.py", "    return middle, rows, rest\n",
         "    return middle, rows, 0.0 * rest\n", "test_observer_law.py", "near",
-    ),
-    Mutation(
-        "floats of the predictor", "predictor.py", "ROUNDED = 2.0**-46", "ROUNDED = 0.0", "test_observer_law.py",
-        "integrator",
     ),
     Mutation(
         "curvature of the network", "network_law.py", "rest += self._network", "rest = self._network",
