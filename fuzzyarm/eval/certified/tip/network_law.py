@@ -45,9 +45,9 @@ class _Memory(NamedTuple):
 
 
 class _Feature(NamedTuple):
-    """f = g((constant + sign x)/scale), x the number of an index; g: asinh if `bent`, else the identity."""
+    """f = g((constant + sign x)/scale), x the number of that place; g: asinh if `bent`, else the identity."""
 
-    index: int | None
+    number: int | None
     sign: float
     constant: float
     scale: float
@@ -140,8 +140,8 @@ class NetworkLaw:
         by_number = [[arb(0)] * n for _ in range(JOINTS)]
         for row, total in zip(slopes.tolist(), by_number, strict=True):
             for feature, slope, (_, rate) in zip(features, row, box, strict=True):
-                if feature.index is not None:
-                    total[feature.index] += slope * rate
+                if feature.number is not None:
+                    total[feature.number] += slope * rate
         middle, gain, rest = smooth_part(value, by_number, spread)
         rest += self._network.rounding(np.array([largest(x) for x, _ in box]))
         share = self._action.smoothing
@@ -242,10 +242,10 @@ def _evaluated(features: list[_Feature], forms: Forms, spread: np.ndarray) -> li
     """Return each feature and its derivative by its number, for all numbers within `spread`."""
     numbers, found = forms.balls(), []
     for f in features:
-        if f.index is None:
+        if f.number is None:
             found.append((arb(f.constant) / f.scale, arb(0)))
             continue
-        x = (f.constant + f.sign * (numbers[f.index] + ball(0.0, float(spread[f.index])))) / f.scale
+        x = (f.constant + f.sign * (numbers[f.number] + ball(0.0, float(spread[f.number])))) / f.scale
         value, rate = (_between_ends(arb.asinh, x), _falling(_asinh_rate, x)) if f.bent else (x, arb(1))
         found.append((value, rate * (arb(f.sign) / f.scale)))
     return found
