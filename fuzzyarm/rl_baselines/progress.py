@@ -36,23 +36,20 @@ def train_with_progress(
             stable-baselines3 is not installed.
         OSError: the folder cannot be written.
     """
+    show = _Display()
     try:
-        return _train(config, folder, total, algorithm)
+        from fuzzyarm.rl_baselines.training import CHECKPOINT, Training, tensorboard_installed
+
+        if config is not None and (folder / CHECKPOINT).exists():
+            raise ValueError(f"{folder} holds a training already; go on with --resume, or choose another folder")
+        with console.status("compiling and loading"):
+            training = (
+                Training.resume(folder, show, total, algorithm) if config is None else Training(config, folder, show)
+            )
     except ModuleNotFoundError as error:
         raise ValueError(
             f'{error.name} is not installed; to train, run in the repository: pip install -c constraints.txt -e ".[rl]"'
         ) from None
-
-
-def _train(config: TrainingConfig | None, folder: Path, total: int | None, algorithm: str | None) -> PolicyBundle:
-    """Do what `train_with_progress` does, if all libraries are installed."""
-    from fuzzyarm.rl_baselines.training import CHECKPOINT, Training, tensorboard_installed
-
-    if config is not None and (folder / CHECKPOINT).exists():
-        raise ValueError(f"{folder} holds a training already; go on with --resume, or choose another folder")
-    show = _Display()
-    with console.status("compiling and loading"):
-        training = Training.resume(folder, show, total, algorithm) if config is None else Training(config, folder, show)
     threads = training.config.threads
     title = f"training, {threads} {'thread' if threads == 1 else 'threads'}"
     with console.progress(title, training.config.total_timesteps) as advance:
