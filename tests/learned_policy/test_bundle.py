@@ -1,7 +1,7 @@
 """A bundle is read back as it was written, or refused in one line."""
 
-import hashlib
 import dataclasses
+import hashlib
 import json
 import os
 import subprocess

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.dataset.config import CONDITIONS, Condition
 from fuzzyarm.eval.episodes.loop import episodes
@@ -81,7 +82,7 @@ def mean_return(policy: Predictor, condition: Condition, count: int, seed: int) 
 def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise: float) -> Iterator[Episode]:
     """Yield an episode of each lane of a batch."""
     envs = FuzzyArmVectorEnv(lanes, **CONDITIONS[condition], threads=1)
-    limit, generator = envs.single_action_space.high, np.random.default_rng([seed, lanes])
+    limit, generator = np.array(ArmParameters().torque_limit), np.random.default_rng([seed, lanes])
     intended, actions = list[np.ndarray](), list[np.ndarray]()
 
     def actuate(torque: np.ndarray) -> np.ndarray:
@@ -103,5 +104,5 @@ def _batch(policy: Predictor, condition: Condition, lanes: int, seed: int, noise
     rows = [np.stack(part, axis=1) for part in (actions, intended, rewards, errors)]
     seen = np.stack(observations, axis=1)
     for lane, length in enumerate(steps.tolist()):
-        parts = [row[lane, :length] for row in rows]
-        yield Episode(seed + lane, seen[lane, : length + 1], *parts, completed=bool(completed[lane]))
+        done, wanted, earned, error = (row[lane, :length] for row in rows)
+        yield Episode(seed + lane, seen[lane, : length + 1], done, wanted, earned, error, bool(completed[lane]))

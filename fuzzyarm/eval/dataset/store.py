@@ -15,7 +15,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fuzzyarm.common.checks import shown
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, VERSION, DatasetConfig
 from fuzzyarm.eval.dataset.recording import Episode, RandomTorques, mean_return, record
 from fuzzyarm.eval.provenance import current_provenance
@@ -166,9 +169,7 @@ def _buffer(number: int, episode: Episode) -> Any:
 
 
 def _provenance(config: DatasetConfig) -> dict[str, Any]:
-    from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-
-    limit = FuzzyArmEnv().action_space.high
+    limit = np.array(ArmParameters().torque_limit)
     random = mean_return(RandomTorques(limit, _SCORED_SEED), config.condition, _SCORED, _SCORED_SEED)
     expert = mean_return(load_policy(EXPERT), config.condition, _SCORED, _SCORED_SEED)
     return {
