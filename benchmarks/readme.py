@@ -38,6 +38,7 @@ from readme_design import (
 )
 from readme_estimate import estimate_tables
 from readme_identification import identification_table
+from readme_learning import dataset_table, gradients_table
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
@@ -177,6 +178,8 @@ def sections() -> dict[str, str]:
             "mujoco_arm",
             "abuse",
             "learned_observer",
+            "plant_gradients",
+            "dataset_scores",
             *SCRIPTS,
         )
     }
@@ -192,6 +195,8 @@ def sections() -> dict[str, str]:
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
+        "plant-gradients": gradients_table(stored["plant_gradients"]),
+        "dataset-scores": dataset_table(stored["dataset_scores"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
         "accuracy": accuracy_table(stored["accuracy"]),
         "margins": margins_table(stored["margins"], stored["computed_torque_tuning"]),

@@ -45,6 +45,7 @@ GROUPS = {
     },
     "Learn policies": {
         "train": "Train a policy by reinforcement learning.",
+        "dataset": "Write episodes of policies as a data set for learners.",
     },
     "Study": {
         "sweep": "Run policies on thousands of different plants.",
