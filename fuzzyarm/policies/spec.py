@@ -93,8 +93,8 @@ class PolicySpec:
         Args:
             control_period: time between two calls of `predict` [s].
             robot: the arm the policy is for, default Table 1: parameters of the two-joint arm, a `Robot`, the name of a
-                shipped one, or a TOML file. A controller file must have been designed for it, and learned policies know
-                none but Table 1.
+                shipped one, or a TOML file. A controller file must have been designed for it, and a learned policy
+                trained for it.
             allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
 
         Raises:
@@ -201,7 +201,7 @@ def load_policy(
             A controller is proven again, as its file would be.
         control_period: time between two calls of `predict` [s].
         robot: the arm the policy is for, default Table 1, or what a controller was designed for. A controller file must
-            have been designed for it, and learned policies know none but Table 1.
+            have been designed for it, and a learned policy trained for it.
         allow_unproven: take a controller whose inequalities are not all proven, for experiments.
 
     Raises:
