@@ -75,7 +75,7 @@ def run(options: Options) -> int:
     # A folder that is missing is not made for a run to resume: that there is no checkpoint is the better message.
     missing = options.resume and not options.out.is_dir()
     with contextlib.nullcontext() if missing else claimed_folder(options.out):
-        train_with_progress(config, options.out, total)
+        train_with_progress(config, options.out, total, options.algorithm)
     say(f"written to {options.out / 'policy'}")
     return 0
 
