@@ -3,9 +3,9 @@
 fuzzyarm dataset --out sets --level mixed && python examples/offline_td3_bc.py sets/fuzzyarm/mixed-nominal-v0
 
 Fujimoto and Gu, A Minimalist Approach to Offline Reinforcement Learning (2021): TD3 on a fixed data set, whose actor
-maximises Q / mean |Q| with a weight, less the squared distance from the data's actions. Here that distance, and the noise
-of the target's action, count in units of the noise in the data: a hundredth of the largest torque matters to this arm.
-Features, test and score are those of clone_policy.py; docs/tutorials/datasets.md has the scores.
+maximises Q / mean |Q| with a weight, less the squared distance from the data's actions. Here that distance, and the
+noise of the target's action, count in units of the noise in the data: a hundredth of the largest torque matters to
+this arm. Features, test and score are those of clone_policy.py; docs/tutorials/datasets.md has the scores.
 """
 
 import copy
