@@ -208,7 +208,7 @@ class Training:
 
         evaluated = due(config.evaluation_interval)
         if evaluated:
-            row |= evaluate_cases(self._shipped_policy())
+            row |= evaluate_cases(self._shipped_policy(), self.arm)
         self.rows.append(row)
         with open(self.folder / _CURVE, "a", encoding="utf-8", newline="") as file:
             file.write(self._csv([row]))
