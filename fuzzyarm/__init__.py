@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.proof.certificate import certify
     from fuzzyarm.fuzzy_policy.ts_model import TSModel
+    from fuzzyarm.identification.log import read_log
+    from fuzzyarm.identification.result import identify
     from fuzzyarm.policies import add_policy
     from fuzzyarm.synthesis import (
         Design,
@@ -76,10 +78,12 @@ __all__ = [
     "evaluate",
     "export_c",
     "find_bound",
+    "identify",
     "load_policy",
     "measure_margins",
     "metrics_of",
     "rank_policies",
+    "read_log",
     "robot_named",
     "run_bench",
     "run_episode",
@@ -119,9 +123,11 @@ _HOMES = {
     "evaluate": "eval.evaluation.run",
     "export_c": "export.c_files",
     "find_bound": "eval.certified.tip.bound",
+    "identify": "identification.result",
     "measure_margins": "eval.stability.margins",
     "metrics_of": "eval.episodes.metrics",
     "rank_policies": "eval.evaluation.ranking",
+    "read_log": "identification.log",
     "robot_named": "envs.physics.robot",
     "run_bench": "eval.bench.run",
     "run_episode": "eval.episodes.rollout",

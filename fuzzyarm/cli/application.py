@@ -31,6 +31,9 @@ GROUPS = {
         "report": "Make one HTML page of an evaluation, with a replay.",
         "leaderboard": "Rank the policies of several evaluations.",
     },
+    "Know the arm": {
+        "identify": "Find the parameters of an arm in a log of its motors.",
+    },
     "Design controllers": {
         "tune": "Find the numbers of all model-based policies for an arm.",
         "design": "Design a fuzzy controller by linear matrix inequalities.",
@@ -42,6 +45,7 @@ GROUPS = {
     },
     "Learn policies": {
         "train": "Train a policy by reinforcement learning.",
+        "dataset": "Write episodes of policies as a data set for learners.",
     },
     "Study": {
         "sweep": "Run policies on thousands of different plants.",

@@ -33,8 +33,8 @@ class Options:
     encoder_noise: Annotated[tuple[float, float] | None, Parameter(metavar="RAD RAD_PER_S")] = None
     """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Another robot: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm (default: the paper's
-    arm). Its path and its loads are scaled, see the documentation"""
+    """Another robot: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
+    (default: the paper's arm). Its path and its loads are scaled, see the documentation"""
     path: Annotated[str, Parameter(metavar="NAME|FILE")] = "circle"
     """Path of the tip: circle, lemniscate, line or square, placed and sized for the arm, or a file of points in metres
     (.csv, .toml)"""
@@ -91,8 +91,7 @@ def run(options: Options) -> int:
         if options.declared:
             print_declared(config.policies, evaluation.certificates, console)
         print_paragraphs(console, _certificates(evaluation))
-        report = config.robot is None
-        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles, report=report)
+        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
     for rollout in evaluation.rollouts:
         if not rollout.completed:

@@ -35,9 +35,9 @@ class Options:
     """
 
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Robot that plants are drawn around and policies are loaded for: planar-3r, ur5, panda, or the TOML file of a
-    robot or of a two-joint arm (default: Table 1 of the paper). By default it has the policies computed-torque, with
-    and without -tip, and elastic-observer; loads are scaled to it"""
+    """Robot that plants are drawn around and policies are loaded for: cicese, manutec-r3, planar-3r, ur5, panda, or the
+    TOML file of a robot or of a two-joint arm (default: Table 1 of the paper). By default it has the policies
+    computed-torque, with and without -tip, and elastic-observer; loads are scaled to it"""
     out: Annotated[Path, Parameter(metavar="DIR")] = Path("fuzzyarm-sweep")
     """Folder of the sweep"""
     resume: bool = False

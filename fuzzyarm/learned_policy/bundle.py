@@ -13,7 +13,7 @@ import numpy as np
 
 from fuzzyarm.common.checks import listed, whole
 from fuzzyarm.common.documents import record
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.definition import ActionDefinition, ArmDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.folder import DESCRIPTION, WEIGHTS, BundleError, read_folder, tensors_in, write_folder
 from fuzzyarm.learned_policy.network import Network
 
@@ -22,7 +22,8 @@ __all__ = ["DESCRIPTION", "WEIGHTS", "BundleError", "PolicyBundle"]
 _Part = TypeVar("_Part")
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
-_ACTIVATION = "tanh"
+_OUTPUT = "clip"  # which a description need not name
+_PAPERS_JOINTS = 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,9 +38,11 @@ class PolicyBundle:
         seed: of that training.
         curve: the evaluations during the training, one mapping each.
         versions: of the libraries it was trained with.
+        arm: that it was trained for; None: the arm of Table 1.
 
     Raises:
-        ValueError: the network has not one input per feature, or not one output per joint.
+        ValueError: the network has not one input per feature, or not one output per joint; or features and action are
+            for different numbers of joints.
     """
 
     features: FeatureDefinition
@@ -49,9 +52,15 @@ class PolicyBundle:
     seed: int = 0
     curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     versions: dict[str, Any] = dataclasses.field(default_factory=dict)
+    arm: ArmDefinition | None = None
 
     def __post_init__(self) -> None:
         """Check that the parts fit together."""
+        joints = len(self.action.scale)
+        if self.features.joints != joints:
+            raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
+        if self.arm is None and joints != _PAPERS_JOINTS:
+            raise ValueError(f"it is for {joints} joints and does not say of which arm")
         found = self.network.sizes[0], self.network.sizes[-1]
         needed = self.features.size, len(self.action.scale)
         if found != needed:
@@ -90,6 +99,7 @@ class PolicyBundle:
                 seed=whole("seed", description.seed),
                 curve=description.curve,
                 versions=description.versions,
+                arm=None if description.arm is None else _part("arm", description.arm, ArmDefinition),
             )
         except (TypeError, ValueError, OverflowError) as error:
             raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
@@ -98,14 +108,18 @@ class PolicyBundle:
         """Return the content of ``policy.json`` but the digest of the weights."""
         network = _NetworkDescription(
             sizes=list(self.network.sizes),
-            activation=_ACTIVATION,
+            activation=self.network.activation,
             mean=self.network.mean.tolist(),
             std=self.network.std.tolist(),
             clip=self.network.clip,
+            output=self.network.output,
         )
+        parts = dataclasses.asdict(network)
+        if network.output == _OUTPUT:
+            del parts["output"]
         description = _Description(
             schema=_SCHEMA,
-            network=dataclasses.asdict(network),
+            network=parts,
             features=dataclasses.asdict(self.features),
             action=dataclasses.asdict(self.action),
             training=self.training,
@@ -113,8 +127,12 @@ class PolicyBundle:
             versions=self.versions,
             weights_sha256="",
             curve=self.curve,
+            arm=None if self.arm is None else dataclasses.asdict(self.arm),
         )
-        return {field.name: getattr(description, field.name) for field in dataclasses.fields(description)}
+        content = {field.name: getattr(description, field.name) for field in dataclasses.fields(description)}
+        if self.arm is None:
+            del content["arm"]
+        return content
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,6 +144,7 @@ class _NetworkDescription:
     mean: list[float]
     std: list[float]
     clip: float
+    output: str = _OUTPUT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,6 +160,7 @@ class _Description:
     versions: dict[str, Any]
     weights_sha256: str
     curve: list[dict[str, Any]]
+    arm: dict[str, Any] | None = None
 
 
 def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:
@@ -153,8 +173,6 @@ def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:
 
 def _network(description: _NetworkDescription, content: bytes) -> Network:
     """Return the network of a description with the tensors of a safetensors file."""
-    if description.activation != _ACTIVATION:
-        raise ValueError(f"activation {description.activation!r} is unknown; this version has {_ACTIVATION!r}")
     tensors = tensors_in(content)
     layers = range(len(tensors) // 2)
     names = {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")}
@@ -171,6 +189,8 @@ def _network(description: _NetworkDescription, content: bytes) -> Network:
         clip=description.clip,
         weights=tuple(tensors[f"layer{number}.weight"] for number in layers),
         biases=tuple(tensors[f"layer{number}.bias"] for number in layers),
+        activation=description.activation,
+        output=description.output,
     )
     if list(network.sizes) != description.sizes:
         raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")

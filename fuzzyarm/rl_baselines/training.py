@@ -19,26 +19,24 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.common.checks import instance, is_real, reals, shown
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.policy import LearnedPolicy
-from fuzzyarm.policies import load_policy
 from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (
     CheckpointError,
     as_array,
     check_like,
+    progress_in,
     random_state,
     read_checkpoint,
     set_random_state,
     write_checkpoint,
 )
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.learning_env import learning_envs
+from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, learning_envs
 
 __all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
 
@@ -61,6 +59,7 @@ class Training:
     Attributes:
         config: the settings.
         folder: of the training.
+        arm: that it learns to move.
         algorithm: what learns.
         envs: the arms it learns on.
         rows: the curve so far, one mapping per update.
@@ -79,16 +78,20 @@ class Training:
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
         self._earlier, self._begun = (0.0, 0.0), _clocks()  # times of the runs before this one, up to their checkpoint
-        self._spec = algorithm_of(config)
-        self.envs = learning_envs(config, _base(config, config.action_period))
-        self._evaluation_base = _base(config, _EVALUATION_PERIOD)
+        self._spec, self.arm = algorithm_of(config), arm_of(config)
+        self.envs = learning_envs(config, base_of(config, self.arm, config.action_period))
+        self._evaluation_base = base_of(config, self.arm, _EVALUATION_PERIOD)
         self.algorithm = self._spec.create(config, self.envs)
         self._writer: Any = None
         self._shipped_policy()  # refuses before the training what could not be shipped after it
 
     @classmethod
     def resume(
-        cls, folder: Path, report: Callable[[dict[str, Any]], None] | None = None, total_timesteps: int | None = None
+        cls,
+        folder: Path,
+        report: Callable[[dict[str, Any]], None] | None = None,
+        total_timesteps: int | None = None,
+        algorithm: str | None = None,
     ) -> Training:
         """Return the training of a folder as it was at its last checkpoint.
 
@@ -98,9 +101,10 @@ class Training:
             total_timesteps: environment steps to go on to, also of a training that has reached its end; None: as many
                 as it was configured for. What is done keeps its bits. A schedule over the training, such as the
                 learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
+            algorithm: name of the algorithm that it must be of; None: any.
 
         Raises:
-            CheckpointError: there is no checkpoint, it is damaged, or it does not fit.
+            CheckpointError: there is no checkpoint, it is damaged, of another algorithm, or it does not fit.
             ValueError: more steps than `total_timesteps` are done already.
         """
         found = read_checkpoint(folder / CHECKPOINT)
@@ -108,6 +112,10 @@ class Training:
             config, done = find_algorithm(found["algorithm"]).config.from_dict(found["config"]), found["steps"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
+        if algorithm not in (None, name := found["algorithm"]):
+            raise CheckpointError(
+                f"{folder} holds a training with {name}, not {algorithm}: fuzzyarm train {name} --resume"
+            )
         if total_timesteps is not None:
             config = dataclasses.replace(config, total_timesteps=total_timesteps)
             if total_timesteps < done:
@@ -117,20 +125,18 @@ class Training:
                 )
         try:
             training = cls(config, folder, report)
-            training.rows, training.best, training._earlier = _progress(found)
+            training.rows, training.best, training._earlier = progress_in(found)
             learner, envs, generators = found["learner"], found["envs"], found["generators"]
         except (KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
-            reason = textwrap.shorten(str(error), width=200)
-            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {reason}; start anew") from None
+            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {_short(error)}; start anew") from None
         try:
             check_like("learner", learner, training.algorithm.state())
             training.algorithm.set_state(learner)
             training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
             set_random_state(generators)
         except (AttributeError, KeyError, OverflowError, TypeError, ValueError, RuntimeError) as error:
-            reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
-                f"the checkpoint does not fit this training ({reason}); start the training anew"
+                f"the checkpoint does not fit this training ({_short(error)}); start the training anew"
             ) from None
         return training
 
@@ -170,6 +176,7 @@ class Training:
             seed=config.seed,
             curve=[row for row in self.rows if COLUMNS[0] in row],
             versions={name: version(name) for name in ("fuzzyarm", "numpy", *spec.libraries, "gymnasium", "numba")},
+            arm=arm_definition(self.arm),
         )
 
     def _train(self) -> None:
@@ -201,7 +208,7 @@ class Training:
 
         evaluated = due(config.evaluation_interval)
         if evaluated:
-            row |= evaluate_cases(self._shipped_policy())
+            row |= evaluate_cases(self._shipped_policy(), self.arm)
         self.rows.append(row)
         with open(self.folder / _CURVE, "a", encoding="utf-8", newline="") as file:
             file.write(self._csv([row]))
@@ -215,7 +222,7 @@ class Training:
 
     def _shipped_policy(self) -> LearnedPolicy:
         """Return the policy as it is evaluated: from its bundle, at the period of the comparison."""
-        return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, base=self._evaluation_base)
+        return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, self.arm, self._evaluation_base)
 
     def _ship(self, row: dict[str, Any]) -> None:
         """Write the bundle as the last one, and as the best one if it is.
@@ -261,16 +268,8 @@ class Training:
         return csv_text(rows, columns, header=header)
 
 
-def _progress(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
-    """Return the curve, the best score and the times [s] of a checkpoint; TypeError or ValueError if they are none."""
-    rows, best = instance("rows", found["rows"], list), found["best"]
-    for row in rows:
-        if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
-            raise ValueError(f"rows holds {shown(row)}")
-    if not is_real(best) or math.isnan(best):
-        raise ValueError(f"best = {shown(best)} is no number")
-    wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
-    return rows, float(best), (wall, cpu)
+def _short(error: Exception) -> str:
+    return textwrap.shorten(str(error), width=200)
 
 
 def tensorboard_installed() -> bool:
@@ -281,10 +280,6 @@ def tensorboard_installed() -> bool:
 def _clocks() -> tuple[float, float]:
     """Return wall and processor time [s] since an arbitrary instant."""
     return time.perf_counter(), time.process_time()
-
-
-def _base(config: TrainingConfig, control_period: float) -> Policy | None:
-    return None if config.base == "none" else load_policy(config.base, control_period=control_period)
 
 
 def _remove_leftovers(folder: Path) -> None:

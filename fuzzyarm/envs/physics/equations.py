@@ -20,6 +20,7 @@ __all__ = [
     "PAPER",
     "AnyArm",
     "Bounds",
+    "argument_of",
     "bounds_of",
     "checked_parameters",
     "chosen_arm",
@@ -96,6 +97,11 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
             f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, a Robot or ArmParameters"
         )
     return _named(os.fspath(robot))
+
+
+def argument_of(arm: AnyArm) -> dict[str, Any]:
+    """Return the argument of an environment that names an arm: ``parameters`` or ``robot``."""
+    return {"parameters": arm} if isinstance(arm, ArmParameters) else {"robot": arm}
 
 
 def _named(robot: str) -> AnyArm:
