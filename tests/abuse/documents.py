@@ -30,11 +30,12 @@ from fuzzyarm.eval.sweep.identity import digest_of_identity
 from fuzzyarm.eval.sweep.run import Sweep
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
+from fuzzyarm.identification.log import Log, read_log, write_log
 from fuzzyarm.rl_baselines.training import Training
 
 from .arguments import driven
 from .damage import copied, damaged_bytes, damaged_document, to_json
-from .samples import CANARY, evaluation, sweep, training
+from .samples import CANARY, evaluation, scratch, sweep, training
 from .surface import Broken, Surface, Try
 
 __all__ = ["BUNDLES", "CONTROLLERS", "SURFACES", "no_code_ran", "prepared", "read_changed", "resumed_sweep"]
@@ -225,7 +226,28 @@ def _expected_folder() -> Path:
     return EXPECTED.parent
 
 
+@functools.cache
+def _good_log() -> bytes:
+    angle = 0.3 * np.sin(np.arange(1200)[:, np.newaxis] * [4e-3, 7e-3])
+    return write_log(Log(1e-3, angle, 40.0 * np.cos(angle), angle)).encode()
+
+
+def _log(rng: np.random.Generator) -> Try:
+    """A log of the motors: what is taken has finite numbers and evenly spaced instants."""
+    content, text = damaged_bytes(rng, _good_log()[: int(rng.choice([2000, 60_000, 10**7]))])
+
+    def run() -> None:
+        path = scratch() / "log.csv"
+        path.write_bytes(content)
+        log = read_log(path)
+        if not all(np.isfinite(part).all() for part in (log.angle, log.torque, [log.period])):
+            raise Broken("a log with numbers that are not finite was taken")
+
+    return Try(f"log.csv: {text}", run)
+
+
 SURFACES = (
+    Surface("log.csv", "files", 400, _log),
     *(
         file_of(
             f"controller {name}",
