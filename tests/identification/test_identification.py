@@ -244,7 +244,9 @@ def test_torques_of_the_wrong_sign_are_not_believed(log):
 def test_what_noise_hides_is_named_and_kept():
     truth = dataclasses.replace(TRUTH, damping=(1.0, 0.2))
     start = dataclasses.replace(wrong(), damping=(1.5, 0.3))
-    loud = rehearsed(motion_of(4.0), truth, start, seed=2, noise=EncoderNoise(1e-3, 1e-2))
+    log, rng = rehearsed(motion_of(4.0), truth, start, seed=2, noise=NOISE), np.random.default_rng(0)
+    angle, velocity = log.angle + 1e-3 * rng.normal(size=log.angle.shape), log.velocity
+    loud = dataclasses.replace(log, angle=angle, velocity=velocity + 1e-2 * rng.normal(size=angle.shape))
     found = identify(loud, start)
     hidden = ~found.fit.told
     assert {name for name, untold in zip(names(), hidden, strict=True) if untold} == {"damping[0]", "damping[1]"}
