@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.config import SweepConfig
     from fuzzyarm.eval.sweep.engine import Engine
     from fuzzyarm.eval.sweep.run import Sweep
+    from fuzzyarm.eval.tuning.run import tune_arm
     from fuzzyarm.export.c_files import export_c
     from fuzzyarm.export.laws import sheet_of
     from fuzzyarm.fuzzy_policy.controller import Controller
@@ -88,6 +89,7 @@ __all__ = [
     "run_episode",
     "save_bound",
     "sheet_of",
+    "tune_arm",
     "verify_file",
     "write_figures",
     "write_report",
@@ -131,6 +133,7 @@ _HOMES = {
     "run_episode": "eval.episodes.rollout",
     "save_bound": "eval.certified.tip.bound_file",
     "sheet_of": "export.laws",
+    "tune_arm": "eval.tuning.run",
     "verify_file": "eval.certified.verification",
     "write_figures": "eval.evaluation.figures",
     "write_report": "eval.report.page",

@@ -91,11 +91,14 @@ def _given(options: Options) -> dict[str, Any]:
     """Return the fields of the configuration that the command line gave."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.robot import Robot
+    from fuzzyarm.policies import policies_of
 
     values = {name: value for name, value in given(options, SweepConfig).items() if name != "robot"}
     if options.robot is None:
         return values
-    arm = chosen_arm(options.robot, None)
+    arm, tuned = chosen_arm(options.robot, None), policies_of(options.robot)
+    if tuned is not None:
+        values.setdefault("policies", tuned)
     return values | {"robot" if isinstance(arm, Robot) else "parameters": arm}
 
 
