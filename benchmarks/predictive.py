@@ -176,7 +176,7 @@ class Predictive:
 
     def _program(self, k: int, end: int, error: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the first w of the quadratic program over the samples from k to `end`, in shares of the limits."""
-        begin, n = time.perf_counter(), end - k
+        begin, n = time.process_time(), end - k
         A, B, states = self._A[k:end], self._B[k:end] * LIMIT, STATES * (end - k)
         # Variables: w_0 .. w_(n-1) in shares of the limits, e_1 .. e_n.
         cost = sparse.block_diag([sparse.eye(JOINTS * n), *[self._Q] * (n - 1), self._V[end]])
@@ -191,7 +191,7 @@ class Predictive:
         rows = sparse.vstack([moves, shares, -shares], format="csc")
         upper, linear = sparse.triu(cost, format="csc"), np.zeros(JOINTS * n + states)
         answer = clarabel.DefaultSolver(upper, linear, rows, b, cones, settings).solve()
-        self.solves, self.seconds = self.solves + 1, self.seconds + time.perf_counter() - begin
+        self.solves, self.seconds = self.solves + 1, self.seconds + time.process_time() - begin
         if str(answer.status) not in ("Solved", "AlmostSolved"):
             raise SystemExit(f"the quadratic program ended with {answer.status}")
         return np.array(answer.x)[:JOINTS] * LIMIT
