@@ -1,9 +1,9 @@
-"""The network of a learned policy: normalised features through layers of tanh to an action in [-1, 1]².
+"""The network of a learned policy: normalised features through layers to an action in [-1, 1]².
 
-    h_0 = clip((f - mean)/std, ±c),    h_(i+1) = tanh(W_i h_i + b_i),    a = clip(W_n h_n + b_n, ±1).
+    h_0 = clip((f - mean)/std, ±c),    h_(i+1) = s(W_i h_i + b_i),    a = o(W_n h_n + b_n),
 
-PPO trains a Gaussian policy, and the last layer gives its mean. The shipped policy takes the mean as its action and is
-therefore deterministic.
+where s is tanh, or max(x, 0), and o clips to ±1, or is tanh. PPO trains a Gaussian policy, and the last layer gives its
+mean; SAC and TQC train tanh of one. The shipped policy takes the mean as its action and is therefore deterministic.
 """
 
 from __future__ import annotations
@@ -13,10 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import instance, real, shown
+from fuzzyarm.common.checks import choice, instance, real, shown
 from fuzzyarm.envs.physics.compiled import kernel
 
-__all__ = ["Network"]
+__all__ = ["ACTIVATIONS", "OUTPUTS", "Network"]
+
+ACTIVATIONS = ("tanh", "relu")
+"""What s may be."""
+
+OUTPUTS = ("clip", "tanh")
+"""What o may be."""
 
 _LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is refused before memory is allocated
 
@@ -31,6 +37,8 @@ class Network:
         clip: c, the bound of the normalised features, positive.
         weights: W_i, (outputs, inputs) of each layer.
         biases: b_i, (outputs,) of each layer.
+        activation: s, of `ACTIVATIONS`.
+        output: o, of `OUTPUTS`.
 
     Raises:
         ValueError: shapes do not fit together, or a number is not finite or has the wrong sign.
@@ -41,10 +49,14 @@ class Network:
     clip: float
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
+    activation: str = "tanh"
+    output: str = "clip"
 
     def __post_init__(self) -> None:
         """Check shapes and numbers, and store the layers one after the other for the kernel."""
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
+        choice("activation", self.activation, ACTIVATIONS)
+        choice("output", self.output, OUTPUTS)
         for name in ("weights", "biases"):
             for array in instance(name, getattr(self, name), tuple):
                 _numbers(name, array)
@@ -75,12 +87,17 @@ class Network:
         layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
         flat = np.concatenate([np.ravel(part) for part in layers]).astype(np.float64)
         arguments = np.array(self.mean, dtype=np.float64), np.array(self.std, dtype=np.float64), float(self.clip)
-        object.__setattr__(self, "_arguments", (*arguments, np.array(self.sizes), flat))
+        object.__setattr__(self, "_arguments", (*arguments, np.array(self.sizes), flat, *self._kinds))
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Widths of the layers, from the inputs to the outputs."""
         return (len(self.mean), *map(len, self.biases))
+
+    @property
+    def _kinds(self) -> tuple[bool, bool]:
+        """Whether s is max(x, 0), and whether o is tanh."""
+        return self.activation == "relu", self.output == "tanh"
 
     def act(self, features: np.ndarray, action: np.ndarray) -> None:
         """Fill `action` (lanes, outputs) from `features` (lanes, inputs)."""
@@ -95,6 +112,8 @@ def _forward(
     clip: float,
     sizes: np.ndarray,
     flat: np.ndarray,
+    rectified: bool,
+    squashed: bool,
     action: np.ndarray,
 ) -> None:
     """See the module; `flat` holds W_i^T, row by row, and b_i of each layer, one after the other.
@@ -118,7 +137,12 @@ def _forward(
             place = bias + outputs
             last = layer == layers - 1
             for j in range(outputs):
-                before[j] = min(max(after[j], -1.0), 1.0) if last else np.tanh(after[j])
+                if last and not squashed:
+                    before[j] = min(max(after[j], -1.0), 1.0)
+                elif rectified and not last:
+                    before[j] = max(after[j], 0.0)
+                else:
+                    before[j] = np.tanh(after[j])
         for j in range(sizes[-1]):
             action[lane, j] = before[j]
 
