@@ -53,9 +53,7 @@ def export_c(label: str, policy: Policy, folder: Path, number: str = "double") -
     try:
         program = program_of(policy)
     except Unsupported as error:
-        raise ValueError(
-            f"{label} cannot be written in C: {error}; fuzzy, computed-torque, -tip and elastic-observer policies can"
-        ) from None
+        raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
     texts = {
         f"{name}.h": _header(name, label, policy, program, number),
         f"{name}.c": source_text(program, name, number),

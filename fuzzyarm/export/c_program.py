@@ -10,14 +10,18 @@ import numpy as np
 from fuzzyarm.envs.observation import PARTS, Observation
 from fuzzyarm.envs.physics.elementwise import gaussian, sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip
-from fuzzyarm.export.c_text import HELPERS, Writer
+from fuzzyarm.export.c_helpers import HELPERS, helper_text
+from fuzzyarm.export.c_text import Writer, wrapped
+from fuzzyarm.export.loops import ROLLED, loops_text
 from fuzzyarm.export.partial import Interpreter
 from fuzzyarm.export.trace import UNKNOWN, Block, Scalar, Trace, Unsupported
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.learned_policy.functions import area_sine, hyperbolic_tangent, logistic
 
 __all__ = ["Program", "program_of", "source_text"]
 
-APART = (sine_cosine, gaussian, stick_slip)  # functions of the program rather than part of its step
+APART = (sine_cosine, gaussian, stick_slip, hyperbolic_tangent, logistic, area_sine)
+"""What becomes functions of the program rather than part of its step."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,22 +89,19 @@ def source_text(program: Program, name: str, real: str) -> str:
             inner = Writer(real, taken)
             texts.insert(0, inner.function(function))
             used |= inner.used
-    helpers = [HELPERS[operation].format(**_numbers(writer, real)) for operation in HELPERS if operation in used]
+    helpers = [helper_text(operation, real, writer.literal) for operation in HELPERS if operation in used]
+    helpers += [loops_text(function, real) for function in ROLLED if function.__name__ in used]
     tables = [_table(table, array, writer, real) for table, array in program.trace.tables.items()]
     arguments = f"{name}_state *state, const {real} observation[{program.inputs}], {real} torque[{len(program.torque)}]"
     step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *lines, "}", ""])
     return "\n".join([f'#include "{name}.h"', "", _init(program, name, writer), *helpers, *texts, step])
 
 
-def _numbers(writer: Writer, real: str) -> dict[str, str]:
-    large = {"double": 2.0**52, "float": 2.0**23}[real]
-    numbers = {"zero": 0.0, "one": 1.0, "large": large, "low": -32768.0, "high": 32768.0}
-    return {"real": real} | {name: writer.literal(number) for name, number in numbers.items()}
-
-
 def _table(name: str, array: np.ndarray, writer: Writer, real: str) -> str:
-    rows = ["        {" + ", ".join(writer.literal(number).strip("()") for number in row) + "}" for row in array]
-    return f"    static const {real} {name}[{len(array)}][{array.shape[1]}] = {{\n" + ",\n".join(rows) + "\n    };"
+    lines = [f"    static const {real} {name}[{len(array)}][{array.shape[1]}] = {{"]
+    for row in array:
+        lines += ["        {", *wrapped((writer.literal(number).strip("()") for number in row), " " * 12), "        },"]
+    return "\n".join([*lines[:-1], "        }", "    };"])
 
 
 def _init(program: Program, name: str, writer: Writer) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzyarm.export.intrinsics import Row
-from fuzzyarm.export.trace import UNKNOWN, Unsupported, Value
+from fuzzyarm.export.trace import UNKNOWN, TooLarge, Unsupported, Value
 
 if TYPE_CHECKING:
     from fuzzyarm.export.partial import Interpreter
@@ -92,7 +92,7 @@ class Frame:
             try:
                 visit(statement)
             except Unsupported as error:
-                if " (in " in str(error):
+                if isinstance(error, TooLarge) or " (in " in str(error):
                     raise
                 raise self._unsupported(statement, str(error)) from None
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzyarm.envs.physics import elementwise
+from fuzzyarm.export.loops import ROLLED, written
 from fuzzyarm.export.trace import UNKNOWN, Kind, Scalar, Trace, Unsupported, Value, kind_of
+from fuzzyarm.fuzzy_policy.lanes import in_lanes
 
 if TYPE_CHECKING:
     from fuzzyarm.export.partial import Interpreter
@@ -108,17 +110,49 @@ def _has(own: Interpreter, thing: Any, name: str) -> bool:
     return not isinstance(thing, Value) and hasattr(thing, name)  # a value is a number, with no methods
 
 
+def _clip(own: Interpreter, numbers: Any, low: Any, high: Any) -> Any:
+    """Do as Python's min and max do, entry by entry; what is not a number stays so."""
+    ends = (np.broadcast_to(end, np.shape(numbers)) for end in (low, high))
+    made = own.array(np.asarray(numbers, dtype=object))
+    for place, (least, most) in zip(np.ndindex(made.shape), zip(*map(np.ravel, ends), strict=True), strict=True):
+        made[place] = _smallest(own, _largest(own, made[place], float(least)), float(most))
+    return made
+
+
+def _in_lanes(own: Interpreter, flags: Any, wanted: float, act: Any, seen: Any, *changed: Any) -> None:
+    """Do in the one lane of a program what `in_lanes` does in those that it concerns."""
+    condition = flags[0] == wanted
+    if isinstance(condition, Value):
+        own.either(condition, {}, lambda: own.call(act, [seen, *changed]), lambda: None)
+    elif condition:
+        own.call(act, [seen, *changed])
+
+
+def _rolled(function: Any) -> Callable[..., None]:
+    """Return what is done for a function of arrays that keeps its loops in the program."""
+
+    def apply(own: Interpreter, *arrays: np.ndarray) -> None:
+        own.trace.rolled(function, arrays, written(function))
+
+    return apply
+
+
 INTRINSICS: dict[Any, Callable[..., Any]] = {
     np.empty: _filled(UNKNOWN),
     np.zeros: _filled(0.0),
+    np.ones: _filled(1.0),
     np.empty_like: _filled_like(UNKNOWN),
     np.zeros_like: _filled_like(0.0),
     np.sign: _scalar("sign", Kind.REAL, np.sign),
     np.floor: _scalar("floor", Kind.REAL, np.floor),
     np.rint: _scalar("rint", Kind.REAL, np.rint),
+    np.sqrt: _scalar("sqrt", Kind.REAL, np.sqrt),
+    np.clip: _clip,
     np.isnan: _scalar("isnan", Kind.TRUTH, np.isnan),
     np.where: _select,
     elementwise.select: _select,
+    in_lanes: _in_lanes,
+    **{function: _rolled(function) for function in ROLLED},
     builtins.min: _smallest,
     builtins.max: _largest,
     builtins.int: _whole,

@@ -30,6 +30,7 @@ from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.learned_policy.definition import FeatureDefinition
+from fuzzyarm.learned_policy.functions import area_sine
 
 __all__ = ["Features"]
 
@@ -170,15 +171,15 @@ def _fill(
     for lane in range(len(observation)):
         aim, past, out = target[lane], memory[lane], features[lane]
         for joint in range(JOINTS):
-            out[_AT.error + joint] = np.arcsinh((aim[joint] - o.q_motor[lane, joint]) / error_scale)
-            out[_AT.rate + joint] = np.arcsinh((aim[JOINTS + joint] - o.dq_motor[lane, joint]) / rate_scale)
+            out[_AT.error + joint] = area_sine((aim[joint] - o.q_motor[lane, joint]) / error_scale)
+            out[_AT.rate + joint] = area_sine((aim[JOINTS + joint] - o.dq_motor[lane, joint]) / rate_scale)
             out[_AT.q_reference + joint] = o.q_reference[lane, joint]
             out[_AT.dq_reference + joint] = o.dq_reference[lane, joint] / velocity_scale
             out[_AT.ddq_reference + joint] = o.ddq_reference[lane, joint] / acceleration_scale
             if integral_scale > 0.0:
-                out[_PAST + integral + joint] = np.arcsinh(past[integral + joint] / integral_scale)
+                out[_PAST + integral + joint] = area_sine(past[integral + joint] / integral_scale)
         for k in range(actions):
-            out[_PAST + k] = np.arcsinh(past[k] / error_scale)
+            out[_PAST + k] = area_sine(past[k] / error_scale)
         for k in range(actions, integral):
             out[_PAST + k] = past[k]
 

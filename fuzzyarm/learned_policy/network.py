@@ -15,6 +15,7 @@ import numpy as np
 
 from fuzzyarm.common.checks import instance, real, shown
 from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
 
 __all__ = ["Network"]
 
@@ -109,18 +110,16 @@ def _forward(
         for layer in range(layers):
             inputs, outputs = sizes[layer], sizes[layer + 1]
             bias = place + inputs * outputs
-            for j in range(outputs):
-                after[j] = flat[bias + j]
-            for k in range(inputs):
-                x, row = before[k], place + k * outputs
-                for j in range(outputs):  # no sum over j: this loop is SIMD code
-                    after[j] += flat[row + j] * x
+            sums = after[:outputs]
+            sums[:] = flat[bias : bias + outputs]
+            add_product(before[:inputs], flat[place:bias].reshape((inputs, outputs)), sums)
             place = bias + outputs
-            last = layer == layers - 1
-            for j in range(outputs):
-                before[j] = min(max(after[j], -1.0), 1.0) if last else np.tanh(after[j])
-        for j in range(sizes[-1]):
-            action[lane, j] = before[j]
+            if layer == layers - 1:
+                for j in range(outputs):
+                    action[lane, j] = min(max(sums[j], -1.0), 1.0)
+            else:
+                for j in range(outputs):
+                    before[j] = hyperbolic_tangent(sums[j])
 
 
 def _numbers(name: str, array: Any) -> None:

@@ -240,7 +240,6 @@ def test_names_in_c(label, name):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["c", "ppo-robust", "--out", "OUT"], "ppo-robust cannot be written in C"),
         (["c", "adaptive-observer", "--out", "OUT"], "adaptive-observer cannot be written in C"),
         (["java", "fuzzy-4", "--out", "OUT"], "java is no language of an export; choose from: c"),
         (["c", "fuzzy-4"], "--out is missing"),
