@@ -34,7 +34,10 @@ from fuzzyarm.export.compiled_law import CompiledLaw, compilers
 from fuzzyarm.export.vectors import random_observations
 from fuzzyarm.fuzzy_policy.policy import Policy
 
-LAWS = ("fuzzy-4", "fuzzy-32", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")
+LAWS = (
+    *("fuzzy-4", "fuzzy-32", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer"),
+    *("ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer"),
+)
 LANES, LOOP, LOOPS, FLOAT_CALLS = 250, 1000, 300, 300
 
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzyarm.export.intrinsics import Row
-from fuzzyarm.export.trace import UNKNOWN, TooLarge, Unsupported, Value
+from fuzzyarm.export.refusals import TooLarge, Unsupported
+from fuzzyarm.export.trace import UNKNOWN, Value
 
 if TYPE_CHECKING:
     from fuzzyarm.export.partial import Interpreter

@@ -10,7 +10,8 @@ import numpy as np
 
 from fuzzyarm.envs.physics import elementwise
 from fuzzyarm.export.loops import ROLLED, written
-from fuzzyarm.export.trace import UNKNOWN, Kind, Scalar, Trace, Unsupported, Value, kind_of
+from fuzzyarm.export.refusals import Unsupported
+from fuzzyarm.export.trace import UNKNOWN, Kind, Scalar, Trace, Value, kind_of
 from fuzzyarm.fuzzy_policy.lanes import in_lanes
 
 if TYPE_CHECKING:

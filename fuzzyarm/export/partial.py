@@ -23,7 +23,8 @@ import numpy as np
 
 from fuzzyarm.export.frame import Frame, Return
 from fuzzyarm.export.intrinsics import INTRINSICS, METHODS, holds_values
-from fuzzyarm.export.trace import UNKNOWN, Block, Branch, Function, Kind, Trace, Unsupported, Value
+from fuzzyarm.export.refusals import Unsupported
+from fuzzyarm.export.trace import UNKNOWN, Block, Branch, Function, Kind, Trace, Value
 
 __all__ = ["Interpreter"]
 

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from fuzzyarm.export.refusals import TooLarge, Unsupported
+
 __all__ = [
     "LARGEST",
     "UNKNOWN",
@@ -25,9 +27,7 @@ __all__ = [
     "Matrix",
     "Scalar",
     "Step",
-    "TooLarge",
     "Trace",
-    "Unsupported",
     "Value",
     "is_number",
     "kind_of",
@@ -35,14 +35,6 @@ __all__ = [
 
 LARGEST = 2**18
 """Numbers that all tables of a program may have: 2 MiB in double precision."""
-
-
-class Unsupported(ValueError):
-    """A law is written with something that cannot be exported; the message says what, and where."""
-
-
-class TooLarge(Unsupported):
-    """A program has more numbers in its tables than `LARGEST`."""
 
 
 class Kind(enum.StrEnum):
