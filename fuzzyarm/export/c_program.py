@@ -11,6 +11,7 @@ import numpy as np
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import gaussian, sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip
+from fuzzyarm.envs.physics.integrator import step
 from fuzzyarm.export.c_helpers import HELPERS, helper_text
 from fuzzyarm.export.c_text import Writer, wrapped
 from fuzzyarm.export.loops import ROLLED, loops_text
@@ -22,7 +23,7 @@ from fuzzyarm.learned_policy.functions import area_sine, hyperbolic_tangent, log
 
 __all__ = ["LAW", "MODEL", "Program", "Words", "arguments_text", "program_of", "recorded", "source_text"]
 
-APART = (sine_cosine, gaussian, stick_slip, hyperbolic_tangent, logistic, area_sine)
+APART = (sine_cosine, gaussian, stick_slip, hyperbolic_tangent, logistic, area_sine, step)
 """What becomes functions of the program rather than part of its step."""
 
 

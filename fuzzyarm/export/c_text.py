@@ -76,7 +76,8 @@ class Writer:
         kind = "void" if several else self._type(kind_of(function.results[0]))
         outputs = [f"*result{k + 1} = {{}};" for k in range(len(function.results))] if several else ["return {};"]
         lines = self.body(function.body, list(zip(outputs, function.results, strict=True)))
-        return "\n".join([f"static {kind} {function.name}({', '.join(names)})", "{", *lines, "}", ""])
+        head = wrapped([f"static {kind} {function.name}({names[0]}", *names[1:]], "", _INDENT)
+        return "\n".join([*head[:-1], f"{head[-1]})", "{", *lines, "}", ""])
 
     def body(self, block: Block, outputs: Sequence[tuple[str, Scalar]]) -> list[str]:
         """Return the lines of a block, and then those of its outputs: a text with {} for the value, and the value."""
@@ -91,6 +92,8 @@ class Writer:
         """Return a known number."""
         if kind is not Kind.REAL:
             return str(int(number))
+        if number != number:  # what is no number; C99 has no literal for it
+            return f"({self.literal(0.0)} / {self.literal(0.0)})"
         text = repr(float(number)) + ("f" if self._real == "float" else "")
         return f"({text})" if text.startswith("-") else text
 
@@ -230,10 +233,11 @@ class Writer:
         return f"({self._type(kind)}){text}"
 
 
-def wrapped(texts: Iterable[str], indent: str) -> list[str]:
-    """Return lines with these texts and commas between them."""
+def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> list[str]:
+    """Return lines with these texts and commas between them; the second and later ones may have another indent."""
+    then = indent if further is None else further
     form = textwrap.TextWrapper(
-        _WIDTH, initial_indent=indent, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        _WIDTH, initial_indent=indent, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
     )
     return form.wrap(", ".join(texts))
 

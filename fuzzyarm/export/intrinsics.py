@@ -17,10 +17,22 @@ from fuzzyarm.fuzzy_policy.lanes import in_lanes
 if TYPE_CHECKING:
     from fuzzyarm.export.partial import Interpreter
 
-__all__ = ["INTRINSICS", "METHODS", "Row", "holds_values"]
+__all__ = ["INTRINSICS", "METHODS", "Row", "entry_of", "holds_values"]
 
 METHODS = ("copy",)
 """Methods of arrays whose result is an array of the law's own."""
+
+
+def entry_of(trace: Trace, array: Any, place: tuple[Any, ...], name: str) -> Any:
+    """Return an entry of a constant array, or a row of it, at a place (axes,) of which some numbers are not known."""
+    last = max(axis for axis, index in enumerate(place) if isinstance(index, Value))
+    if not isinstance(array, np.ndarray) or any(isinstance(index, slice) for index in place[: last + 1]):
+        raise Unsupported("an entry at a place that is not known, of an array that is not constant")
+    row: Any = 0
+    for size, index in zip(array.shape, place[: last + 1], strict=False):
+        row = row * size + index
+    flat = Row(trace, array.reshape(-1, *array.shape[last + 1 :]), row, name)
+    return flat[place[last + 1 :]] if place[last + 1 :] else flat
 
 
 class Row:
@@ -120,6 +132,18 @@ def _clip(own: Interpreter, numbers: Any, low: Any, high: Any) -> Any:
     return made
 
 
+def _finite(own: Interpreter, number: Any) -> Any:
+    return (number - number) == 0.0 if isinstance(number, Value) else np.isfinite(number)
+
+
+def _sum(own: Interpreter, numbers: np.ndarray) -> Any:
+    """Add up from the first to the last, as Numba does."""
+    total: Any = 0.0
+    for number in np.ravel(numbers):
+        total = total + number
+    return total
+
+
 def _in_lanes(own: Interpreter, flags: Any, wanted: float, act: Any, seen: Any, *changed: Any) -> None:
     """Do in the one lane of a program what `in_lanes` does in those that it concerns."""
     condition = flags[0] == wanted
@@ -148,6 +172,9 @@ INTRINSICS: dict[Any, Callable[..., Any]] = {
     np.floor: _scalar("floor", Kind.REAL, np.floor),
     np.rint: _scalar("rint", Kind.REAL, np.rint),
     np.sqrt: _scalar("sqrt", Kind.REAL, np.sqrt),
+    np.abs: _scalar("abs", Kind.REAL, np.abs),
+    np.isfinite: _finite,
+    np.sum: _sum,
     np.clip: _clip,
     np.isnan: _scalar("isnan", Kind.TRUTH, np.isnan),
     np.where: _select,
