@@ -133,7 +133,10 @@ def _clip(own: Interpreter, numbers: Any, low: Any, high: Any) -> Any:
 
 
 def _finite(own: Interpreter, number: Any) -> Any:
-    return (number - number) == 0.0 if isinstance(number, Value) else np.isfinite(number)
+    if not isinstance(number, Value):
+        return np.isfinite(number)
+    nothing: Any = own.trace.arithmetic("-", number, number)
+    return nothing == 0.0
 
 
 def _sum(own: Interpreter, numbers: np.ndarray) -> Any:

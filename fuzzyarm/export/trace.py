@@ -88,8 +88,7 @@ class Branch:
 
     Attributes:
         condition: the truth value.
-        then: the block if it is true.
-        otherwise: the block if it is not.
+        then, otherwise: the block if it is true, and the one if it is not.
         merged: of each value defined after the branch, it and what it is after either block.
     """
 

@@ -241,7 +241,6 @@ def test_names_in_c(label, name):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["c", "adaptive-observer", "--out", "OUT"], "adaptive-observer cannot be written in C"),
         (["java", "fuzzy-4", "--out", "OUT"], "java is no language of an export; choose from: c"),
         (["c", "fuzzy-4"], "--out is missing"),
         (["c", "fuzzy-4", "--out", "OUT", "--number", "half"], 'invalid value "half" for --number'),

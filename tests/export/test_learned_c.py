@@ -1,4 +1,4 @@
-"""Exported C of learned policies: the bits of the policy, layers as loops over tables, and their own square root."""
+"""Exported C of learned policies and of the one that identifies the arm: the bits of the policy, layers as loops over tables, and their own square root."""
 
 import ctypes
 import dataclasses
@@ -46,7 +46,7 @@ def test_a_learned_policy_gives_the_bits_of_its_python(tmp_path):
 @needs_compiler
 @pytest.mark.slow
 @pytest.mark.parametrize("compiler", COMPILERS or ["none"])
-@pytest.mark.parametrize("name", ["ppo-robust", "ppo-residual", "learned-observer"])
+@pytest.mark.parametrize("name", ["ppo-robust", "ppo-residual", "learned-observer", "adaptive-observer"])
 def test_so_do_the_others(name, compiler, tmp_path):
     assert differing(load_policy(name), tmp_path, compiler, 20, 300) == 0
 
