@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.rendering import FOOTER, HEADER
+from fuzzyarm.envs.canvas import FOOTER, HEADER
 from fuzzyarm.eval.episodes.loop import episodes
 
 POLICIES = ("fuzzy-4", "ppo-residual", "elastic-observer")

@@ -129,6 +129,7 @@ def measure() -> None:
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
     _python(ROOT / "examples" / "picture.py", FIGURES / "arm.png")
+    _python(ROOT / "examples" / "picture.py", FIGURES / "robot.png", "ur5", "computed-torque")
 
 
 def _fuzzyarm(*arguments: str | Path) -> None:

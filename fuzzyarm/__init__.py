@@ -1,18 +1,137 @@
 """FuzzyArm: a two-joint robot arm to track circles with, and controllers that come with a proof.
 
-Importing the package registers ``FuzzyArm-v0`` with Gymnasium and loads no heavy module.
+Importing the package registers ``FuzzyArm-v0`` with Gymnasium and loads no heavy module: the other names below are
+loaded when they are first asked for.
 """
 
 from __future__ import annotations
 
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 from gymnasium.envs.registration import register
 
+from fuzzyarm.common.lazy import lazily
 from fuzzyarm.policies import load_policy
 
-__all__ = ["__version__", "load_policy"]
+if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.envs.physics.robot import Robot, robot_named
+    from fuzzyarm.eval.bench.config import BenchConfig
+    from fuzzyarm.eval.bench.run import run_bench
+    from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
+    from fuzzyarm.eval.certified.tip.bound_file import save_bound
+    from fuzzyarm.eval.certified.verification import verify_file
+    from fuzzyarm.eval.episodes.metrics import metrics_of
+    from fuzzyarm.eval.episodes.rollout import Rollout, run_episode
+    from fuzzyarm.eval.episodes.rollout_file import write_rollouts
+    from fuzzyarm.eval.evaluation.figures import write_figures
+    from fuzzyarm.eval.evaluation.ranking import rank_policies
+    from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
+    from fuzzyarm.eval.report.page import write_report
+    from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
+    from fuzzyarm.eval.sweep.config import SweepConfig
+    from fuzzyarm.eval.sweep.engine import Engine
+    from fuzzyarm.eval.sweep.run import Sweep
+    from fuzzyarm.export.c_files import export_c
+    from fuzzyarm.export.laws import sheet_of
+    from fuzzyarm.fuzzy_policy.controller import Controller
+    from fuzzyarm.fuzzy_policy.proof.certificate import certify
+    from fuzzyarm.fuzzy_policy.ts_model import TSModel
+    from fuzzyarm.policies import add_policy
+    from fuzzyarm.synthesis import (
+        Design,
+        DesignFailed,
+        DesignProblem,
+        ScheduledSpecification,
+        Specification,
+        design,
+        design_scheduled,
+    )
+
+__all__ = [
+    "ArmParameters",
+    "BenchConfig",
+    "Controller",
+    "Design",
+    "DesignFailed",
+    "DesignProblem",
+    "Engine",
+    "EvaluationConfig",
+    "MarginsConfig",
+    "Robot",
+    "Rollout",
+    "ScheduledSpecification",
+    "Specification",
+    "Sweep",
+    "SweepConfig",
+    "TSModel",
+    "TipClaim",
+    "__version__",
+    "add_policy",
+    "certify",
+    "design",
+    "design_scheduled",
+    "evaluate",
+    "export_c",
+    "find_bound",
+    "load_policy",
+    "measure_margins",
+    "metrics_of",
+    "rank_policies",
+    "robot_named",
+    "run_bench",
+    "run_episode",
+    "save_bound",
+    "sheet_of",
+    "verify_file",
+    "write_figures",
+    "write_report",
+    "write_results",
+    "write_rollouts",
+]
 __version__ = version("fuzzyarm")
+
+_HOMES = {
+    "ArmParameters": "envs.physics.parameters",
+    "BenchConfig": "eval.bench.config",
+    "Controller": "fuzzy_policy.controller",
+    "Design": "synthesis",
+    "DesignFailed": "synthesis",
+    "DesignProblem": "synthesis",
+    "Engine": "eval.sweep.engine",
+    "EvaluationConfig": "eval.evaluation.run",
+    "MarginsConfig": "eval.stability.margins",
+    "Robot": "envs.physics.robot",
+    "Rollout": "eval.episodes.rollout",
+    "ScheduledSpecification": "synthesis",
+    "Specification": "synthesis",
+    "Sweep": "eval.sweep.run",
+    "SweepConfig": "eval.sweep.config",
+    "TSModel": "fuzzy_policy.ts_model",
+    "TipClaim": "eval.certified.tip.bound",
+    "add_policy": "policies",
+    "certify": "fuzzy_policy.proof.certificate",
+    "design": "synthesis",
+    "design_scheduled": "synthesis",
+    "evaluate": "eval.evaluation.run",
+    "export_c": "export.c_files",
+    "find_bound": "eval.certified.tip.bound",
+    "measure_margins": "eval.stability.margins",
+    "metrics_of": "eval.episodes.metrics",
+    "rank_policies": "eval.evaluation.ranking",
+    "robot_named": "envs.physics.robot",
+    "run_bench": "eval.bench.run",
+    "run_episode": "eval.episodes.rollout",
+    "save_bound": "eval.certified.tip.bound_file",
+    "sheet_of": "export.laws",
+    "verify_file": "eval.certified.verification",
+    "write_figures": "eval.evaluation.figures",
+    "write_report": "eval.report.page",
+    "write_results": "eval.evaluation.run",
+    "write_rollouts": "eval.episodes.rollout_file",
+}
+__getattr__ = lazily(__name__, _HOMES)
 
 # The environment itself refuses steps outside an episode and checks actions: Gymnasium's wrappers for that would only
 # cost time on every step.

@@ -128,12 +128,12 @@ def imports():
         (("msgspec",), "common"),
         (("pygame",), "envs"),
         (("safetensors",), "learned_policy"),
-        (("cvxpy",), "nowhere"),
+        (("cvxpy",), "synthesis"),
     ],
 )
 def test_a_library_is_imported_where_the_texts_say_and_nowhere_else(libraries, home):
     importing = {room for room, library in imports() if library in libraries}
-    assert importing == ({home} if home != "nowhere" else set())
+    assert importing == {home}
 
 
 def test_no_package_with_modules_is_called_empty():

@@ -91,8 +91,7 @@ def run(options: Options) -> int:
         if options.declared:
             print_declared(config.policies, evaluation.certificates, console)
         print_paragraphs(console, _certificates(evaluation))
-        report = config.robot is None
-        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles, report=report)
+        lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
     for rollout in evaluation.rollouts:
         if not rollout.completed:

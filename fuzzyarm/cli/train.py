@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -85,7 +86,14 @@ def _config(options: Options) -> TrainingConfig:
     preset = options.preset or next(iter(spec.presets))
     if preset not in spec.presets:
         raise UsageError(f"--preset {preset} is unknown; choose from: {', '.join(spec.presets)}")
-    return chosen(options, spec.presets[preset])
+    start, robot = spec.presets[preset], getattr(options, "robot", None)
+    config = chosen(options, start)
+    if robot is None or getattr(options, "scale", None) is not None:
+        return config
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.rl_baselines.learning_env import default_scale
+
+    return dataclasses.replace(config, scale=default_scale(chosen_arm(robot, None), config.base != "none"))
 
 
 def _check_resumed(options: Options) -> None:

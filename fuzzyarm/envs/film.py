@@ -9,18 +9,8 @@ from gymnasium.error import ResetNeeded
 
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.envs.physics.parameters import ArmParameters
 
-__all__ = ["Film", "check_drawn"]
-
-
-def check_drawn(render_mode: str | None, arm: AnyArm) -> None:
-    """Raise ValueError for a render mode if the arm cannot be drawn."""
-    if render_mode is not None and not isinstance(arm, ArmParameters):
-        raise ValueError(
-            f"render_mode = {render_mode!r}: the two-joint arm alone is drawn, not {arm.name}; make the environment "
-            "without a render_mode"
-        )
+__all__ = ["Film"]
 
 
 class Film:
@@ -50,7 +40,7 @@ class Film:
 
         Args:
             time: of the episode [s].
-            vectors: (9, 2), the `VECTORS` at that time.
+            vectors: (9, 2) or as the `Layout` of the arm has them, the `VECTORS` at that time.
             schedule: of the episode.
             ended: whether the episode ends there.
         """

@@ -30,11 +30,10 @@ from fuzzyarm.envs.arguments import (
 )
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS, VECTORS
-from fuzzyarm.envs.film import Film, check_drawn
+from fuzzyarm.envs.film import Film
 from fuzzyarm.envs.periods import checked_periods
-from fuzzyarm.envs.physics.equations import chosen_arm
+from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
@@ -128,7 +127,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         disturbance: Disturbance | None = None,
         reference: Reference | None = None,
         parameters: ArmParameters | None = None,
-        robot: str | os.PathLike[str] | Robot | None = None,
+        robot: str | os.PathLike[str] | AnyArm | None = None,
         control_period: float = 1e-3,
         substep: float | None = None,
         randomisation: str | DomainRandomisation = "nominal",
@@ -138,7 +137,6 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.parameters: Any = chosen_arm(robot, parameters)
-        check_drawn(render_mode, self.parameters)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode

@@ -35,7 +35,7 @@ _WIDTH = 110
 SEED = 2022  # of the test vectors
 
 
-def export_c(label: str, policy: Policy, folder: Path, number: str = "double") -> list[Path]:
+def export_c(label: str, policy: Policy, folder: str | Path, number: str = "double") -> list[Path]:
     """Write a policy as C99 into a folder, which must exist; return the files.
 
     They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python.
@@ -54,8 +54,8 @@ def export_c(label: str, policy: Policy, folder: Path, number: str = "double") -
     name = c_name(label)
     texts = sources_of(label, policy, number) | {f"{name}_vectors.csv": _vectors(policy)}
     for file, text in texts.items():
-        write_atomically(folder / file, text)
-    return [folder / file for file in texts]
+        write_atomically(Path(folder) / file, text)
+    return [Path(folder) / file for file in texts]
 
 
 def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from fuzzyarm.common.checks import listed, whole
 from fuzzyarm.common.documents import record
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.definition import ActionDefinition, ArmDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.folder import DESCRIPTION, WEIGHTS, BundleError, read_folder, tensors_in, write_folder
 from fuzzyarm.learned_policy.network import Network
 
@@ -23,6 +23,7 @@ _Part = TypeVar("_Part")
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
 _ACTIVATION = "tanh"
+_PAPERS_JOINTS = 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,9 +38,11 @@ class PolicyBundle:
         seed: of that training.
         curve: the evaluations during the training, one mapping each.
         versions: of the libraries it was trained with.
+        arm: that it was trained for; None: the arm of Table 1.
 
     Raises:
-        ValueError: the network has not one input per feature, or not one output per joint.
+        ValueError: the network has not one input per feature, or not one output per joint; or features and action are
+            for different numbers of joints.
     """
 
     features: FeatureDefinition
@@ -49,9 +52,15 @@ class PolicyBundle:
     seed: int = 0
     curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     versions: dict[str, Any] = dataclasses.field(default_factory=dict)
+    arm: ArmDefinition | None = None
 
     def __post_init__(self) -> None:
         """Check that the parts fit together."""
+        joints = len(self.action.scale)
+        if self.features.joints != joints:
+            raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
+        if self.arm is None and joints != _PAPERS_JOINTS:
+            raise ValueError(f"it is for {joints} joints and does not say of which arm")
         found = self.network.sizes[0], self.network.sizes[-1]
         needed = self.features.size, len(self.action.scale)
         if found != needed:
@@ -90,6 +99,7 @@ class PolicyBundle:
                 seed=whole("seed", description.seed),
                 curve=description.curve,
                 versions=description.versions,
+                arm=None if description.arm is None else _part("arm", description.arm, ArmDefinition),
             )
         except (TypeError, ValueError, OverflowError) as error:
             raise BundleError(f"{folder} is no usable policy bundle: {' '.join(str(error).split())}") from None
@@ -113,8 +123,12 @@ class PolicyBundle:
             versions=self.versions,
             weights_sha256="",
             curve=self.curve,
+            arm=None if self.arm is None else dataclasses.asdict(self.arm),
         )
-        return {field.name: getattr(description, field.name) for field in dataclasses.fields(description)}
+        content = {field.name: getattr(description, field.name) for field in dataclasses.fields(description)}
+        if self.arm is None:
+            del content["arm"]
+        return content
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,6 +155,7 @@ class _Description:
     versions: dict[str, Any]
     weights_sha256: str
     curve: list[dict[str, Any]]
+    arm: dict[str, Any] | None = None
 
 
 def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:

@@ -11,9 +11,9 @@ import math
 from fuzzyarm.common.checks import instance, real, reals, truth, whole
 from fuzzyarm.envs.periods import SHORTEST_PERIOD, checked_period
 
-__all__ = ["ActionDefinition", "FeatureDefinition"]
+__all__ = ["ActionDefinition", "ArmDefinition", "FeatureDefinition"]
 
-_JOINTS = 2  # as in `envs.observation`, which loads Numba
+_MOST_JOINTS = 12  # as in `envs.physics.robot`
 _OF_THE_INSTANT = 5  # features per joint that need no memory: e, ė, q_d, q̇_d, q̈_d
 _MOST_REMEMBERED = 100  # errors or actions
 _LARGEST_SHIFT = 0.5  # rad
@@ -38,6 +38,7 @@ class FeatureDefinition:
         acceleration_scale: A [rad/s²].
         integral_scale: X [rad s].
         excess_scale: U [N m].
+        joints: of the arm, 1 to 12.
 
     Raises:
         TypeError: a value is of the wrong type.
@@ -54,6 +55,7 @@ class FeatureDefinition:
     acceleration_scale: float = 50.0
     integral_scale: float = 1e-4
     excess_scale: float = 100.0
+    joints: int = 2
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -61,6 +63,7 @@ class FeatureDefinition:
         whole("past_actions", self.past_actions, high=_MOST_REMEMBERED)
         real("integral_time", self.integral_time, "s", low=0.0, high=_LONGEST_MEMORY)
         truth("elastic_target", self.elastic_target)
+        whole("joints", self.joints, low=1, high=_MOST_JOINTS)
         for field in dataclasses.fields(self):
             if field.name.endswith("_scale"):
                 real(field.name, getattr(self, field.name), above=0.0)
@@ -69,7 +72,7 @@ class FeatureDefinition:
     def size(self) -> int:
         """Number of features."""
         past = self.past_errors + self.past_actions + self.past_excesses
-        return _JOINTS * (_OF_THE_INSTANT + past + (self.integral_time > 0.0))
+        return self.joints * (_OF_THE_INSTANT + past + (self.integral_time > 0.0))
 
     @property
     def past_excesses(self) -> int:
@@ -79,7 +82,7 @@ class FeatureDefinition:
 
 @dataclasses.dataclass(frozen=True)
 class ActionDefinition:
-    """What an action a in [-1, 1]² means: the torque u = `scale` · a, or with a base a shift of the base's target.
+    """What an action a in [-1, 1]ⁿ means: the torque u = `scale` · a, or with a base a shift of the base's target.
 
     A base gets q_a - `scale` · a as the motor angles, so that it brings the motors to its own target plus `scale` · a.
     A torque added to the base's would have no lasting effect, because the base's integral cancels it like a load.
@@ -96,7 +99,7 @@ class ActionDefinition:
         ValueError: a number is out of range.
     """
 
-    scale: tuple[float, float] = (400.0, 180.0)
+    scale: tuple[float, ...] = (400.0, 180.0)
     period: float = 2e-3
     base: str | None = None
     smoothing_time: float = 0.0
@@ -106,7 +109,8 @@ class ActionDefinition:
         if self.base is not None and not instance("base", self.base, str):
             raise ValueError("base = '' must be the name of a policy, or None")
         unit, largest = ("N m", math.inf) if self.base is None else ("rad", _LARGEST_SHIFT)
-        reals("scale", instance("scale", self.scale, tuple), _JOINTS, unit, above=0.0, high=largest)
+        whole("the number of scales", len(instance("scale", self.scale, tuple)), low=1, high=_MOST_JOINTS)
+        reals("scale", self.scale, len(self.scale), unit, above=0.0, high=largest)
         real("period", self.period, "s", low=SHORTEST_PERIOD, high=_LONGEST_ACTION)
         real("smoothing_time", self.smoothing_time, "s", low=0.0, high=_LONGEST_MEMORY)
 
@@ -133,3 +137,24 @@ class ActionDefinition:
                 f"{control_period:g} s; allowed: {self.period:g} s divided by 1, 2, 3, ..."
             )
         return calls
+
+
+@dataclasses.dataclass(frozen=True)
+class ArmDefinition:
+    """Which arm a policy was trained for.
+
+    Attributes:
+        name: of the robot.
+        digest: of its numbers, `Robot.digest`; that of the two-joint arm is the one of its robot.
+
+    Raises:
+        TypeError: a value is no text.
+    """
+
+    name: str
+    digest: str
+
+    def __post_init__(self) -> None:
+        """Check the types."""
+        for name in ("name", "digest"):
+            instance(name, getattr(self, name), str)

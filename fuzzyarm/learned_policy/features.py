@@ -1,6 +1,6 @@
 """The features of a learned policy: functions of the observation and of a memory.
 
-At the k-th action instant, with e = q_d - q_a, ė = q̇_d - q̇_a (motors) and the action a in [-1, 1]²,
+At the k-th action instant, with e = q_d - q_a, ė = q̇_d - q̇_a (motors) and the action a in [-1, 1]ⁿ,
 
     f_k = (s(e_k/E), s(ė_k/V), q_d, q̇_d/D, q̈_d/A, s(e_(k-1)/E), ..., s(e_(k-n)/E), a_(k-1), ..., a_(k-m), s(x_k/X))
 
@@ -20,14 +20,15 @@ torques and the integral x are zero. The training and the shipped policy run the
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from fuzzyarm.common.checks import instance, real
-from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
+from fuzzyarm.common.checks import real
+from fuzzyarm.envs.observation import observed, starts
 from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.learned_policy.definition import FeatureDefinition
 from fuzzyarm.learned_policy.functions import area_sine
@@ -35,18 +36,7 @@ from fuzzyarm.learned_policy.functions import area_sine
 __all__ = ["Features"]
 
 
-class _Parts(NamedTuple):
-    """Where each feature of the instant begins; the features of the past follow them."""
-
-    error: int
-    rate: int
-    q_reference: int
-    dq_reference: int
-    ddq_reference: int
-
-
-_AT = _Parts(*range(0, JOINTS * len(_Parts._fields), JOINTS))
-_PAST = JOINTS * len(_AT)
+_OF_THE_INSTANT = 5  # features per joint: e, ė, q_d, q̇_d, q̈_d; those of the past follow them
 
 
 class Features:
@@ -64,7 +54,7 @@ class Features:
         self,
         definition: FeatureDefinition,
         period: float,
-        parameters: ArmParameters | None = None,
+        parameters: AnyArm | None = None,
         *,
         friction: bool = True,
     ) -> None:
@@ -73,24 +63,27 @@ class Features:
         Args:
             definition: which features.
             period: T, time between two actions [s].
-            parameters: the arm, for an elastic target and the torque limits; default Table 1.
+            parameters: the arm or the robot, for an elastic target and the torque limits; default Table 1.
             friction: whether u_ff includes the dry friction.
 
         Raises:
             TypeError: the period is not a number.
-            ValueError: the period is not positive.
+            ValueError: the period is not positive, or the features are for another number of joints.
         """
         self.definition, self.period, d = definition, real("period", period, "s", above=0.0), definition
-        parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
-        self.size = d.size
+        arm: AnyArm = ArmParameters() if parameters is None else checked_arm("parameters", parameters)
+        self.size, joints = d.size, joints_of(arm)
+        if d.joints != joints:
+            raise ValueError(f"the features are for {d.joints} joints, the arm has {joints}")
+        self._joints, self._reference = joints, slice(starts(joints).q_reference, None)
         # The memory: past errors, past actions, integral, past excess torques, u_ff, memory of the elastic target.
         self._counts = d.past_errors, d.past_actions
-        excess = JOINTS * (d.past_errors + d.past_actions + 1)
-        self._excess = slice(excess, excess + JOINTS * d.past_excesses)
-        self._feedforward = slice(self._excess.stop, self._excess.stop + JOINTS)
-        self._target = ElasticTarget(parameters, period, friction=friction) if d.elastic_target else None
+        excess = joints * (d.past_errors + d.past_actions + 1)
+        self._excess = slice(excess, excess + joints * d.past_excesses)
+        self._feedforward = slice(self._excess.stop, self._excess.stop + joints)
+        self._target = ElasticTarget(arm, period, friction=friction) if d.elastic_target else None
         self.memory_size = excess if self._target is None else self._feedforward.stop + self._target.memory_size
-        self._limit = np.array(parameters.torque_limit)
+        self._limit = per_joint_of(arm, "torque_limit")
         integral_scale = d.integral_scale if d.integral_time > 0.0 else 0.0
         scales = d.error_scale, d.rate_scale, d.velocity_scale, d.acceleration_scale, integral_scale
         # A whole number among them would make Numba compile the kernels once more, for other types.
@@ -101,11 +94,11 @@ class Features:
         """Compute the features of the instant; the memory stays as it is.
 
         Args:
-            observation: (lanes, 10).
+            observation: (lanes, 5 n).
             memory: (lanes, memory_size).
             features: (lanes, size), filled in place.
         """
-        target = observation[:, REFERENCE]
+        target = observation[:, self._reference]
         if self._target is not None:
             target, _ = self._aim(observation, memory.copy())
             excess = memory[:, self._excess]
@@ -116,32 +109,33 @@ class Features:
         """Store the error of an observation and the action taken on it.
 
         Args:
-            observation: (lanes, 10).
-            action: (lanes, 2), in [-1, 1].
+            observation: (lanes, 5 n).
+            action: (lanes, n), in [-1, 1].
             memory: (lanes, memory_size), advanced in place.
         """
-        target = observation[:, REFERENCE]
+        target = observation[:, self._reference]
         if self._target is not None:
             target, memory[:, self._feedforward] = self._aim(observation, memory)
             excess = memory[:, self._excess]
-            excess[:, JOINTS:] = excess[:, :-JOINTS].copy()
+            excess[:, self._joints :] = excess[:, : -self._joints].copy()
         _advance(observation, target, action, *self._counts, self.period, self._leak, memory)
 
     def command(self, torque: np.ndarray, memory: np.ndarray) -> None:
         """Store the excess of a commanded torque; of several calls between two `advance`, the last one counts.
 
         Args:
-            torque: (lanes, 2) [N m], not yet clipped to the limits of the robot.
+            torque: (lanes, n) [N m], not yet clipped to the limits of the robot.
             memory: (lanes, memory_size), changed in place.
         """
         if self._target is not None and self.definition.past_excesses:
             applied = np.clip(torque, -self._limit, self._limit)
-            memory[:, self._excess][:, :JOINTS] = applied - memory[:, self._feedforward]
+            memory[:, self._excess][:, : self._joints] = applied - memory[:, self._feedforward]
 
     def _aim(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return θ_d with derivatives (lanes, 6) and u_ff (lanes, 2), and advance the memory of the elastic target."""
+        """Return θ_d with derivatives (lanes, 3 n) and u_ff (lanes, n), and advance the elastic target's memory."""
         assert self._target is not None
-        target, feedforward = np.empty((len(observation), 3 * JOINTS)), np.empty((len(observation), JOINTS))
+        lanes, n = len(observation), self._joints
+        target, feedforward = np.empty((lanes, 3 * n)), np.empty((lanes, n))
         self._target.advance(observation, memory[:, self._feedforward.stop :], target, feedforward)
         return target, feedforward
 
@@ -162,26 +156,27 @@ def _fill(
 ) -> None:
     """Fill everything but the excess torques, see `Features.fill`.
 
-    Errors count from the `target`, (lanes, 6) or (lanes, 4): angles, then velocities. An `integral_scale` of 0 means
-    that there is no integral.
+    Errors count from the `target`, (lanes, 3 n) or (lanes, 2 n): angles, then velocities. An `integral_scale` of 0
+    means that there is no integral.
     """
-    actions = JOINTS * past_errors  # where the past actions begin in the memory, and then the integral
-    integral = actions + JOINTS * past_actions
     o = observed(observation)
+    joints = o.q_motor.shape[1]
+    actions = joints * past_errors  # where the past actions begin in the memory, and then the integral
+    integral, first = actions + joints * past_actions, joints * _OF_THE_INSTANT
     for lane in range(len(observation)):
         aim, past, out = target[lane], memory[lane], features[lane]
-        for joint in range(JOINTS):
-            out[_AT.error + joint] = area_sine((aim[joint] - o.q_motor[lane, joint]) / error_scale)
-            out[_AT.rate + joint] = area_sine((aim[JOINTS + joint] - o.dq_motor[lane, joint]) / rate_scale)
-            out[_AT.q_reference + joint] = o.q_reference[lane, joint]
-            out[_AT.dq_reference + joint] = o.dq_reference[lane, joint] / velocity_scale
-            out[_AT.ddq_reference + joint] = o.ddq_reference[lane, joint] / acceleration_scale
+        for joint in range(joints):
+            out[joint] = area_sine((aim[joint] - o.q_motor[lane, joint]) / error_scale)
+            out[joints + joint] = area_sine((aim[joints + joint] - o.dq_motor[lane, joint]) / rate_scale)
+            out[2 * joints + joint] = o.q_reference[lane, joint]
+            out[3 * joints + joint] = o.dq_reference[lane, joint] / velocity_scale
+            out[4 * joints + joint] = o.ddq_reference[lane, joint] / acceleration_scale
             if integral_scale > 0.0:
-                out[_PAST + integral + joint] = area_sine(past[integral + joint] / integral_scale)
+                out[first + integral + joint] = area_sine(past[integral + joint] / integral_scale)
         for k in range(actions):
-            out[_PAST + k] = area_sine(past[k] / error_scale)
+            out[first + k] = area_sine(past[k] / error_scale)
         for k in range(actions, integral):
-            out[_PAST + k] = past[k]
+            out[first + k] = past[k]
 
 
 @kernel
@@ -196,17 +191,18 @@ def _advance(
     memory: np.ndarray,
 ) -> None:
     """Advance past errors, past actions and the integral, see `Features.advance`; the target as for `_fill`."""
-    actions = JOINTS * past_errors
-    integral = actions + JOINTS * past_actions
     o = observed(observation)
+    joints = o.q_motor.shape[1]
+    actions = joints * past_errors
+    integral = actions + joints * past_actions
     for lane in range(len(observation)):
         aim, past = target[lane], memory[lane]
         # Each past value moves to the place of the next older one, the oldest first.
-        for k in range(actions - 1, JOINTS - 1, -1):
-            past[k] = past[k - JOINTS]
-        for k in range(integral - 1, actions + JOINTS - 1, -1):
-            past[k] = past[k - JOINTS]
-        for joint in range(JOINTS):
+        for k in range(actions - 1, joints - 1, -1):
+            past[k] = past[k - joints]
+        for k in range(integral - 1, actions + joints - 1, -1):
+            past[k] = past[k - joints]
+        for joint in range(joints):
             error = aim[joint] - o.q_motor[lane, joint]
             if past_errors > 0:
                 past[joint] = error

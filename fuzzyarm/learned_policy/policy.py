@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.common.checks import instance
-from fuzzyarm.envs.observation import JOINTS, START
+from fuzzyarm.envs.observation import starts
 from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.lanes import in_lanes
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -19,9 +19,6 @@ __all__ = ["LearnedPolicy"]
 # memory of the features and that of the base.
 _PHASE = 0
 _ACTION = 1
-_FEATURES = _ACTION + JOINTS
-
-_MOTORS = slice(START.q_motor, START.q_motor + JOINTS)  # a slice, because `observed` takes as long as a small network
 
 
 class LearnedPolicy(Policy):
@@ -42,7 +39,7 @@ class LearnedPolicy(Policy):
         self,
         bundle: PolicyBundle,
         control_period: float = 1e-3,
-        parameters: ArmParameters | None = None,
+        parameters: AnyArm | None = None,
         base: Policy | None = None,
         *,
         friction: bool = True,
@@ -52,7 +49,7 @@ class LearnedPolicy(Policy):
         Args:
             bundle: the trained policy.
             control_period: time between two calls of `predict` [s]; the action period must be a whole multiple of it.
-            parameters: the arm, for its torque limits; default Table 1.
+            parameters: the arm or the robot that it was trained for; default Table 1.
             base: the policy that ``bundle.action.base`` names, for the same control period.
             friction: whether the torque that an unloaded arm needs, if it is among the features, includes the dry
                 friction.
@@ -60,7 +57,7 @@ class LearnedPolicy(Policy):
         Raises:
             ValueError: the periods do not fit, or the base is missing, not asked for, or for another period.
         """
-        self._arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
+        self._arm: AnyArm = ArmParameters() if parameters is None else parameters
         super().__init__(self._arm, control_period)
         self.bundle, self.base = bundle, base
         self.action_period = bundle.action.period
@@ -71,7 +68,9 @@ class LearnedPolicy(Policy):
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
         self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
-        self._base_memory = _FEATURES + self._features.memory_size
+        # A slice, because `observed` takes as long as a small network.
+        self._motors, self._past = slice(starts(self.joints).q_motor, self.joints), _ACTION + self.joints
+        self._base_memory = self._past + self._features.memory_size
         self._smoothing = bundle.action.smoothing
         self._scale = np.array(bundle.action.scale)
         self.memory_size = self._base_memory + (0 if base is None else base.memory_size)
@@ -85,22 +84,22 @@ class LearnedPolicy(Policy):
         """Evaluate the law, see `Policy.act`.
 
         Args:
-            observation: (lanes, 10).
+            observation: (lanes, 5 n).
             memory: (lanes, memory_size), advanced in place.
-            torque: (lanes, 2) [N m], filled in place.
+            torque: (lanes, n) [N m], filled in place.
         """
         in_lanes(memory[:, _PHASE], 0.0, self._choose, observation, memory)
         _hold(memory, self._scale, self.calls_per_action, torque)
         if self.base is not None:
             shifted = observation.copy()
-            shifted[:, _MOTORS] -= torque  # with a base `_hold` gives the shift of its target [rad]
+            shifted[:, self._motors] -= torque  # with a base `_hold` gives the shift of its target [rad]
             self.base.command(shifted, memory[:, self._base_memory :], torque)
-        self._features.command(torque, memory[:, _FEATURES : self._base_memory])
+        self._features.command(torque, memory[:, self._past : self._base_memory])
 
     def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:
         """Compute the next action of every lane and store it in the memory."""
-        features, output = np.empty((len(memory), self._features.size)), np.empty((len(memory), JOINTS))
-        action, past = memory[:, _ACTION:_FEATURES], memory[:, _FEATURES : self._base_memory]
+        features, output = np.empty((len(memory), self._features.size)), np.empty((len(memory), self.joints))
+        action, past = memory[:, _ACTION : self._past], memory[:, self._past : self._base_memory]
         self._features.fill(observation, past, features)
         self.bundle.network.act(features, output)
         action[:] = self._smoothing * action + (1.0 - self._smoothing) * output
@@ -109,9 +108,9 @@ class LearnedPolicy(Policy):
 
 @kernel
 def _hold(memory: np.ndarray, scale: np.ndarray, calls: int, output: np.ndarray) -> None:
-    """Fill `output` (lanes, 2) with scale times action, and count the calls for which the action is held."""
+    """Fill `output` (lanes, n) with scale times action, and count the calls for which the action is held."""
     for lane in range(len(memory)):
-        for joint in range(JOINTS):
+        for joint in range(len(scale)):
             output[lane, joint] = scale[joint] * memory[lane, _ACTION + joint]
         memory[lane, _PHASE] += 1.0
         if memory[lane, _PHASE] >= calls:

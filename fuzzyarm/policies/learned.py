@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.common.console import escaped
+from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.folder import DESCRIPTION, OBSERVER, schema_of
@@ -51,13 +52,15 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
     """
     if schema_of(folder) == OBSERVER:
         return _learned_observer(folder, control_period, robot)
-    _check_arm(folder, robot, ArmParameters(), "the arm of Table 1")
     bundle = PolicyBundle.load(folder)
+    trained, name = bundle.arm, "the arm of Table 1" if bundle.arm is None else escaped(bundle.arm.name)
+    same = robot == ArmParameters() if trained is None else robot_of(robot).digest == trained.digest
+    _check_arm(folder, same, name)
     base = bundle.action.base
     if base is not None and not resolve(base).named:
         raise ValueError(f"{folder} was trained on the base {base!r}, which is none of: {', '.join(known_names())}")
     added = None if base is None else load_policy(base, control_period=control_period, robot=robot)
-    return LearnedPolicy(bundle, control_period, ArmParameters(), added)
+    return LearnedPolicy(bundle, control_period, robot, added)
 
 
 def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> LearnedObserverPolicy:
@@ -67,7 +70,7 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
 
     bundle = EstimateBundle.load(folder)
     trained = "the arm of Table 1" if bundle.parameters == ArmParameters() else "another arm"
-    _check_arm(folder, robot, bundle.parameters, trained)
+    _check_arm(folder, robot == bundle.parameters, trained)
     if control_period != bundle.control_period:
         raise ValueError(
             f"{folder.name} was trained for control_period = {bundle.control_period:g} s, not {control_period:g} s: "
@@ -76,8 +79,8 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
     return LearnedObserverPolicy(bundle.network, bundle.parameters, control_period)
 
 
-def _check_arm(folder: Path, robot: AnyArm, trained: ArmParameters, name: str) -> None:
-    if robot != trained:
+def _check_arm(folder: Path, same: bool, name: str) -> None:
+    if not same:
         raise ValueError(
             f"{folder.name} was trained on {name} and knows no other; take computed-torque, or design a "
             "controller with fuzzyarm design --robot FILE"

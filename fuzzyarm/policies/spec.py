@@ -23,7 +23,9 @@ from fuzzyarm.policies.registry import POLICIES, TIP, Factory, Kind, known_names
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
+    from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.policy import Policy
+    from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
     from fuzzyarm.policies.user_code import UserPolicy
 
 __all__ = ["PolicySpec", "digest_of", "load_policy", "resolve", "resolve_all"]
@@ -81,7 +83,10 @@ class PolicySpec:
         return {}
 
     def load(
-        self, control_period: float = 1e-3, robot: AnyArm | str | None = None, allow_unproven: bool = False
+        self,
+        control_period: float = 1e-3,
+        robot: AnyArm | str | os.PathLike[str] | None = None,
+        allow_unproven: bool = False,
     ) -> Policy | UserPolicy:
         """Return the policy.
 
@@ -99,9 +104,8 @@ class PolicySpec:
         """
         from fuzzyarm.common import checks
         from fuzzyarm.envs.physics.equations import chosen_arm
-        from fuzzyarm.envs.physics.parameters import ArmParameters
 
-        arm = robot if isinstance(robot, ArmParameters) else chosen_arm(robot, None)
+        arm = chosen_arm(robot, None)
         checks.truth("allow_unproven", allow_unproven)
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import load_code
@@ -133,9 +137,9 @@ class PolicySpec:
         if self._factory is not None:
             return self._factory(robot, control_period)
         if self.kind is Kind.CONTROLLER:
-            from fuzzyarm.policies.controller_policy import controller_policy
+            from fuzzyarm.policies.controller_policy import file_policy
 
-            return controller_policy(self._location, robot, control_period, allow_unproven)
+            return file_policy(self._location, robot, control_period, allow_unproven)
         if self._location.is_dir():
             from fuzzyarm.policies.learned import learned_policy
 
@@ -146,7 +150,7 @@ class PolicySpec:
         )
 
 
-def resolve(name: str | Path, *, run_code: bool = False) -> PolicySpec:
+def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySpec:
     """Return what a policy's name refers to, without loading it; every text refers to something.
 
     Args:
@@ -182,22 +186,23 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
 
 
 def load_policy(
-    name: str | Path,
+    name: str | os.PathLike[str] | Controller | ScheduledController,
     *,
     control_period: float = 1e-3,
-    robot: AnyArm | str | None = None,
+    robot: AnyArm | str | os.PathLike[str] | None = None,
     allow_unproven: bool = False,
 ) -> Policy:
-    """Return a policy by name, or from the path of a controller file or of a learned policy's folder.
+    """Return a policy by name, or from a controller, its file, or a learned policy's folder.
 
     Nothing that a name can say makes this function run code: a name may come from a file, and a file is not trusted.
 
     Args:
         name: see `fuzzyarm.policies.spec`; with the ending ``-tip`` the policy compensates the bending of the joints.
+            A controller is proven again, as its file would be.
         control_period: time between two calls of `predict` [s].
-        robot: the arm the policy is for, default Table 1. A controller file must have been designed for it, and
-            learned policies know none but Table 1.
-        allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
+        robot: the arm the policy is for, default Table 1, or what a controller was designed for. A controller file must
+            have been designed for it, and learned policies know none but Table 1.
+        allow_unproven: take a controller whose inequalities are not all proven, for experiments.
 
     Raises:
         ValueError: unknown name; the file or folder is damaged, not proven, or was designed for another robot.
@@ -210,6 +215,10 @@ def load_policy(
         >>> torque.shape, state.shape
         ((2,), (2,))
     """
+    if not isinstance(name, str | os.PathLike):
+        from fuzzyarm.policies.controller_policy import controller_policy
+
+        return controller_policy(name, robot, control_period, allow_unproven)
     # A spec of code that may not be run raises, so what is returned is no `UserPolicy`.
     return resolve(name).load(control_period, robot, allow_unproven)  # type: ignore[return-value]
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from fuzzyarm.envs.physics.equations import argument_of
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -18,15 +21,16 @@ COLUMNS = tuple(f"{case}_{measure}" for case in PAPER_CASES for measure in _MEAS
 
 
 def evaluate_cases(policy: Policy) -> dict[str, float]:
-    """Run an episode of each case at the policy's own control period.
+    """Run an episode of each case, with the loads for the policy's arm, at the policy's own control period.
 
     Returns:
         By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode after
         which it ended, 1 if the reference was followed to its end.
     """
-    reference, cases = JointReference(), list(PAPER_CASES)
+    arm, cases = policy.parameters, list(PAPER_CASES)
+    reference: Any = default_reference(arm)
     envs = FuzzyArmVectorEnv(
-        len(cases), case=cases, reference=reference, control_period=policy.control_period, threads=1
+        len(cases), case=cases, reference=reference, control_period=policy.control_period, threads=1, **argument_of(arm)
     )
     errors, seconds = [], np.zeros(len(cases))
     for step in episodes(envs, policy, envs.reset(seed=0)):

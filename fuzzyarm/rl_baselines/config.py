@@ -35,16 +35,19 @@ class TrainingConfig:
     """
 
     distribution: Distribution = "nominal"
-    """What episodes are drawn from: nominal is Case 1 on the paper's circle; robust draws plant, payload 0-5 kg, tip
-    force 0-218 N, start and reference."""
+    """What episodes are drawn from: nominal is Case 1 on the paper's circle, or a robot's default path; robust draws
+    plant, payload 0-5 kg, tip force 0-218 N, both scaled to a robot, start and reference."""
     references: int = 256
-    """In robust, the number of circles, lemniscates and lines that episodes are drawn from (1 to 100000)."""
+    """In robust, the number of circles, lemniscates and lines, or of a robot's splines, that episodes are drawn from
+    (1 to 100000)."""
     circles: int = 64
-    """In robust, how often the paper's circle is listed beside these references (0 to 100000)."""
+    """In robust, how often the circle is listed beside these references (0 to 100000)."""
     base: str = "none"
     """Policy whose target the action shifts, such as fuzzy-4-tip; none: actions are torques."""
-    scale: tuple[float, float] = (400.0, 180.0)
-    """Largest action of motors 1 and 2: torques [N m], or with a base angles [rad], of 0.5 at most."""
+    robot: str | None = None
+    """Another arm: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
+    scale: tuple[float, ...] = (400.0, 180.0)
+    """Largest action of each motor: torques [N m], or with a base angles [rad], of 0.5 at most."""
     action_period: float = 0.002
     """Time for which an action is held [s], at most 0.1; it is the control period of the training."""
     smoothing_time: float = 0.0
@@ -92,6 +95,8 @@ class TrainingConfig:
         whole("seed", self.seed, high=2**31 - 1)
         whole("threads", self.threads, low=1, high=1024)
         truth("tensorboard", self.tensorboard)
+        if self.robot is not None:
+            instance("robot", self.robot, str)
         # The definitions of features and action check the rest.
         _ = self.features, self.action
 
@@ -103,6 +108,7 @@ class TrainingConfig:
             past_actions=self.past_actions,
             integral_time=self.integral_time,
             elastic_target=self.elastic_target,
+            joints=len(self.scale),
         )
 
     @property
@@ -114,10 +120,9 @@ class TrainingConfig:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields by name, ready for JSON."""
-        return {
-            name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()
-        }
+        """Return the fields by name, ready for JSON; ``robot`` is left out of a training for the arm of Table 1."""
+        values = {name: list(v) if isinstance(v, tuple) else v for name, v in dataclasses.asdict(self).items()}
+        return {name: value for name, value in values.items() if value is not None}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
@@ -126,7 +131,7 @@ class TrainingConfig:
         Raises:
             ValueError: a field is missing or unknown, or its value is refused.
         """
-        missing = {field.name for field in dataclasses.fields(cls)} - set(values)
+        missing = {field.name for field in dataclasses.fields(cls) if field.default is not None} - set(values)
         if missing:
             raise ValueError(f"the configuration lacks: {', '.join(sorted(missing))}")
         return record(dict(values), cls)

@@ -1,4 +1,4 @@
-"""The batched environment for learning: observations become features, and actions in [-1, 1]² become torques."""
+"""The batched environment for learning: observations become features, and actions in [-1, 1]ⁿ become torques."""
 
 from __future__ import annotations
 
@@ -12,20 +12,33 @@ from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from fuzzyarm.envs.batch.saved_state import checked_arrays
-from fuzzyarm.envs.observation import JOINTS, SIZE, observed
+from fuzzyarm.envs.observation import PARTS, observed
+from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
-from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.envs.task import EFFORT_WEIGHT
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.features import Features
+from fuzzyarm.policies import load_policy
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
-__all__ = ["LearningEnvs", "learning_envs", "sharpened_reward"]
+__all__ = [
+    "LearningEnvs",
+    "arm_definition",
+    "arm_of",
+    "base_of",
+    "default_scale",
+    "learning_envs",
+    "sharpened_reward",
+]
 
+SHIFT, SHARE = 0.01, 0.8  # rad, and share of the torque limits: default scales of actions
 _OWN_STATE = ("memory", "base_memory", "observation", "action")
 _FARTHEST = 4.0  # m, twice the distance between two arms of Table 1 that are stretched out in opposite directions
 
@@ -37,20 +50,53 @@ def learning_envs(config: TrainingConfig, base: Policy | None) -> LearningEnvs:
         config: of the training.
         base: the policy that ``config.base`` names, for a control period of ``config.action_period``; None: no base.
     """
-    arguments: dict[str, Any] = {}
+    arm = arm_of(config)
+    arguments = argument_of(arm)
     if config.distribution == "robust":
-        references = reference_family(ArmParameters(), config.references) + (JointReference(),) * config.circles
+        references = (*reference_family(arm, config.references), *[default_reference(arm)] * config.circles)
         # The randomisation scales the force of the machining case by a factor from 0 to 1.
         arguments["case"] = "machining"
-        arguments["randomisation"] = dataclasses.replace(
-            find_randomisation("robust", ArmParameters()), references=references
-        )
+        arguments["randomisation"] = dataclasses.replace(find_randomisation("robust", arm), references=references)
     envs = FuzzyArmVectorEnv(config.lanes, control_period=config.action_period, threads=config.threads, **arguments)
-    return LearningEnvs(StableBaselinesVecEnv(envs), config, base)
+    return LearningEnvs(StableBaselinesVecEnv(envs), config, base, arm)
+
+
+def arm_of(config: TrainingConfig) -> AnyArm:
+    """Return the arm that a configuration names.
+
+    Raises:
+        ValueError: there is no such arm, or the actions are for another number of joints.
+        OSError: its file cannot be read.
+    """
+    arm = chosen_arm(config.robot, None)
+    joints = joints_of(arm)
+    if len(config.scale) != joints:
+        raise ValueError(f"scale = {list(config.scale)} must be {joints} numbers, one for each joint of the arm")
+    return arm
+
+
+def base_of(config: TrainingConfig, arm: AnyArm, control_period: float) -> Policy | None:
+    """Return the policy that ``config.base`` names, for an arm and a control period [s]; None: no base."""
+    return None if config.base == "none" else load_policy(config.base, control_period=control_period, robot=arm)
+
+
+def arm_definition(arm: AnyArm) -> ArmDefinition | None:
+    """Return what a bundle says of the arm; None for the arm of Table 1."""
+    robot = robot_of(arm)
+    return None if arm == ArmParameters() else ArmDefinition(robot.name, robot.digest)
+
+
+def default_scale(arm: AnyArm, base: bool) -> tuple[float, ...]:
+    """Return the largest actions of an arm if none are given, one for each joint.
+
+    Shifts of 0.01 rad with a base, else 0.8 of the torque limits [N m].
+    """
+    limits = per_joint_of(arm, "torque_limit").tolist()
+    return tuple(SHIFT if base else SHARE * limit for limit in limits)
 
 
 class LearningEnvs(VecEnvWrapper):
-    """Arms whose observations are the features of `learned_policy.features`, and whose actions lie in [-1, 1]².
+    """Arms whose observations are the features of `learned_policy.features`, and whose actions lie in [-1, 1]ⁿ.
 
     When the episode of a lane ends, its last features are computed from the memory of that episode, and the next
     episode begins with an empty memory, as it does for the shipped policy.
@@ -59,24 +105,28 @@ class LearningEnvs(VecEnvWrapper):
         venv: the arms; their actions are torques [N m].
         config: of the training.
         base: the policy that ``config.base`` names; None: no base.
+        arm: that the policy is for; default Table 1.
 
     Attributes:
         tip_errors: (lanes,) distance between tip and reference after the last step [m]. The log and the reward use it;
             the features do not hold it.
     """
 
-    def __init__(self, venv: StableBaselinesVecEnv, config: TrainingConfig, base: Policy | None) -> None:
+    def __init__(
+        self, venv: StableBaselinesVecEnv, config: TrainingConfig, base: Policy | None, arm: AnyArm | None = None
+    ) -> None:
         """Make the memory of every lane."""
-        self._features, self._base = Features(config.features, config.action_period), base
+        joints = len(config.scale)
+        self._features, self._base = Features(config.features, config.action_period, arm), base
         self._smoothing = config.action.smoothing
         self._scale, self._reward_length = np.array(config.scale), 1e-3 * config.tip_error_scale
         self.tip_errors = np.zeros(venv.num_envs)
         self._tip_error_sum, self._steps = 0.0, 0  # since `take_mean_tip_error`
         self._memory = np.zeros((venv.num_envs, self._features.memory_size))
         self._base_memory = np.zeros((venv.num_envs, 0 if base is None else base.memory_size))
-        self._observation, self._action = np.zeros((venv.num_envs, SIZE)), np.zeros((venv.num_envs, JOINTS))
+        self._observation, self._action = np.zeros((venv.num_envs, PARTS * joints)), np.zeros((venv.num_envs, joints))
         bound = np.full(self._features.size, np.inf, dtype=np.float32)
-        unit = np.ones(JOINTS, dtype=np.float32)
+        unit = np.ones(joints, dtype=np.float32)
         super().__init__(venv, gym.spaces.Box(-bound, bound), gym.spaces.Box(-unit, unit))
 
     def reset(self) -> np.ndarray:
@@ -86,7 +136,7 @@ class LearningEnvs(VecEnvWrapper):
         return self._seen()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Turn actions (lanes, 2) in [-1, 1] into torques, and store action and observation in the memory."""
+        """Turn actions (lanes, n) in [-1, 1] into torques, and store action and observation in the memory."""
         clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         self._action = self._smoothing * self._action + (1.0 - self._smoothing) * clipped
         self._features.advance(self._observation, self._action, self._memory)

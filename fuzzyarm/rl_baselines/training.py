@@ -22,10 +22,8 @@ from typing import Any
 from fuzzyarm.common.checks import instance, is_real, reals, shown
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
-from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.policy import LearnedPolicy
-from fuzzyarm.policies import load_policy
 from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
 from fuzzyarm.rl_baselines.checkpoint import (
@@ -38,7 +36,7 @@ from fuzzyarm.rl_baselines.checkpoint import (
     write_checkpoint,
 )
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.learning_env import learning_envs
+from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, learning_envs
 
 __all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
 
@@ -61,6 +59,7 @@ class Training:
     Attributes:
         config: the settings.
         folder: of the training.
+        arm: that it learns to move.
         algorithm: what learns.
         envs: the arms it learns on.
         rows: the curve so far, one mapping per update.
@@ -79,9 +78,9 @@ class Training:
         self.rows: list[dict[str, Any]] = []
         self.best = math.inf
         self._earlier, self._begun = (0.0, 0.0), _clocks()  # times of the runs before this one, up to their checkpoint
-        self._spec = algorithm_of(config)
-        self.envs = learning_envs(config, _base(config, config.action_period))
-        self._evaluation_base = _base(config, _EVALUATION_PERIOD)
+        self._spec, self.arm = algorithm_of(config), arm_of(config)
+        self.envs = learning_envs(config, base_of(config, self.arm, config.action_period))
+        self._evaluation_base = base_of(config, self.arm, _EVALUATION_PERIOD)
         self.algorithm = self._spec.create(config, self.envs)
         self._writer: Any = None
         self._shipped_policy()  # refuses before the training what could not be shipped after it
@@ -170,6 +169,7 @@ class Training:
             seed=config.seed,
             curve=[row for row in self.rows if COLUMNS[0] in row],
             versions={name: version(name) for name in ("fuzzyarm", "numpy", *spec.libraries, "gymnasium", "numba")},
+            arm=arm_definition(self.arm),
         )
 
     def _train(self) -> None:
@@ -215,7 +215,7 @@ class Training:
 
     def _shipped_policy(self) -> LearnedPolicy:
         """Return the policy as it is evaluated: from its bundle, at the period of the comparison."""
-        return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, base=self._evaluation_base)
+        return LearnedPolicy(self.bundle(), _EVALUATION_PERIOD, self.arm, self._evaluation_base)
 
     def _ship(self, row: dict[str, Any]) -> None:
         """Write the bundle as the last one, and as the best one if it is.
@@ -281,10 +281,6 @@ def tensorboard_installed() -> bool:
 def _clocks() -> tuple[float, float]:
     """Return wall and processor time [s] since an arbitrary instant."""
     return time.perf_counter(), time.process_time()
-
-
-def _base(config: TrainingConfig, control_period: float) -> Policy | None:
-    return None if config.base == "none" else load_policy(config.base, control_period=control_period)
 
 
 def _remove_leftovers(folder: Path) -> None:

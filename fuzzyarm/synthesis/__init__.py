@@ -4,17 +4,20 @@
     result = design(Specification(gamma=1.4e-4, fastest_pole=200.0))
     result.controller.save("controller.json")
 
-`design` is for the two-joint arm, `design_scheduled` for serial robots of any number of joints.
+`design` is for the two-joint arm, `design_scheduled` for serial robots of any number of joints. `DesignProblem` is what
+`design` solves as an open cvxpy model, for constraints and objectives of a user's own.
 
-The solver, Clarabel, is loaded here and nowhere else; it is loaded with the first name that needs it.
+The solver, Clarabel, and cvxpy are loaded here and nowhere else, each with the first name that needs it.
 """
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from fuzzyarm.common.lazy import lazily
 
 if TYPE_CHECKING:
+    from fuzzyarm.synthesis.cvxpy_model.design_problem import DesignProblem
     from fuzzyarm.synthesis.description import describe
     from fuzzyarm.synthesis.designer import Design, DesignFailed, design
     from fuzzyarm.synthesis.scheduled_description import describe_scheduled
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Design",
     "DesignFailed",
+    "DesignProblem",
     "ScheduledDesign",
     "ScheduledSpecification",
     "Specification",
@@ -36,6 +40,7 @@ __all__ = [
 _HOMES = {
     "Design": "designer",
     "DesignFailed": "designer",
+    "DesignProblem": "cvxpy_model.design_problem",
     "ScheduledDesign": "scheduled_design",
     "ScheduledSpecification": "scheduled_design",
     "Specification": "specification",
@@ -46,8 +51,4 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = lazily(__name__, _HOMES)

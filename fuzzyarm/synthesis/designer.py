@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Sequence
 from importlib.metadata import version
 
 import numpy as np
@@ -19,7 +20,7 @@ from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.search import best_solution
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
-__all__ = ["Design", "DesignFailed", "design", "to_controller"]
+__all__ = ["Design", "DesignFailed", "assembled", "design", "to_controller"]
 
 
 class DesignFailed(ValueError):
@@ -74,19 +75,59 @@ def design(specification: Specification, parameters: ArmParameters | None = None
 
 def to_controller(model: TSModel, specification: Specification, scaling: Scaling, solution: Solution) -> Controller:
     """Return the solution in SI units as a controller."""
-    P, M, L, Q, X, tau = scaling.restore(solution.P, solution.M, solution.L, solution.Q, solution.X, solution.tau)
-    P = 0.5 * (P + P.T)
-    pole_Q, pole_X, pole_tau = (None, None, None)
-    if solution.pole_slack is not None:
-        *_, pole_Q, pole_X, pole_tau = scaling.restore(solution.P, solution.M, solution.L, *solution.pole_slack)
-    n_e = M.shape[-1]
-    paper = specification.form == "paper"
+    v = solution
+    slacks = [(v.Q, v.X, v.tau), *([v.pole_slack] if v.pole_slack is not None else [])]
+    restored = [scaling.restore(v.P, v.M, v.L, *slack) for slack in slacks]
+    P, M, L, *_ = restored[0]
+    return assembled(
+        model,
+        specification,
+        alpha=specification.alpha if specification.alpha is not None else v.problem.alpha * scaling.time,
+        gamma=specification.gamma or v.problem.gamma or v.gamma,
+        P=P,
+        M=M,
+        L=L,
+        slack=[(Q, X, tau) for *_, Q, X, tau in restored],
+        origin={"objective": specification.objective, "status": v.status},
+        package="clarabel",
+    )
+
+
+def assembled(
+    model: TSModel,
+    specification: Specification,
+    *,
+    alpha: float,
+    gamma: float,
+    P: np.ndarray,
+    M: np.ndarray,
+    L: np.ndarray,
+    slack: Sequence[tuple[np.ndarray, ...]],
+    origin: dict[str, str],
+    package: str,
+) -> Controller:
+    """Return a point of the inequalities as a controller, not proven yet.
+
+    Args:
+        model: the T-S model.
+        specification: what was asked.
+        alpha: decay rate [1/s].
+        gamma: L2 gain, as `Controller` has it.
+        P: (n, n), in SI units like all that follow.
+        M: (N, N_e, 2, n_e).
+        L: (N, N_e, 2, 6), read in the paper's form only.
+        slack: (Q, X, τ) of Ψ and, with a fastest pole, of Φ; shapes (p, n, n), (p, n, n) and (p, N_e, m).
+        origin: how it was made.
+        package: that solved it, whose version is written down.
+    """
+    P, n_e, paper = 0.5 * (P + P.T), M.shape[-1], specification.form == "paper"
+    (Q, X, tau), (pole_Q, pole_X, pole_tau) = slack[0], slack[1] if len(slack) > 1 else (None, None, None)
     return Controller(
         model=model,
         form=specification.form,
         integral=specification.integral,
-        alpha=specification.alpha if specification.alpha is not None else solution.problem.alpha * scaling.time,
-        gamma=specification.gamma or solution.problem.gamma or solution.gamma,
+        alpha=alpha,
+        gamma=gamma,
         weight=np.array(PAPER_WEIGHT) if paper else None,
         common_multiplier=specification.common_multiplier,
         gains=np.linalg.solve(P[:n_e, :n_e], np.swapaxes(M, -1, -2)).swapaxes(-1, -2),
@@ -96,10 +137,9 @@ def to_controller(model: TSModel, specification: Specification, scaling: Scaling
         X=X,
         tau=tau,
         origin={
-            "objective": specification.objective,
-            "status": solution.status,
+            **origin,
             **({"feedforward": _feedforward_in_words(specification)} if paper else {}),
-            **{name: version(name) for name in ("fuzzyarm", "clarabel")},
+            **{name: version(name) for name in ("fuzzyarm", package)},
         },
         fastest_pole=specification.fastest_pole,
         pole_Q=pole_Q,

@@ -11,11 +11,7 @@ import pygame
 import pytest
 from gymnasium.error import ResetNeeded
 
-from fuzzyarm.envs.batch.layout import VECTORS
-from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.physics.dynamics import Payload
-from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.rendering import (
+from fuzzyarm.envs.canvas import (
     FOOTER,
     FORCE,
     HEADER,
@@ -26,12 +22,15 @@ from fuzzyarm.envs.rendering import (
     REFERENCE,
     TRACE,
     WIDTH,
-    View,
-    case_title,
     magnified,
     thinned,
 )
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.picture_in_plane import View
+from fuzzyarm.envs.rendering import case_title
+from fuzzyarm.envs.scenario.cases import CASES, case_for
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TorqueBias
 from fuzzyarm.envs.scenario.reference import JointReference, joint_angles
 
@@ -166,12 +165,11 @@ def test_trace_shows_the_magnified_error(env, offset):
 
 
 def test_magnified_is_the_reference_without_error():
-    tip, reference = VECTORS.index("tip"), VECTORS.index("tip_reference")
-    trace = np.random.default_rng(0).normal(size=(3, len(VECTORS), 2))
-    trace[:, tip] = trace[:, reference]
-    np.testing.assert_array_equal(magnified(trace), trace[:, reference])
-    trace[1, tip, 0] += 0.001
-    np.testing.assert_allclose(magnified(trace)[1] - trace[1, reference], [0.025, 0.0], atol=1e-12)
+    reference = np.random.default_rng(0).normal(size=(3, 2))
+    tip = reference.copy()
+    np.testing.assert_array_equal(magnified(tip, reference), reference)
+    tip[1, 0] += 0.001
+    np.testing.assert_allclose(magnified(tip, reference)[1] - reference[1], [0.025, 0.0], atol=1e-12)
 
 
 def test_trace_holds_every_step_even_if_drawn_once(env):
@@ -232,11 +230,13 @@ def test_payload_hangs_where_it_is_attached(env):
 
 
 def test_titles():
+    arm, other = ArmParameters(), ArmParameters(length=(0.3, 0.7), mass_center=(0.15, 0.25))
     for case in CASES.values():
-        assert case_title(case.disturbance) == case.title
-    assert case_title(Disturbance()) == CASES["nominal"].title
-    for other in (Disturbance(torque_bias=TorqueBias((1.0, 0.0))), Disturbance(payload=Payload(4.0))):
-        assert case_title(other) == "custom disturbance"
+        assert case_title(case.disturbance, arm) == case.title
+        assert case_title(case_for(case.name, other).disturbance, other) == case_for(case.name, other).title
+    assert case_title(Disturbance(), arm) == CASES["nominal"].title
+    for own in (Disturbance(torque_bias=TorqueBias((1.0, 0.0))), Disturbance(payload=Payload(4.0))):
+        assert case_title(own, arm) == "custom disturbance"
 
 
 @pytest.mark.parametrize("length", [(0.5, 0.5), (0.3, 0.7), (1.0, 1.2)])

@@ -271,7 +271,6 @@ def test_the_papers_robot_is_the_arm_of_table_1():
 
 
 REFUSED = {
-    "drawing": ({"robot": "planar-3r", "render_mode": "rgb_array"}, ValueError, "two-joint arm alone is drawn"),
     "no such robot": ({"robot": "ur55"}, ValueError, "unknown robot 'ur55'; choose from: .*planar-3r.*toml"),
     "no robot": ({"robot": 7}, TypeError, "robot is int; it must be a name"),
     "both": ({"robot": "ur5", "parameters": ArmParameters()}, ValueError, "give either robot"),

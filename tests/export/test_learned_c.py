@@ -1,4 +1,4 @@
-"""Exported C of learned policies and of the one that identifies the arm: the bits of the policy, layers as loops over tables, and their own square root."""
+"""Exported C of policies that learn or identify: their bits, layers as loops over tables, their own square root."""
 
 import ctypes
 import dataclasses

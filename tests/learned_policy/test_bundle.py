@@ -230,7 +230,7 @@ def test_loading_takes_no_learning_library_and_no_pickle(folder):
     ("values", "message"),
     [
         ({"scale": (0.0, 1.0)}, r"scale\[0\] = 0.0 N m is out of range"),
-        ({"scale": (1.0, 1.0, 1.0)}, "must be 2 real numbers"),
+        ({"scale": ()}, "the number of scales = 0 is out of range"),
         ({"scale": [1.0, 1.0]}, "must be a builtins.tuple"),
         ({"base": "fuzzy-4"}, r"scale\[0\] = 400.0 rad is out of range; allowed: \(0, 0.5\] rad"),
         ({"smoothing_time": -1.0}, "smoothing_time = -1.0 s is out of range"),

@@ -19,6 +19,7 @@ __all__ = [
     "PAPER",
     "AnyArm",
     "Bounds",
+    "argument_of",
     "bounds_of",
     "checked_parameters",
     "chosen_arm",
@@ -68,8 +69,8 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
     """Return the arm that the arguments ``robot`` and ``parameters`` of an environment name; neither: Table 1.
 
     Args:
-        robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, or a `Robot`; None: the
-            two-joint arm.
+        robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, a `Robot`, or
+            `ArmParameters`; None: the two-joint arm.
         parameters: of the two-joint arm, or None.
 
     Raises:
@@ -84,11 +85,18 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
             f"give either robot = {checks.shown(getattr(robot, 'name', robot))} or parameters of the two-joint arm, "
             "not both"
         )
-    if isinstance(robot, Robot):
+    if isinstance(robot, Robot | ArmParameters):
         return robot
     if not isinstance(robot, str | os.PathLike):
-        raise TypeError(f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, or a Robot")
+        raise TypeError(
+            f"robot is {type(robot).__name__}; it must be a name, the path of a TOML file, a Robot or ArmParameters"
+        )
     return _named(os.fspath(robot))
+
+
+def argument_of(arm: AnyArm) -> dict[str, Any]:
+    """Return the argument of an environment that names an arm: ``parameters`` or ``robot``."""
+    return {"parameters": arm} if isinstance(arm, ArmParameters) else {"robot": arm}
 
 
 def _named(robot: str) -> AnyArm:

@@ -112,8 +112,9 @@ def residual_statement(residual: Residual) -> str:
     )
 
 
-def verify_file(path: Path) -> Verification | ScheduledVerification:
+def verify_file(path: str | Path) -> Verification | ScheduledVerification:
     """Load a controller file of any form and prove its claims; ValueError or OSError if it cannot be read."""
+    path = Path(path)
     controller = load_controller(path)
     if isinstance(controller, ScheduledController):
         return verify_scheduled(path, controller)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,9 +16,12 @@ from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS, Believing
 from fuzzyarm.eval.episodes.loop import Step, Timed, episodes
+from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Predictor
+from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
+from fuzzyarm.policies import load_policy, resolve
 
-__all__ = ["SIGNALS", "Rollout", "Signals", "record_rollout"]
+__all__ = ["SIGNALS", "Rollout", "Signals", "record_rollout", "run_episode"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,6 +146,41 @@ def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, cas
         step_time=timed.median,
         beliefs=believing.rows(),
     )
+
+
+def run_episode(
+    policy: str | os.PathLike[str] | Controller | ScheduledController | Predictor,
+    case: str = "nominal",
+    *,
+    seed: int = 0,
+    robot: str | os.PathLike[str] | AnyArm | None = None,
+    control_period: float = 1e-3,
+    **environment: Any,
+) -> Rollout:
+    """Run one episode of a policy and record it.
+
+    Args:
+        policy: what `load_policy` takes, or an object with `predict`.
+        case: name of the case.
+        seed: of the episode.
+        robot: the arm, of the environment and of the policy; None: Table 1.
+        control_period: time between two actions [s].
+        environment: further arguments of `FuzzyArmEnv`.
+
+    Raises:
+        ValueError: a name is unknown, or policy and robot do not go together.
+        OSError: a file cannot be read.
+
+    Examples:
+        >>> run = run_episode("fuzzy-4-tip")
+        >>> run.tip.shape, run.completed, bool(run.tip_error.max() < 3e-6)
+        ((1500, 2), True, True)
+    """
+    env = FuzzyArmEnv(case, robot=robot, control_period=control_period, **environment)
+    name = resolve(policy).label if isinstance(policy, str | os.PathLike) else type(policy).__name__
+    if isinstance(policy, str | os.PathLike | Controller | ScheduledController):
+        policy = load_policy(policy, control_period=control_period, robot=robot)
+    return record_rollout(env, policy, policy_name=name, case=case, seed=seed)
 
 
 def _domain_use(signals: Mapping[str, np.ndarray], arm: AnyArm) -> np.ndarray:

@@ -80,7 +80,7 @@ class Leaderboard:
         return [1 + orders.index(order) for order in orders]
 
 
-def rank_policies(paths: Sequence[Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
+def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
     """Rank the policies of results files, or of the folders that hold them; `tips` says what is proven of whose tip.
 
     Raises:
@@ -88,7 +88,7 @@ def rank_policies(paths: Sequence[Path], tips: Mapping[str, str] | None = None) 
             first difference.
         OSError: a file cannot be read.
     """
-    read = [read_results(path) for path in paths]
+    read = [read_results(Path(path)) for path in paths]
     first = read[0]
     for number, other in enumerate(read):
         if any(other.path.samefile(earlier.path) for earlier in read[:number]):

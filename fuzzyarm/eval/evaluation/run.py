@@ -16,9 +16,9 @@ from fuzzyarm.common.checks import choice, distinct, instance, interval, real, r
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import checked_period
-from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
+from fuzzyarm.envs.physics.robot import robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, Case, case_for, find_case, with_loads
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
@@ -51,7 +51,8 @@ class EvaluationConfig:
         encoder_noise: standard deviation on motor angles [rad] and velocities [rad/s].
         control_period: time between two actions [s].
         parameters: the two-joint arm, for the plant and for the policies' models.
-        robot: another robot in its place.
+        robot: another robot in its place; its name, its file and the parameters of a two-joint arm are taken as well,
+            and are then what they say.
         path: name of the path of the tip, see `default_reference`.
         points: a path by points in its place.
         force: smallest and largest machining force [N]; None: scaled to the arm, see `cases`.
@@ -65,7 +66,7 @@ class EvaluationConfig:
     encoder_noise: tuple[float, float] = (0.0, 0.0)
     control_period: float = 1e-3
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
-    robot: Robot | None = None
+    robot: Any = None
     path: str = "circle"
     points: GivenPath | None = None
     force: tuple[float, float] | None = None
@@ -84,7 +85,10 @@ class EvaluationConfig:
         checked_period("control_period", self.control_period)
         instance("parameters", self.parameters, ArmParameters)
         if self.robot is not None:
-            instance("robot", self.robot, Robot)
+            arm = chosen_arm(self.robot, None)
+            two_joints = isinstance(arm, ArmParameters)
+            object.__setattr__(self, "parameters", arm if two_joints else self.parameters)
+            object.__setattr__(self, "robot", None if two_joints else arm)
         choice("path", self.path, tuple(SHAPES))
         if self.points is not None:
             instance("points", self.points, GivenPath)
@@ -100,7 +104,8 @@ class EvaluationConfig:
     @property
     def arm(self) -> AnyArm:
         """The robot, or the two-joint arm."""
-        return self.parameters if self.robot is None else self.robot
+        arm: AnyArm = self.parameters if self.robot is None else self.robot
+        return arm
 
     @property
     def titles(self) -> dict[str, str]:
@@ -265,9 +270,9 @@ def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
         ) from error
 
 
-def write_results(evaluation: Evaluation, folder: Path) -> list[Path]:
-    """Write ``results.json`` and ``results.csv``, each whole or not at all; return their paths."""
-    json_path, csv_path = folder / "results.json", folder / "results.csv"
+def write_results(evaluation: Evaluation, folder: str | Path) -> list[Path]:
+    """Write ``results.json`` and ``results.csv`` into a folder, each whole or not at all; return their paths."""
+    json_path, csv_path = Path(folder) / "results.json", Path(folder) / "results.csv"
     write_atomically(json_path, json.dumps(evaluation.to_dict(), indent=1) + "\n")
     write_atomically(csv_path, csv_text(evaluation.rows))
     return [json_path, csv_path]

@@ -22,8 +22,6 @@ def verdict(
     folder: Path,
     files: int,
     titles: Mapping[str, str] | None = None,
-    *,
-    report: bool = True,
 ) -> list[str]:
     """Return a line for each case, one about certificates and one about the next command.
 
@@ -36,14 +34,12 @@ def verdict(
         folder: that the evaluation was written to.
         files: how many files.
         titles: by name of the case; None: those of the two-joint arm.
-        report: whether `fuzzyarm report` takes the evaluation.
     """
     known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     cases = dict.fromkeys(row["case"] for row in rows)
     lines = [_won([row for row in rows if row["case"] == case], known.get(case, case)) for case in cases]
     there = shlex.quote(str(folder))
-    following = f"; next: fuzzyarm report {there}" if report else ""
-    return [*lines, _proven(certificates), f"{files} files in {there}{following}"]
+    return [*lines, _proven(certificates), f"{files} files in {there}; next: fuzzyarm report {there}"]
 
 
 def _won(rows: Sequence[Mapping[str, Any]], title: str) -> str:

@@ -1,19 +1,12 @@
 // The picture of each arm at the current instant of its rollout.
 
-/** Return base, elbow and tip [m] at joint angles [rad]. */
-function joints(q1, q2) {
-  const [length1, length2] = report.length;
-  const elbow = [length1 * Math.cos(q1), length1 * Math.sin(q1)];
-  return [[0, 0], elbow, [elbow[0] + length2 * Math.cos(q1 + q2), elbow[1] + length2 * Math.sin(q1 + q2)]];
-}
-
 /**
- * Return the part of the plane [m] that every picture shows: the base, the reference with room around it, and the elbow
- * of one run of each case, the one that went farthest with the smallest error.
+ * Return the part of the picture's plane [m] that every picture shows: the base, the reference with room around it, and
+ * the arm of one run of each case, the one that went farthest with the smallest error.
  */
 function viewOf(scenes) {
-  const low = [-0.1, -0.06], high = [0.1, 0.06];
-  const include = (point, room) => point.forEach((value, axis) => {
+  const size = report.robot?.reach ?? 1, low = [-0.1 * size, -0.06 * size], high = [0.1 * size, 0.06 * size];
+  const include = (point, room) => shape.seen(point).forEach((value, axis) => {
     low[axis] = Math.min(low[axis], value - room);
     high[axis] = Math.max(high[axis], value + room);
   });
@@ -21,10 +14,9 @@ function viewOf(scenes) {
     const steadier = (a, b) => b.samples - a.samples || a.peak - b.peak;
     const { samples, link } = [...runs].sort(steadier)[0];
     for (let k = 0; k < samples; k += 10) {
-      const [, elbow] = joints(...pairAt(link, k));
-      include(elbow, 0.06);
+      for (const point of shape.within(jointsAt(link, k))) include(point, 0.06 * size);
     }
-    for (let k = 0; k < time.length; k += 10) include(pairAt(reference, k), ROOM);
+    for (let k = 0; k < time.length; k += 10) include(placeAt(reference, k), ROOM);
   }
   return { low, high };
 }
@@ -59,16 +51,18 @@ class Arm {
   /** Draw what does not move, and keep it in a hidden canvas from which `draw` copies it. */
   prepare() {
     const { scene } = state, run = scene.runs[this.policy], { low, high } = view, { width, height } = this.canvas.box;
-    // Gravity points down: x of the robot's frame is drawn downwards, y to the right.
     const scale = Math.min(width / (high[1] - low[1]), height / (high[0] - low[0]));
     this.scale = scale;
-    this.pixel = ([x, y]) => [
-      0.5 * width + scale * (y - 0.5 * (low[1] + high[1])), 0.5 * height + scale * (x - 0.5 * (low[0] + high[0]))];
+    this.pixel = (point) => {
+      const [down, right] = shape.seen(point);
+      return [0.5 * width + scale * (right - 0.5 * (low[1] + high[1])),
+        0.5 * height + scale * (down - 0.5 * (low[0] + high[0]))];
+    };
     this.factor = factorOf(run);
     this.still = stillOf(this.canvas);
     const context = cleared(this.still);
-    disc(context, this.pixel([0, 0]), scale * (report.length[0] + report.length[1]), colours.reach);
-    const path = Array.from(scene.time, (_, sample) => this.pixel(this.reference(sample)));
+    const places = Array.from(scene.time, (_, sample) => this.reference(sample)), path = places.map(this.pixel);
+    shape.ground(context, this.pixel, scale, places);
     stroke(context, path, colours.reference, Math.max(2, 0.012 * scale));
     const trace = Array.from({ length: run.samples }, (_, sample) => this.pixel(this.magnified(sample)));
     // Points closer than a pixel to the one before are left out of the trace, which is drawn at every instant.
@@ -82,12 +76,12 @@ class Arm {
   }
 
   reference(sample) {
-    return pairAt(state.scene.reference, sample);
+    return placeAt(state.scene.reference, sample);
   }
 
   /** Return the tip, its deviation from the reference magnified. */
   magnified(sample) {
-    const deviation = pairAt(state.scene.runs[this.policy].deviation, sample);
+    const deviation = placeAt(state.scene.runs[this.policy].deviation, sample);
     return this.reference(sample).map((value, axis) => value + this.factor * deviation[axis]);
   }
 
@@ -96,27 +90,19 @@ class Arm {
     const { scene } = state, run = scene.runs[this.policy], k = sampleOf(run), { scale, pixel } = this;
     const context = cleared(this.canvas), { width, height } = this.canvas.box;
     if (!width || !height) return;
-    const thickness = 0.03 * scale * (report.length[0] + report.length[1]);
     context.drawImage(this.still, 0, 0, width, height);
 
     // The arm at its motor angles, with magnified bending, lies under the links.
-    const angles = pairAt(run.link, k), bending = pairAt(run.bending, k);
-    const motors = angles.map((angle, joint) => angle + BENDING * bending[joint]);
-    stroke(context, joints(...motors).map(pixel), colours.soft, 1.5, [5, 4]);
-    const links = joints(...angles).map(pixel), [, , tip] = links;
-    drawMounting(context, links[0], thickness);
-    for (const [start, end, share] of [[0, 1, 1], [1, 2, 0.75]]) {
-      stroke(context, [links[start], links[end]], colours.edge, share * thickness + 3);
-      stroke(context, [links[start], links[end]], colours.steel, share * thickness);
-    }
-    for (const joint of [0, 1]) {
-      disc(context, links[joint], 0.6 * thickness, colours.edge);
-      disc(context, links[joint], 0.27 * thickness, colours.paper);
-    }
+    const angles = jointsAt(run.link, k), bending = jointsAt(run.bending, k);
+    const motors = shape.points(angles.map((angle, joint) => angle + BENDING * bending[joint]));
+    shape.shadow(context, pixel, scale, angles);
+    stroke(context, motors.map(pixel), colours.soft, 1.5, [5, 4]);
+    shape.arm(context, pixel, scale, angles);
+    const end = shape.points(angles).at(-1), tip = pixel(end);
     if (scene.payload) drawPayload(context, tip, scene.payload, scale);
     if (scene.force) {
-      const [down, right] = pairAt(scene.force, state.sample);
-      drawForce(context, tip, [right, down], scale);
+      const force = placeAt(scene.force, state.sample);
+      drawForce(context, tip, shape.across(end, force), Math.hypot(...force), scale);
     }
     this.drawTrace(context, k);
     if (run.ended && state.sample >= run.samples - 1) drawEnd(context, width, run.ended);
@@ -137,14 +123,8 @@ class Arm {
   write() {
     const run = state.scene.runs[this.policy], k = sampleOf(run);
     this.error.set(lengthText(run.error[k]));
-    this.torque.set(`Γ ${pairAt(run.torque, k).map(signed).join(", ")}`);
+    this.torque.set(torqueText(jointsAt(run.torque, k)));
   }
-}
-
-function drawMounting(context, [right, down], thickness) {
-  const at = ([x, y]) => [right + x * thickness, down + y * thickness];
-  polygon(context, [[-0.6, 0], [-1.1, -1.7], [1.1, -1.7], [0.6, 0]].map(at), colours.edge);
-  stroke(context, [[-1.8, -1.7], [1.8, -1.7]].map(at), colours.edge, 3);
 }
 
 function drawPayload(context, tip, mass, scale) {
@@ -158,13 +138,20 @@ function drawPayload(context, tip, mass, scale) {
   context.fillText(`${mass}`, ...tip);
 }
 
-/** Draw an arrow that points at the tip; `force` is [right, down] in N. */
-function drawForce(context, tip, force, scale) {
-  const size = Math.hypot(...force);
-  if (size < 1) return;
-  const [right, down] = force.map((part) => part / size);
+/** Write the torques of a few joints [N m], or of more how near the next limit is. */
+function torqueText(torques) {
+  if (!report.robot) return `Γ ${torques.map(signed).join(", ")}`;
+  const share = Math.max(...torques.map((torque, joint) => Math.abs(torque) / report.robot.torque[joint]));
+  return `Γ ≤ ${(100 * share).toFixed(0)} %`;
+}
+
+/** Draw an arrow that points at the tip; `seen` is what is seen of a force of this `size` [N], [right, down] in N. */
+function drawForce(context, tip, seen, size, scale) {
+  const long = Math.hypot(...seen);
+  if (size < 1 || long < 0.02 * size) return;
+  const [right, down] = seen.map((part) => part / long);
   const at = (back, side) => [tip[0] - back * right - side * down, tip[1] - back * down + side * right];
-  const shaft = (0.16 * scale * size) / state.scene.strongest, head = 0.3 * shaft;
+  const shaft = (0.16 * scale * (report.robot?.reach ?? 1) * long) / state.scene.strongest, head = 0.3 * shaft;
   stroke(context, [at(shaft, 0), at(head, 0)], colours.force, 4);
   polygon(context, [at(0, 0), at(head + 4, 0.6 * head), at(head + 4, -0.6 * head)], colours.force);
   context.font = font(12, "600");

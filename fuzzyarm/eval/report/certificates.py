@@ -42,6 +42,7 @@ class _BoundChart:
         digits: decimal digits from SI units to the unit of the axis.
         at_least: whether the certified value is a lower bound.
         worst: the worst value observed, in SI units.
+        forms: of controllers that claim this quantity.
     """
 
     title: str
@@ -50,11 +51,15 @@ class _BoundChart:
     digits: int
     at_least: bool
     worst: Callable[[Observed], float]
+    forms: tuple[str, ...]
 
 
+DECAY, GAIN = ("consistent", "semidefinite"), ("consistent",)  # forms whose bounds are of the rigid arm's error
 _CHARTS = (
-    _BoundChart("Decay rate", "decay rate of the error [1/s]", "alpha", 0, True, lambda seen: seen.decay),
-    _BoundChart("L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, False, lambda seen: seen.gain),
+    _BoundChart("Decay rate", "decay rate of the error [1/s]", "alpha", 0, True, lambda seen: seen.decay, DECAY),
+    _BoundChart(
+        "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, False, lambda seen: seen.gain, GAIN
+    ),
 )
 
 
@@ -73,7 +78,7 @@ def bound_charts(stored: StoredEvaluation, observed: Observations) -> str:
 def _row(spec: _BoundChart, claimed: Mapping[str, Any] | None, seen: Observed | str | None) -> Bound | str:
     if claimed is None:
         return "no certificate"
-    if claimed["form"] != "consistent":
+    if claimed["form"] not in spec.forms:
         return "of other quantities"
     worst = 10.0**spec.digits * spec.worst(seen) if isinstance(seen, Observed) else None
     # Rounded so that it holds before the unit is changed, which is exact in decimal.

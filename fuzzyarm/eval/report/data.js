@@ -1,11 +1,10 @@
 "use strict";
 // The data of the replay: the embedded rollouts, and what the reader has chosen.
-// Positions are in the frame of the robot: x points down, y to the right.
+// Positions are in the frame of the robot; of the two-joint arm, x points down, y to the right.
 
 const PALETTE = 8; // number of policy colours in page.css
 const BENDING = 20; // magnification of the joints' bending in the arm that is drawn at its motor angles
 const MAGNIFICATIONS = [1, 2, 5, 10, 25, 50, 100, 250, 1000, 10000];
-const ROOM = 0.12; // [m] around the reference, for magnified deviations
 // An axis with focus is not scaled to curves whose peak exceeds FOCUS times the smallest peak, or FOCUS times SMALL
 // [mm, mrad] if that is larger.
 const FOCUS = 5, SMALL = 2;
@@ -20,8 +19,14 @@ const $ = (id) => document.getElementById(id);
 const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 const systemDark = matchMedia("(prefers-color-scheme: dark)");
 
-/** The two numbers of a sample, of both joints or (x, y), in an array that holds them one after the other. */
-const pairAt = (values, sample) => [values[2 * sample], values[2 * sample + 1]];
+const report = JSON.parse($("data").textContent);
+const JOINTS = report.robot?.joints.length ?? 2, AXES = report.robot ? 3 : 2;
+const ROOM = 0.12 * (report.robot?.reach ?? 1); // [m] around the reference, for magnified deviations
+
+/** The numbers of a sample, of all joints or coordinates, in an array that holds them one after the other. */
+const rowAt = (values, sample, size) => Array.from(values.subarray(size * sample, size * (sample + 1)));
+const jointsAt = (values, sample) => rowAt(values, sample, JOINTS);
+const placeAt = (values, sample) => rowAt(values, sample, AXES);
 const colourClass = (policy) => `p${policy % PALETTE}`;
 
 /** Decode little-endian float32 numbers in base64. */
@@ -34,14 +39,13 @@ function decodedRun(run) {
   const decoded = { ended: run.ended };
   for (const name of ["deviation", "link", "bending", "torque", "circularity"]) decoded[name] = floats(run[name]);
   decoded.samples = decoded.circularity.length;
-  decoded.error = Array.from(decoded.circularity, (_, k) => Math.hypot(...pairAt(decoded.deviation, k)));
+  decoded.error = Array.from(decoded.circularity, (_, k) => Math.hypot(...placeAt(decoded.deviation, k)));
   decoded.worst = decoded.error.indexOf(Math.max(...decoded.error));
   decoded.peak = decoded.error[decoded.worst];
   decoded.curves = new Map();
   return decoded;
 }
 
-const report = JSON.parse($("data").textContent);
 for (const scene of report.cases) {
   scene.time = floats(scene.time);
   scene.reference = floats(scene.reference);

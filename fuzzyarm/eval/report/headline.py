@@ -15,7 +15,7 @@ __all__ = ["headline", "rule"]
 NAMED = 3  # policies that are named one after the other; of more, only their number is told
 
 
-def headline(standings: Sequence[Standing]) -> str:
+def headline(standings: Sequence[Standing], titles: Mapping[str, str] | None = None) -> str:
     """Return the sentence as HTML.
 
     A value is that of the leaderboard: the score overall, the rms tip error in a case. Policies whose values read the
@@ -23,9 +23,11 @@ def headline(standings: Sequence[Standing]) -> str:
 
     Args:
         standings: of all policies of one evaluation, see `standings_of`.
+        titles: of the cases by name; None: those of the two-joint arm.
     """
+    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     if len(standings) == 1:
-        return _alone(standings[0])
+        return _alone(standings[0], known)
     scores = {standing.policy: standing.score.mean for standing in standings if standing.score is not None}
     cases = list(standings[0].rms)
     wins: dict[tuple[str, ...], list[str]] = {}  # what each group of winners won
@@ -36,10 +38,10 @@ def headline(standings: Sequence[Standing]) -> str:
         errors = {standing.policy: standing.rms[case] for standing in standings}
         held = {policy: error for policy, error in errors.items() if error is not None}
         if held:
-            won = f"in {_title(case)} with {_length(min(held.values()))}\u00a0rms"
+            won = f"in {_title(known[case])} with {_length(min(held.values()))}\u00a0rms"
             wins.setdefault(_winners(held), []).append(won)
         else:
-            nobody.append(_title(case))
+            nobody.append(_title(known[case]))
     parts = [
         f"{_names(names)} {'wins' if len(names) == 1 else 'tie'} {_series(where)}" for names, where in wins.items()
     ]
@@ -59,12 +61,14 @@ def rule(standings: Sequence[Standing]) -> str:
     )
 
 
-def _alone(standing: Standing) -> str:
+def _alone(standing: Standing, titles: Mapping[str, str]) -> str:
     """Return the sentence of an evaluation of one policy, which has nobody to win against."""
     name = _names([standing.policy])
     if standing.score is None:
         return f"{name} ran alone and lost the path in {standing.lost} of {_episodes(standing.episodes)}."
-    errors = [f"{_length(error)} in {_title(case)}" for case, error in standing.rms.items() if error is not None]
+    errors = [
+        f"{_length(error)} in {_title(titles[case])}" for case, error in standing.rms.items() if error is not None
+    ]
     return f"{name} ran alone; its rms tip error is {_series(errors)}."
 
 
@@ -102,9 +106,9 @@ def _overlap(standings: Sequence[Standing]) -> list[str]:
     return [f"the 95 % interval of the score of {_names([first])} overlaps that of {_names(alike)}"] if alike else []
 
 
-def _title(case: str) -> str:
-    """Return the title of a case, its explanation in brackets."""
-    return escape(re.sub(r"^([^:]+): (.+)$", r"\1 (\2)", CASES[case].title))
+def _title(title: str) -> str:
+    """Return the title of a case with its explanation in brackets."""
+    return escape(re.sub(r"^([^:]+): (.+)$", r"\1 (\2)", title))
 
 
 def _length(millimetres: float) -> str:

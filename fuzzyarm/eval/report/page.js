@@ -200,6 +200,8 @@ function build() {
   $("arms").append(...arms.map(({ figure }) => figure));
   $("plots").append(...plots.map(({ figure }) => figure));
   $("time").append(clockText.made);
+  $("plots").classList.toggle("many", plots.length > 6);
+  if (report.robot) $("torques").textContent = "Γ share of a limit";
   for (const part of [document.querySelector(".controls"), $("policies"), $("key"), $("theme")]) part.hidden = false;
 }
 

@@ -34,10 +34,10 @@ from fuzzyarm.policies import resolve
 
 __all__ = ["command", "render_page", "write_report"]
 
-SCRIPTS = ("data.js", "canvas.js", "arms.js", "curves.js", "plots.js", "page.js")
+SCRIPTS = ("data.js", "canvas.js", "plane.js", "space.js", "arms.js", "curves.js", "plots.js", "page.js")
 
 
-def write_report(folder: Path, out: Path, bounds: Sequence[Path] = ()) -> None:
+def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Path] = ()) -> None:
     """Write the report of the evaluation in `folder` to `out`, atomically, with the tubes of files of tip bounds.
 
     Raises:
@@ -45,9 +45,9 @@ def write_report(folder: Path, out: Path, bounds: Sequence[Path] = ()) -> None:
             episode of the evaluation; nothing is written.
         OSError: a file cannot be read or written.
     """
-    stored = read_evaluation(folder)
-    tubes = tube_section(checked_bounds(bounds), stored.rollouts)
-    write_atomically(out, render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
+    stored = read_evaluation(Path(folder))
+    tubes = tube_section(checked_bounds([Path(one) for one in bounds]), stored.rollouts)
+    write_atomically(Path(out), render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
 
 
 def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "") -> str:
@@ -59,13 +59,13 @@ def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "
         policy=_security_policy(style, script),
         title="Robot-arm tracking, policies compared",
         style=style,
-        headline=headline(standings),
+        headline=headline(standings, config.titles),
         rule=escape(rule(standings)),
         meta=escape(_subtitle(stored)),
-        glance=error_charts(stored.rows),
+        glance=error_charts(stored.rows, config.titles),
         glance_note=" of the policies that finished; × ended early" if early else "",
         sampling=escape(_sampling(config, data["stride"])),
-        table=metrics_table(stored.rows),
+        table=metrics_table(stored.rows, config.titles),
         table_note=escape(_table_note(config, early)),
         declared=declared_table(config.policies, stored.certificates),
         beliefs=_beliefs(stored),
@@ -81,11 +81,15 @@ def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "
 
 
 def command(config: EvaluationConfig) -> str:
-    """Return the command of an evaluation with this configuration; FILE stands for the unknown file of another arm."""
+    """Return the command of an evaluation with this configuration; FILE stands for an unknown file of arm or path."""
     default = EvaluationConfig()
-    named = dataclasses.replace(config, parameters=default.parameters, control_period=default.control_period)
-    robot = "" if config.parameters == default.parameters else " --robot FILE"
-    return f"{named.command()}{robot}"
+    known = dataclasses.replace(
+        config, parameters=default.parameters, control_period=default.control_period, points=default.points
+    )
+    shipped = known.command()
+    named = shipped or dataclasses.replace(known, robot=None).command()
+    robot = "" if shipped and config.parameters == default.parameters else " --robot FILE"
+    return f"{named}{robot}" + ("" if config.points is None else " --path FILE")
 
 
 def _part(name: str) -> str:
@@ -155,8 +159,7 @@ def _table_note(config: EvaluationConfig, early: bool) -> str:
 
 def _made(stored: StoredEvaluation) -> dict[str, str]:
     """Return the provenance of the evaluation and of this page, by heading."""
-    config, made, paper = stored.config, stored.made_with, ArmParameters().to_dict()
-    changed = {key: value for key, value in config.parameters.to_dict().items() if value != paper[key]}
+    config, made = stored.config, stored.made_with
     noise = "{:g} rad, {:g} rad/s".format(*config.encoder_noise) if any(config.encoder_noise) else "none"
     machine = made["machine"]
     return {
@@ -165,9 +168,18 @@ def _made(stored: StoredEvaluation) -> dict[str, str]:
         "policies": ", ".join(resolve(name).label for name in config.policies),
         "seeds": _seeds(config),
         "encoder noise": noise,
-        "arm": json.dumps(changed) if changed else "Table 1 of the paper",
+        "arm": _arm(config),
         "versions": ", ".join(f"{name} {version}" for name, version in made["versions"].items()),
         "commit": str(made["commit"] or "none"),
         "machine": f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}",
         "report": f"fuzzyarm report, FuzzyArm {__version__}; this file fetches nothing",
     }
+
+
+def _arm(config: EvaluationConfig) -> str:
+    """Return which arm it is, in words."""
+    if config.robot is not None:
+        return f"{config.robot.name}, {len(config.robot)} joints, digest {config.robot.digest}"
+    paper = ArmParameters().to_dict()
+    changed = {key: value for key, value in config.parameters.to_dict().items() if value != paper[key]}
+    return json.dumps(changed) if changed else "Table 1 of the paper"

@@ -9,13 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.envs.perspective import floor_of, looking_at, poses_of
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.kinematics import reach
 from fuzzyarm.eval.episodes.rollout import Rollout
+from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.stored import StoredEvaluation
 
 __all__ = ["replay_data"]
 
 LARGEST = 2_300_000  # bytes of base64 for all signals together, with which the page stays below 3 MB
+POSES = 200  # of a motion, for which the floor is made
 _FLOAT = np.dtype("<f4")  # of embedded numbers
 _BASE64 = 4 / 3  # bytes of base64 for a byte of data
 
@@ -30,11 +34,27 @@ def replay_data(stored: StoredEvaluation) -> dict[str, Any]:
         first[run.case].setdefault(run.policy, run)
     policies = list(stored.bounds)
     stride = _stride([run for runs in first.values() for run in runs.values()])
+    shown = [_case(stored.config, name, [runs[p] for p in policies], stride) for name, runs in first.items()]
+    arm: dict[str, Any] = {"length": stored.config.parameters.length}
+    if stored.config.robot is not None:
+        arm = {"robot": _robot(stored.config.robot, max(stored.rollouts, key=lambda run: len(run.time)))}
+    return {"policies": policies, **arm, "stride": stride, "cases": shown}
+
+
+def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
+    """Return the chain of a robot, and the camera and the floor that it is shown with, for its motion in a run."""
+    asked = poses_of(robot, run.q_reference[:: max(1, len(run.time) // POSES)])
+    camera, floor, chain = looking_at(robot, run.tip_reference), floor_of(robot, asked.points), robot.arrays
+    joints = zip(chain.position.tolist(), chain.rotation.tolist(), chain.axis.tolist(), strict=True)
     return {
-        "policies": policies,
-        "length": stored.config.parameters.length,
-        "stride": stride,
-        "cases": [_case(name, [runs[policy] for policy in policies], stride) for name, runs in first.items()],
+        "joints": [{"position": p, "rotation": r, "axis": a} for p, r, a in joints],
+        "tip": chain.tip.tolist(),
+        "torque": robot.drive("torque_limit").tolist(),
+        "reach": reach(robot),
+        "eye": camera.eye.tolist(),
+        "axes": camera.axes.tolist(),
+        "distance": float(camera.depth(asked.points.reshape(-1, chain.tip.size).mean(axis=0))),
+        "floor": {"up": floor.up.tolist(), "height": floor.height, "grid": floor.grid.tolist()},
     }
 
 
@@ -59,12 +79,13 @@ def _signals(run: Rollout) -> dict[str, np.ndarray]:
     }
 
 
-def _case(name: str, runs: Sequence[Rollout], stride: int) -> dict[str, Any]:
+def _case(config: EvaluationConfig, name: str, runs: Sequence[Rollout], stride: int) -> dict[str, Any]:
+    case = config.case(name, None)
     longest = max(runs, key=lambda run: len(run.time))
     shown = _shown(len(longest.time), stride)
     return {
-        "title": CASES[name].title,
-        "payload": CASES[name].disturbance.payload.mass,
+        "title": case.title,
+        "payload": case.disturbance.payload.mass,
         "time": _encoded(longest.time[shown]),
         "reference": _encoded(longest.tip_reference[shown]),
         "force": _encoded(longest.external_force[shown]) if longest.external_force.any() else None,

@@ -1,14 +1,17 @@
 // The curves over time, with a cursor at the current instant.
 
-const torque = (joint) => (run, k) => pairAt(run.torque, k)[joint];
-const bending = (joint) => (run, k) => 1e3 * pairAt(run.bending, k)[joint];
+const torque = (joint) =>
+  ({ title: `Motor torque, joint ${joint + 1}`, unit: "N m", signal: (run, k) => run.torque[JOINTS * k + joint] });
+const bending = (joint) => ({
+  title: `Bending, joint ${joint + 1}`, unit: "mrad", focus: true,
+  signal: (run, k) => 1e3 * run.bending[JOINTS * k + joint],
+});
+const each = Array.from({ length: JOINTS }, (_, joint) => joint);
 const PLOTS = [
   { title: "Tip error", unit: "mm", log: true, signal: (run, k) => 1e3 * run.error[k] },
   { title: "Circularity error of the tip", unit: "mm", focus: true, signal: (run, k) => 1e3 * run.circularity[k] },
-  { title: "Motor torque, joint 1", unit: "N m", signal: torque(0) },
-  { title: "Motor torque, joint 2", unit: "N m", signal: torque(1) },
-  { title: "Bending, joint 1", unit: "mrad", focus: true, signal: bending(0) },
-  { title: "Bending, joint 2", unit: "mrad", focus: true, signal: bending(1) },
+  // Two joints side by side; of more, a row for each joint.
+  ...(JOINTS === 2 ? [...each.map(torque), ...each.map(bending)] : each.flatMap((k) => [torque(k), bending(k)])),
 ];
 const EDGE = { left: 44, right: 8, top: 8, bottom: 20 }; // [px]
 const CURSOR = 7; // [px] to each side of a cursor that is drawn again when it moves

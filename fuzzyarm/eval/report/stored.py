@@ -81,11 +81,6 @@ def read_evaluation(folder: Path) -> StoredEvaluation:
     if not (folder / results_file.NAME).is_file():
         raise ValueError(f"{folder} holds no results.json; make an evaluation with fuzzyarm evaluate --out {folder}")
     results = read_results(folder)
-    if results.config.robot is not None:
-        raise ValueError(
-            f"{results.path} is of {results.config.robot.name}, and a report draws the two-joint arm alone; "
-            f"the figures in {folder} show the evaluation"
-        )
     if results.versions["fuzzyarm"] != __version__:
         raise ValueError(
             f"{results.path} was made by fuzzyarm {results.versions['fuzzyarm']}, this is {__version__}; {again}"

@@ -29,8 +29,12 @@ class _TipError(NamedTuple):
     maximum: float
 
 
-def error_charts(rows: Sequence[Row]) -> str:
-    """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians."""
+def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -> str:
+    """Return a chart of the tip errors for each case, all with the same axis; over several seeds medians.
+
+    `titles` of the cases by name; None: those of the two-joint arm.
+    """
+    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     groups = _groups(rows)
     errors = {case: {policy: _tip_error(runs) for policy, runs in group.items()} for case, group in groups.items()}
     axis = _error_axis([value for group in errors.values() for error in group.values() for value in error])
@@ -42,7 +46,7 @@ def error_charts(rows: Sequence[Row]) -> str:
             rms, maximum = errors[case][policy]
             mark = "" if finished(runs) else " ×"
             drawn.append((policy, Errors(rms, maximum, finished(runs) and rms == best_rms, mark)))
-        title = CASES[case].title
+        title = known[case]
         description = f"{title}: root mean square and maximum of the tip error in mm"
         figures.append(figure(title, draw_chart(axis, drawn, description)))
     return "".join(figures)
@@ -59,15 +63,19 @@ def _error_axis(values: Sequence[float]) -> Axis:
     return Axis("tip error [mm]", 10.0**low, 10.0 ** max(high, low + 1), log=True)
 
 
-def metrics_table(rows: Sequence[Row]) -> str:
-    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`."""
+def metrics_table(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -> str:
+    """Return the table of all metrics: a body for each case, with the best cells of each column marked, see `best`.
+
+    `titles` as for `error_charts`.
+    """
+    known = {name: case.title for name, case in CASES.items()} if titles is None else titles
     cells = iter(table_rows(rows))  # in the order of the groups
     headings = [escape(heading).replace("N m", "N&nbsp;m") for heading, _, _ in COLUMNS]
     heads = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
     parts = [f'<table><thead><tr><th scope="col">policy</th>{heads}</tr></thead>']
     for case, group in _groups(rows).items():
         texts = {policy: _cells(next(cells)) for policy in group}
-        parts.append(_table_body(CASES[case].title, group, texts))
+        parts.append(_table_body(known[case], group, texts))
     return "".join([*parts, "</table>"])
 
 

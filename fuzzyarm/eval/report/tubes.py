@@ -56,7 +56,8 @@ def _episode(check: BoundCheck, rollouts: Sequence[Rollout]) -> Rollout:
     for run in rollouts:
         if (run.policy, run.case) == (claim.policy, claim.case) and len(run.tip) >= len(check.tip):
             wanted = JointReference(PATHS[claim.path], claim.duration).tip(run.time[: len(check.tip)]).position
-            if np.abs(run.tip_reference[: len(check.tip)] - wanted).max() < 1e-9:
+            found = run.tip_reference[: len(check.tip)]
+            if found.shape == wanted.shape and np.abs(found - wanted).max() < 1e-9:
                 return run
     raise ValueError(
         f"{check.path}: the evaluation has no episode of {claim.policy} in case {claim.case} along the {claim.path} in "

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import math
+import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property, partial
@@ -17,7 +18,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.checks import distinct, instance, listed
+from fuzzyarm.common.checks import distinct, listed
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -54,18 +55,18 @@ class MarginsConfig:
     Attributes:
         policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: all that have a name, for a robot
             `ANY_ROBOT`.
-        robot: name or TOML file of a robot or of a two-joint arm, for plant and policies alike; None: Table 1.
+        robot: of plant and policies alike: what `chosen_arm` takes; None: Table 1.
     """
 
     policies: tuple[str, ...] | None = None
-    robot: str | None = None
+    robot: str | os.PathLike[str] | AnyArm | None = None
 
     def __post_init__(self) -> None:
         """Check the names before anything runs."""
         if self.policies is not None:
             distinct("policies", self.policies)
-        if self.robot is not None:
-            instance("robot", self.robot, str)
+        if not isinstance(self.robot, str | os.PathLike):
+            chosen_arm(self.robot, None)  # a name or a file is looked up where the arm is needed
 
     @cached_property
     def arm(self) -> AnyArm:
@@ -76,12 +77,14 @@ class MarginsConfig:
         """Return the policies that are measured."""
         return self.policies or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
 
-    def command(self) -> str:
-        """Return the command line of this configuration, with the last part of absolute paths."""
+    def command(self) -> str | None:
+        """Return the command line of this configuration, with the last part of absolute paths; None for an object."""
+        if not isinstance(self.robot, str | os.PathLike | None):
+            return None
         words = ["fuzzyarm", "margins"]
         words += [word for policy in self.policies or () for word in ("--policy", recorded(policy))]
         if self.robot is not None:
-            words += ["--robot", recorded(self.robot)]
+            words += ["--robot", recorded(os.fspath(self.robot))]
         return shlex.join(words)
 
 

@@ -14,7 +14,7 @@ from fuzzyarm.fuzzy_policy.proof.policy_certificate import statement
 from fuzzyarm.fuzzy_policy.proof.vertices import TrackingVertices, UncertainTerm, Vertices, reference_model, stacked
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
-__all__ = ["Certificate", "Claim", "certify", "claim", "exact_vertices"]
+__all__ = ["Certificate", "Claim", "certify", "claim", "exact_vertices", "inequality_name"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,15 +91,19 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
     for letter, inequality in families.items():
         for position, (i, j) in enumerate(data.pairs):
             for k in range(len(data.E)):
-                if i == j:
-                    name, matrix = f"{letter}_{i + 1},{i + 1},{k + 1} < 0", -inequality(i, i, k, position)
-                else:
-                    name = f"{letter}_{i + 1},{j + 1},{k + 1} + {letter}_{j + 1},{i + 1},{k + 1} < 0"
-                    matrix = -inequality(i, j, k, position) - inequality(j, i, k, position)
-                claims.append(claim(name, matrix))
+                matrix = -inequality(i, j, k, position)
+                if i != j:
+                    matrix = matrix - inequality(j, i, k, position)
+                claims.append(claim(inequality_name(letter, i, j, k), matrix))
                 if progress:
                     progress()
     return Certificate(tuple(claims), statement(controller))
+
+
+def inequality_name(letter: str, i: int, j: int, k: int) -> str:
+    """Return the name of the inequality of vertices i <= j of A and k of E, all from 0, as in `Claim`."""
+    first, second = f"{letter}_{i + 1},{j + 1},{k + 1}", f"{letter}_{j + 1},{i + 1},{k + 1}"
+    return f"{first} < 0" if i == j else f"{first} + {second} < 0"
 
 
 def exact_vertices(controller: Controller) -> Vertices:

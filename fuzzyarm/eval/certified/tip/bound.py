@@ -24,7 +24,7 @@ from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.laws import asked, ball_law
 from fuzzyarm.eval.certified.tip.period import Claim
 from fuzzyarm.eval.certified.tip.plant import ball_plant
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
 from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES
 from fuzzyarm.policies import load_policy
@@ -55,9 +55,9 @@ class TipClaim:
     """
 
     policy: str
-    case: str
-    set_name: str
-    plants: PlantSet
+    case: str = "nominal"
+    set_name: str = "table-1"
+    plants: PlantSet = SETS["table-1"]
     path: str = "circle"
     duration: float = 1.5
     steps: int | None = None

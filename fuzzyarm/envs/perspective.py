@@ -1,0 +1,144 @@
+"""A pinhole camera that looks at a robot: what pictures and reports show of it in perspective.
+
+With the eye e, unit vectors r (right), d (down) and a (ahead), a point p is seen at
+
+    (right, down) = center + focal (rᵀ (p - e), dᵀ (p - e)) / depth,    depth = aᵀ (p - e).
+
+Gravity points down the picture. The robot stands from left to right: its arm plane, through the base, upright, with the
+middle of the path in it, and the plane of the path are both seen as openly as one camera can, from a little above.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.kinematics import chain, reach
+
+__all__ = ["Camera", "Floor", "Poses", "floor_of", "looking_at", "poses_of", "upwards"]
+
+ELEVATION = 0.35  # tangent of the angle from which the camera looks down on planes that stand upright
+DISTANCE = 4.0  # of the eye from the middle of what is seen, in reaches of the robot
+LEVEL = 1e-6  # share below which a direction counts as none
+
+
+class Poses(NamedTuple):
+    """A robot in the base frame: `points` (..., n + 2, 3) [m] of base, joints and tip, `axes` (..., n, 3) of joints."""
+
+    points: np.ndarray
+    axes: np.ndarray
+
+
+class Camera(NamedTuple):
+    """Where it is and what it sees, see the module.
+
+    Attributes:
+        eye: e (3,) [m].
+        axes: the rows r, d, a (3, 3).
+        focal: scale of the picture at depth 1 m [px].
+        center: where the point straight ahead is seen (2,) [px].
+    """
+
+    eye: np.ndarray
+    axes: np.ndarray
+    focal: float = 1.0
+    center: np.ndarray = np.zeros(2)
+
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """Return how far ahead points (..., 3) [m] are, (...) [m]."""
+        return np.asarray((points - self.eye) @ self.axes[-1])
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Return where points (..., 3) [m] are seen, (right, down), (..., 2) [px]."""
+        seen = (points - self.eye) @ self.axes.T
+        return np.asarray(self.center + self.focal * seen[..., :-1] / seen[..., -1:])
+
+    def fitted(self, points: np.ndarray, low: np.ndarray, high: np.ndarray) -> Camera:
+        """Return the camera that shows points (n, 3) [m] as large as possible between corners (2,) [px], centered."""
+        seen = self._replace(focal=1.0, center=np.zeros(2)).pixels(points)
+        least, most = seen.min(axis=0), seen.max(axis=0)
+        focal = float(np.min((high - low) / np.maximum(most - least, 1e-9)))
+        return self._replace(focal=focal, center=0.5 * (low + high) - 0.5 * focal * (least + most))
+
+
+class Floor(NamedTuple):
+    """A level plane below a robot, or at its base if it does not hang.
+
+    Attributes:
+        up: unit normal (3,).
+        height: of the plane above the base [m].
+        square: width of the squares [m].
+        grid: ends of the lines between the squares (lines, 2, 3) [m].
+    """
+
+    up: np.ndarray
+    height: float
+    square: float
+    grid: np.ndarray
+
+    def below(self, points: np.ndarray) -> np.ndarray:
+        """Return the shadows (..., 3) of points (..., 3) [m]."""
+        return np.asarray(points - (points @ self.up - self.height)[..., np.newaxis] * self.up)
+
+
+def floor_of(robot: Robot, points: np.ndarray) -> Floor:
+    """Return the floor below points (..., 3) [m], with squares of 10^n m: several of them, and few in number."""
+    up, length = upwards(robot), reach(robot)
+    height = min(0.0, float((points @ up).min()))
+    square = 10.0 ** np.floor(np.log10(0.3 * length))
+    first = _unit(np.cross(up, np.eye(len(up))[np.argmin(np.abs(up))]))
+    second = np.cross(up, first)
+    flat = np.stack([points.reshape(-1, len(up)) @ first, points.reshape(-1, len(up)) @ second])
+    low, high = np.floor(flat.min(axis=1) / square) - 1.0, np.ceil(flat.max(axis=1) / square) + 1.0
+    lines = [
+        [square * (end * along + place * across) + height * up for end in (low[a], high[a])]
+        for along, across, a, b in ((first, second, 0, 1), (second, first, 1, 0))
+        for place in np.arange(low[b], high[b] + 1.0)
+    ]
+    return Floor(up, height, float(square), np.array(lines))
+
+
+def upwards(robot: Robot) -> np.ndarray:
+    """Return the direction against gravity, (3,), z if there is none."""
+    gravity = robot.arrays.gravity
+    return -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
+
+
+def poses_of(robot: Robot, q: np.ndarray) -> Poses:
+    """Return the robot at angles q (..., n) [rad]."""
+    now = chain(robot, q)
+    base = np.zeros_like(now.tip)[..., np.newaxis, :]
+    return Poses(np.concatenate([base, now.origins, now.tip[..., np.newaxis, :]], axis=-2), now.axes)
+
+
+def looking_at(robot: Robot, path: np.ndarray) -> Camera:
+    """Return a camera for a robot whose tip follows a path (n, 3) [m]; `Camera.fitted` gives it its scale."""
+    up, middle = upwards(robot), path.mean(axis=0)
+    forwards = _unit(middle - (middle @ up) * up)
+    if not forwards.any():  # the path is above or below the base
+        forwards = _unit(np.cross(up, np.eye(len(up))[np.argmin(np.abs(up))]))
+    side = np.cross(forwards, up)
+    normal = _normal(path, reach(robot))
+    normal = normal * np.sign(normal @ (forwards + 2.0 * side + 3.0 * up))
+    normal = normal - min(float(normal @ up), 0.0) * up  # never from below
+    towards = _unit(_unit(side + normal) + ELEVATION * up)
+    right = _unit(np.cross(up, towards))
+    down = np.cross(-towards, right)
+    eye = 0.5 * middle + DISTANCE * reach(robot) * towards
+    return Camera(eye, np.stack([right, down, -towards]))
+
+
+def _normal(path: np.ndarray, length: float) -> np.ndarray:
+    """Return the unit normal (3,) of the plane of a path, zero for a path in a straight line or in no plane."""
+    _, sizes, rows = np.linalg.svd(path - path.mean(axis=0), full_matrices=False)
+    if len(sizes) < 3 or sizes[1] < LEVEL * np.sqrt(len(path)) * length or sizes[2] > 0.5 * sizes[1]:
+        return np.zeros(3)
+    return np.asarray(rows[-1])
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    """Return a vector (3,) at length 1; zero for one that is zero but for rounding."""
+    length = np.linalg.norm(vector)
+    return np.asarray(vector / length if length > LEVEL else np.zeros_like(vector))
