@@ -49,6 +49,8 @@ COMPUTING = (
     "fuzzyarm.eval.report.page.write_report",
     "fuzzyarm.export.laws.sheet_of",
     "fuzzyarm.export.c_files.export_c",
+    "fuzzyarm.export.fmu.export_controller_fmu",
+    "fuzzyarm.export.fmu.export_plant_fmu",
 )
 """Where commands begin to compute."""
 NUMBERS = (
