@@ -25,7 +25,6 @@ from typing import Any
 import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
-from adaptive_tuning import GROUPS, RandomArms
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -34,6 +33,7 @@ from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import linearise_path
 from fuzzyarm.eval.stability.local_loop import gain_limits, largest_radius
+from fuzzyarm.eval.tuning.adaptive_search import GROUPS, RandomArms
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 

@@ -2,19 +2,15 @@
 
     python benchmarks/computed_torque_tuning.py [--json FILE]
 
-Rule: the smallest rms motor-side joint error in the nominal case among the bandwidths 20, 25, ..., 160 rad/s whose
-upper gain margin on the sampled elastic arm is at least 2 (6 dB) and which stay stable with one extra sample of delay.
-The motor side counts because a controller of this kind measures only the motors; the margins are those of
-`fuzzyarm.eval.stability.linearisation`. The error includes the start: the motors begin at their static deflection, 1 to
-2 mrad from the reference. A rollout alone does not show that a loop is unstable: the torque limits keep it in a small
-limit cycle, and the episode ends regularly. It takes ten seconds.
+The rule and the grid are those of `fuzzyarm.eval.tuning.bandwidth`, with which `fuzzyarm tune` chooses for any arm;
+here it is the arm of Table 1, with fuzzy-4 beside it and the bandwidths at which the loop becomes unstable. It takes
+twenty seconds.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -24,24 +20,20 @@ from rich.table import Table
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.episodes.metrics import metrics_of
-from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
+from fuzzyarm.eval.stability.linearisation import spectral_radius
+from fuzzyarm.eval.tuning.bandwidth import BANDWIDTHS, LEAST_GAIN_MARGIN, assess, assess_policy, choice_of
+from fuzzyarm.eval.tuning.conditions import PERIOD
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
-from fuzzyarm.fuzzy_policy.policy import Predictor
 
 ARM = ArmParameters()
-PERIOD = 1e-3  # s
-BANDWIDTHS = [float(omega) for omega in range(20, 161, 5)]  # rad/s
-LEAST_GAIN_MARGIN = 2.0
 UNSTABLE = 400.0  # rad/s, upper end of the search for the stability limit
 BANDWIDTH_TOLERANCE = 0.05  # rad/s
 RULE = (
     "smallest rms motor-side joint error in the nominal case among the bandwidths with an upper gain margin of at "
-    f"least {LEAST_GAIN_MARGIN:g} and stability with one extra sample of delay"
+    f"least {LEAST_GAIN_MARGIN:g} and stability with one extra sample of delay, another loop gain, other stiffness and "
+    "the payload"
 )
 COLUMNS = {
     "tip_error_max_mm": ("tip max [mm]", "{:.2f}"),
@@ -57,38 +49,6 @@ COLUMNS = {
     "gain_margin_upper_delayed": ("up, 1 sample later", "{:.2f}"),
 }
 """Heading and format of each quantity; a dash stands for a loop that is unstable already, or a run that ended early."""
-
-
-def assess(policy: Predictor, name: str) -> dict[str, Any]:
-    """Return one row: the nominal rollout and the margins; None for what an unstable loop does not have."""
-    run = record_rollout(FuzzyArmEnv("nominal"), policy, policy_name=name, case="nominal", seed=0)
-    measured = metrics_of(run) if run.completed else {}
-    lower, upper = gain_margin(policy, ARM, control_period=PERIOD)
-    row = {
-        **measured,
-        "radius": spectral_radius(policy, ARM, control_period=PERIOD),
-        "radius_delayed": spectral_radius(policy, ARM, control_period=PERIOD, delay=1),
-        "gain_margin_lower": lower,
-        "gain_margin_upper": upper,
-        "gain_margin_upper_delayed": gain_margin(policy, ARM, control_period=PERIOD, delay=1)[1],
-    }
-    values = {key: row.get(key, math.nan) for key in COLUMNS}
-    return {"policy": name} | {key: value if math.isfinite(value) else None for key, value in values.items()}
-
-
-def choose(rows: dict[float, dict[str, Any]]) -> float:
-    """Return the bandwidth [rad/s] the rule picks; ValueError if none qualifies."""
-    eligible = [
-        omega
-        for omega, row in rows.items()
-        if row["joint_error_rms_mrad"] is not None
-        and row["gain_margin_upper"] is not None
-        and row["gain_margin_upper"] >= LEAST_GAIN_MARGIN
-        and row["radius_delayed"] < 1.0
-    ]
-    if not eligible:
-        raise ValueError("no bandwidth of the grid has the margins the rule asks for: extend BANDWIDTHS downwards")
-    return min(eligible, key=lambda omega: float(rows[omega]["joint_error_rms_mrad"]))
 
 
 def stability_limit(delay: int) -> float:
@@ -121,20 +81,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
-    rows = {omega: assess(ComputedTorquePolicy(ARM, PERIOD, omega), f"{omega:g} rad/s") for omega in BANDWIDTHS}
-    fuzzy = assess(load_policy("fuzzy-4", control_period=PERIOD, robot=ARM), "fuzzy-4")
-    chosen, limits = choose(rows), [stability_limit(delay) for delay in (0, 1)]
-    show([*rows.values(), fuzzy], f"{chosen:g} rad/s")
-    print(f"\nRule: {RULE}.\nChosen bandwidth: {chosen:g} rad/s")
+    rows = [assess(ARM, omega) for omega in BANDWIDTHS]
+    fuzzy = assess_policy(ARM, load_policy("fuzzy-4", control_period=PERIOD, robot=ARM), "fuzzy-4")
+    best, limits = choice_of(rows), [stability_limit(delay) for delay in (0, 1)]
+    if best is None:
+        raise SystemExit("no bandwidth of the grid has the margins that the rule asks for")
+    show([*rows, fuzzy], best["policy"])
+    print(f"\nRule: {RULE}.\nChosen bandwidth: {best['bandwidth']:g} rad/s")
     print(f"Unstable on the elastic arm above {limits[0]:.1f} rad/s, one sample later {limits[1]:.1f} rad/s")
     if options.json:
         document = {
             "command": "python benchmarks/computed_torque_tuning.py",
             **current_provenance(),
             "rule": RULE,
-            "chosen_bandwidth": chosen,
+            "chosen_bandwidth": best["bandwidth"],
             "stability_limit": {"no_extra_delay": limits[0], "one_sample": limits[1]},
-            "rows": [{"bandwidth": omega} | row for omega, row in rows.items()] + [fuzzy],
+            "rows": [*rows, fuzzy],
         }
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
 

@@ -24,6 +24,7 @@ from readme_adaptive import (
     adaptive_passes_table,
     adaptive_plants_table,
 )
+from readme_arms import own_arm_tables, tuned_arms_table
 from readme_design import (
     bounds_table,
     complexity_table,
@@ -36,6 +37,8 @@ from readme_design import (
     tip_gamma_table,
 )
 from readme_estimate import estimate_tables
+from readme_identification import identification_table
+from readme_learning import dataset_table, gradients_table
 from readme_markdown import made_with
 from readme_results import (
     accuracy_table,
@@ -52,7 +55,7 @@ from readme_results import (
     sweep_table,
     tip_table,
 )
-from readme_robots import robot_comparison_tables, robot_speed_table, robots_table
+from readme_robots import robot_comparison_tables, robot_learned_table, robot_speed_table, robots_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
@@ -63,7 +66,7 @@ SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "p
 """Policies of the sweep."""
 ADAPTIVE_SWEEPS = ("all", "loads")
 """Distributions of the sweeps of the adaptive observer."""
-COMPARED_ROBOTS = ("planar-3r", "ur5", "panda")
+COMPARED_ROBOTS = ("cicese", "manutec-r3", "planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
     "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
@@ -71,12 +74,14 @@ SCRIPTS: dict[str, list[str]] = {
     "computed_torque_tuning": [],
     "tip_feedforward": [],
     "saturation": [],
+    "identification": [],
     "exported_c": [],
     "gain_choice": [],
     "observer_tuning": [],
     "adaptive_tuning": [],
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
+    "own_arms": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
     "certified_bounds": [],
@@ -125,6 +130,8 @@ def measure() -> None:
     for name in COMPARED_ROBOTS:
         result = RESULTS / f"robot_comparison_{name}.json"
         _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
+    learned = sorted(BENCHMARKS.glob("learned/ppo-ur5-*"))
+    _python(BENCHMARKS / "robot_learned.py", "ur5", *learned, "--json", RESULTS / "robot_learned_ur5.json")
     _python(BENCHMARKS / "robot_speed.py", "--json", RESULTS / "robot_speed.json")
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
@@ -171,6 +178,8 @@ def sections() -> dict[str, str]:
             "mujoco_arm",
             "abuse",
             "learned_observer",
+            "plant_gradients",
+            "dataset_scores",
             *SCRIPTS,
         )
     }
@@ -180,11 +189,14 @@ def sections() -> dict[str, str]:
         f"{paper_line(stored['evaluate'])}",
         "tip": tip_table(stored["tip_feedforward"]),
         "saturation": saturation_table(stored["saturation"]),
+        "identification": identification_table(stored["identification"]),
         "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
+        "plant-gradients": gradients_table(stored["plant_gradients"]),
+        "dataset-scores": dataset_table(stored["dataset_scores"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
         "accuracy": accuracy_table(stored["accuracy"]),
         "margins": margins_table(stored["margins"], stored["computed_torque_tuning"]),
@@ -203,8 +215,11 @@ def sections() -> dict[str, str]:
             stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
         ),
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
+        "own-arm": own_arm_tables(stored["own_arms"]),
+        "own-arms": tuned_arms_table(stored["own_arms"]),
         "robots": robots_table(),
         "robot-speed": robot_speed_table(_stored("robot_speed")),
+        "robot-learned": robot_learned_table(_stored("robot_learned_ur5")),
         "robot-comparison": robot_comparison_tables(
             [_stored(name) for name in map("robot_comparison_{}".format, COMPARED_ROBOTS) if _is_stored(name)]
         ),

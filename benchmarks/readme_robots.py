@@ -12,7 +12,7 @@ from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
 
-__all__ = ["robot_comparison_tables", "robot_speed_table", "robots_table"]
+__all__ = ["robot_comparison_tables", "robot_learned_table", "robot_speed_table", "robots_table"]
 
 
 def robots_table() -> str:
@@ -55,6 +55,26 @@ def robot_speed_table(document: dict[str, Any]) -> str:
 def robot_comparison_tables(documents: list[dict[str, Any]]) -> str:
     """Return for each robot the trade-off of its rules, the cases, the margins and the sweep."""
     return "\n\n".join(_comparison(document) for document in documents)
+
+
+def robot_learned_table(document: dict[str, Any]) -> str:
+    """Return what each seed of a training for a robot reached, below the policy that it shifts."""
+    cases = ("nominal", "machining", "payload")
+    headings = ("policy", "seed", "million steps", "processor time [s]", *(f"{case}, rms (max) [mm]" for case in cases))
+    rows = []
+    for row in document["rows"]:
+        errors = [
+            f"{row[f'{case}_rms_mm']:.3g} ({row[f'{case}_max_mm']:.3g})"
+            if row[f"{case}_share"] == 1.0
+            else "ended early"
+            for case in cases
+        ]
+        run = (
+            [f"{row['seed']}", f"{1e-6 * row['steps']:.1f}", f"{row['cpu_time_s']:.0f}"] if "seed" in row else 3 * ["-"]
+        )
+        rows.append((row["policy"], *run, *errors, _number(row.get("radius"), "{:.4f}")))
+    note = f"`{document['command']}`; {made_with(document)}"
+    return f"{table((*headings, 'radius, elastic'), rows)}\n\n{note}"
 
 
 def _comparison(document: dict[str, Any]) -> str:

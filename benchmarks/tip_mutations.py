@@ -81,9 +81,8 @@ MUTATIONS = (
     ),
     Mutation("sinc near zero", "laws.py", "size**3 / 30.0 * 1.001", "0.0", "test_ball_laws.py"),
     Mutation(
-        "curvature of the law", "tube.py",
-        "for x, g, r in zip(row, gains, spread.tolist(), strict=True))",
-        "for x, g, r in zip(row[:0], gains[:0], spread.tolist()[:0], strict=True))", "test_tube.py", "sample",
+        "curvature of the law", "response.py", "rest[i] += radius_of(slope, gain[i, j]) * spread[j]", "rest[i] += 0.0",
+        "test_tube.py", "sample",
     ),
     Mutation(
         "force of any course", "tube.py", "(1.0, 0.0), [plants.force_course] * 2", "(1.0, 0.0), [0.0] * 2",
@@ -94,8 +93,8 @@ MUTATIONS = (
         "courses = [0.0 * signal_size(part)", "test_tube.py", "force",
     ),
     Mutation(
-        "errors of the encoders", "tube.py", "errors = np.repeat(noise, JOINTS)",
-        "errors = 0.0 * np.repeat(noise, JOINTS)", "test_tube.py", "encoders",
+        "errors of the encoders", "tube.py", "errors = np.repeat(problem.plants.noise, JOINTS)",
+        "errors = 0.0 * np.repeat(problem.plants.noise, JOINTS)", "test_tube.py", "encoders",
     ),
     Mutation(
         "uncertain constants along the centre", "period.py",
@@ -126,6 +125,48 @@ MUTATIONS = (
     Mutation(
         "second order of the tip", "tip_error.py", "(widest + float(bent)) * ROUND_UP", "widest * ROUND_UP",
         "test_enclosures.py", "tip",
+    ),
+    Mutation(
+        "nonlinearity of the predicted links", "predictor.py", "return np.asarray((fixed + mass @ claimed) * ROUND_UP)",
+        "return 0.0 * fixed", "test_observer_law.py", "near",
+    ),
+    Mutation(
+        "predicted friction of any sign", "predictor.py", "return _Kick(free, way, *gains, dt * strong * ROUND_UP,",
+        "return _Kick(free, way, *gains, 0.0,", "test_observer_law.py", "kick",
+    ),
+    Mutation(
+        "predicted friction that may stick", "predictor.py", "part = 0.5 * v_r + 0.5 * dt * alpha_r",
+        "part = 0.0 * v_r + 0.0 * dt * alpha_r", "test_observer_law.py", "kick",
+    ),
+    Mutation(
+        "predicted friction that slips", "predictor.py", "rest = 0.5 * (high - low) * dt / inertia * vm_r * ROUND_UP +",
+        "rest = 0.0 +", "test_observer_law.py", "kick",
+    ),
+    Mutation(
+        "way of a predicted motor that stops", "predictor.py",
+        "np.array([0.5 * t, 0.25 * t * t, 0.0]), 0.0, rest * ROUND_UP)",
+        "np.array([0.5 * t, 0.25 * t * t, 0.0]), 0.0, 0.0)", "test_observer_law.py", "kick",
+    ),
+    Mutation(
+        "gains of the observer between angles", "observer_law.py", "    return middle, rows, rest\n",
+        "    return middle, rows, 0.0 * rest\n", "test_observer_law.py", "near",
+    ),
+    Mutation(
+        "curvature of the network", "network_law.py", "rest += self._network", "rest = self._network",
+        "test_network_law.py", "near",
+    ),
+    Mutation(
+        "floats of the network", "network_law.py", "return np.asarray(1.01 * error)", "return 0.0 * error",
+        "test_network_law.py", "floats",
+    ),
+    Mutation(
+        "curvature of the law below a network", "network_law.py",
+        "middle, gain, rest = smooth_part(value, tube.slopes, spread)",
+        "middle, gain, rest = smooth_part(value, tube.slopes, 0.0 * spread)", "test_network_law.py", "near",
+    ),
+    Mutation(
+        "a network that is clipped", "network_law.py", "between(max(low, -most), min(high, most)), between(0.0, 1.0)",
+        "between(max(low, -most), min(high, most)), arb(1)", "test_network_law.py",
     ),
     Mutation(
         "merging of columns", "zonotope.py", "    return Q * sizes,", "    return 0.9 * Q * sizes,",

@@ -94,7 +94,7 @@ def files() -> dict[str, str]:
     circle = {"policy": POLICY, "case": "nominal", "set": "table-1", "path": "circle", "duration": 1.5}
     row = next(row for row in document["rows"] if {key: row[key] for key in circle} == circle)
     steps, limits = problem.schedule.steps, problem.parameters.torque_limit
-    rows = [[*sample.reference.tolist(), *sample.offset.tolist()] for sample in problem.samples[:steps]]
+    rows = [[*sample.reference.tolist(), *sample.offset.tolist()] for sample in problem.law.samples[:steps]]
     policy = load_policy(POLICY)
     values = _constants() | {
         "period": repr(PERIOD),

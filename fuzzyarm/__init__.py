@@ -33,11 +33,14 @@ if TYPE_CHECKING:
     from fuzzyarm.eval.sweep.config import SweepConfig
     from fuzzyarm.eval.sweep.engine import Engine
     from fuzzyarm.eval.sweep.run import Sweep
+    from fuzzyarm.eval.tuning.run import tune_arm
     from fuzzyarm.export.c_files import export_c
     from fuzzyarm.export.laws import sheet_of
     from fuzzyarm.fuzzy_policy.controller import Controller
     from fuzzyarm.fuzzy_policy.proof.certificate import certify
     from fuzzyarm.fuzzy_policy.ts_model import TSModel
+    from fuzzyarm.identification.log import read_log
+    from fuzzyarm.identification.result import identify
     from fuzzyarm.policies import add_policy
     from fuzzyarm.synthesis import (
         Design,
@@ -75,15 +78,18 @@ __all__ = [
     "evaluate",
     "export_c",
     "find_bound",
+    "identify",
     "load_policy",
     "measure_margins",
     "metrics_of",
     "rank_policies",
+    "read_log",
     "robot_named",
     "run_bench",
     "run_episode",
     "save_bound",
     "sheet_of",
+    "tune_arm",
     "verify_file",
     "write_figures",
     "write_report",
@@ -117,14 +123,17 @@ _HOMES = {
     "evaluate": "eval.evaluation.run",
     "export_c": "export.c_files",
     "find_bound": "eval.certified.tip.bound",
+    "identify": "identification.result",
     "measure_margins": "eval.stability.margins",
     "metrics_of": "eval.episodes.metrics",
     "rank_policies": "eval.evaluation.ranking",
+    "read_log": "identification.log",
     "robot_named": "envs.physics.robot",
     "run_bench": "eval.bench.run",
     "run_episode": "eval.episodes.rollout",
     "save_bound": "eval.certified.tip.bound_file",
     "sheet_of": "export.laws",
+    "tune_arm": "eval.tuning.run",
     "verify_file": "eval.certified.verification",
     "write_figures": "eval.evaluation.figures",
     "write_report": "eval.report.page",

@@ -31,14 +31,14 @@ def run(monkeypatch, tmp_path, capsys):
     torch.set_num_threads(threads)
 
 
-def test_there_are_three():
-    assert SCRIPTS == ["train_batched.py", "train_sb3.py", "train_torch.py"]
+def test_there_are_four():
+    assert SCRIPTS == ["train_batched.py", "train_gradients.py", "train_sb3.py", "train_torch.py"]
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize("script", [script for script in SCRIPTS if script != "train_gradients.py"])
 def test_a_few_steps(script, run, tmp_path):
     errors = run(script, "1100")  # two rollouts of train_sb3.py, one of the others
-    assert len(errors) == (1 if script == "train_torch.py" else 2)
+    assert len(errors) == 2
     assert all(math.isfinite(error) and 0.0 < error < 4000.0 for error in errors)
     assert len(set(errors)) == len(errors)  # the policy changes
     assert not list(tmp_path.iterdir())
@@ -52,6 +52,15 @@ def test_wrong_numbers_of_steps_are_refused(script, wrong, run, capsys):
     assert stopped.value.code == 2
     message = capsys.readouterr().err
     assert "steps" in message and wrong in message and ("allowed: 1, 2, 3, ..." in message or "int value" in message)
+
+
+@pytest.mark.slow
+def test_gradients_through_the_arm_lift_it(run, tmp_path):
+    """The untrained arm falls, by a metre; fifty windows bring it to its path. Measured: 8 to 15 mm."""
+    errors = run("train_gradients.py", "12000", "--eager")
+    assert errors[0] > 100.0
+    assert errors[-1] < 50.0
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -31,7 +31,11 @@ GROUPS = {
         "report": "Make one HTML page of an evaluation, with a replay.",
         "leaderboard": "Rank the policies of several evaluations.",
     },
+    "Know the arm": {
+        "identify": "Find the parameters of an arm in a log of its motors.",
+    },
     "Design controllers": {
+        "tune": "Find the numbers of all model-based policies for an arm.",
         "design": "Design a fuzzy controller by linear matrix inequalities.",
         "verify": "Prove controller files, and files of bounds, again.",
         "prove": "Prove a bound of the tip error on the elastic arm.",
@@ -41,6 +45,7 @@ GROUPS = {
     },
     "Learn policies": {
         "train": "Train a policy by reinforcement learning.",
+        "dataset": "Write episodes of policies as a data set for learners.",
     },
     "Study": {
         "sweep": "Run policies on thousands of different plants.",

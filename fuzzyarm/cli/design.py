@@ -57,8 +57,8 @@ class Options:
     integral: Annotated[bool, Parameter(negative="--no-integral")] = True
     """Integral action"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Robot by name (paper, planar-3r, ur5, panda), or TOML file of another arm or robot (default: Table 1 of the
-    paper)"""
+    """Robot by name (paper, cicese, manutec-r3, planar-3r, ur5, panda), or TOML file of another arm or robot
+    (default: Table 1 of the paper)"""
 
 
 def run(options: Options) -> int:

@@ -33,8 +33,8 @@ class Options:
     encoder_noise: Annotated[tuple[float, float] | None, Parameter(metavar="RAD RAD_PER_S")] = None
     """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Another robot: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm (default: the paper's
-    arm). Its path and its loads are scaled, see the documentation"""
+    """Another robot: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
+    (default: the paper's arm). Its path and its loads are scaled, see the documentation"""
     path: Annotated[str, Parameter(metavar="NAME|FILE")] = "circle"
     """Path of the tip: circle, lemniscate, line or square, placed and sized for the arm, or a file of points in metres
     (.csv, .toml)"""
@@ -105,17 +105,24 @@ def _config(options: Options) -> EvaluationConfig:
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.envs.scenario.given_path import ENDINGS, GivenPath
+    from fuzzyarm.envs.scenario.named_paths import SHAPES
     from fuzzyarm.eval.evaluation.run import EvaluationConfig
-    from fuzzyarm.policies import ANY_ROBOT, COMPARED
+    from fuzzyarm.policies import ANY_ROBOT, COMPARED, policies_of
 
     arm = None if options.robot is None else chosen_arm(options.robot, None)
     other = arm is not None and arm != ArmParameters()
-    if other and not options.policy:
+    policies = options.policy or policies_of(options.robot)
+    if other and not policies:
         left_out = ", ".join(name for name in COMPARED if name not in ANY_ROBOT)
-        say(f"left out, since they are for Table 1 alone: {left_out}; fuzzyarm design --robot makes one", error=True)
+        say(f"left out, since they are for Table 1 alone: {left_out}; fuzzyarm tune --robot makes them", error=True)
     from_file = Path(options.path).suffix in ENDINGS
+    if not from_file and options.path not in SHAPES:
+        raise UsageError(
+            f"--path {options.path} is unknown; choose from: {', '.join(SHAPES)}, or give a file of points "
+            f"({' or '.join(ENDINGS)})"
+        )
     given: dict[str, Any] = {
-        "policies": options.policy or (ANY_ROBOT if other else None),
+        "policies": policies or (ANY_ROBOT if other else None),
         "path": None if from_file else options.path,
         "points": GivenPath.read(Path(options.path)) if from_file else None,
         "force": options.force,

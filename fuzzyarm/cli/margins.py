@@ -25,8 +25,8 @@ class Options:
     as package.module:factory, which must act on batches. May be repeated (default: all policies that have a name; for
     another robot computed-torque, with and without -tip, and elastic-observer)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Another robot: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm (default: Table 1 of the
-    paper)"""
+    """Another robot: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
+    (default: Table 1 of the paper)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Results file to write (.json; default: none)"""
     json: bool = False

@@ -25,7 +25,8 @@ class Options:
     """
 
     policy: Annotated[str, Parameter(metavar="NAME")] = "fuzzy-4-tip"
-    """Policy: fuzzy-4, computed-torque, ... with or without -tip, or a controller file (.json, .json-tip)"""
+    """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, ppo-residual or another learned
+    policy, or a controller file (.json, .json-tip)"""
     case: Annotated[str, Parameter(metavar="NAME")] = "nominal"
     """Case: nominal, machining or payload"""
     set: Annotated[str, Parameter(metavar="NAME|FILE")] = "table-1"

@@ -35,9 +35,9 @@ class Options:
     """
 
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Robot that plants are drawn around and policies are loaded for: planar-3r, ur5, panda, or the TOML file of a
-    robot or of a two-joint arm (default: Table 1 of the paper). By default it has the policies computed-torque, with
-    and without -tip, and elastic-observer; loads are scaled to it"""
+    """Robot that plants are drawn around and policies are loaded for: cicese, manutec-r3, planar-3r, ur5, panda, or the
+    TOML file of a robot or of a two-joint arm (default: Table 1 of the paper). By default it has the policies
+    computed-torque, with and without -tip, and elastic-observer; loads are scaled to it"""
     out: Annotated[Path, Parameter(metavar="DIR")] = Path("fuzzyarm-sweep")
     """Folder of the sweep"""
     resume: bool = False
@@ -91,11 +91,14 @@ def _given(options: Options) -> dict[str, Any]:
     """Return the fields of the configuration that the command line gave."""
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.envs.physics.robot import Robot
+    from fuzzyarm.policies import policies_of
 
     values = {name: value for name, value in given(options, SweepConfig).items() if name != "robot"}
     if options.robot is None:
         return values
-    arm = chosen_arm(options.robot, None)
+    arm, tuned = chosen_arm(options.robot, None), policies_of(options.robot)
+    if tuned is not None:
+        values.setdefault("policies", tuned)
     return values | {"robot" if isinstance(arm, Robot) else "parameters": arm}
 
 

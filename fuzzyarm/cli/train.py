@@ -75,7 +75,7 @@ def run(options: Options) -> int:
     # A folder that is missing is not made for a run to resume: that there is no checkpoint is the better message.
     missing = options.resume and not options.out.is_dir()
     with contextlib.nullcontext() if missing else claimed_folder(options.out):
-        train_with_progress(config, options.out, total)
+        train_with_progress(config, options.out, total, options.algorithm)
     say(f"written to {options.out / 'policy'}")
     return 0
 
@@ -86,14 +86,16 @@ def _config(options: Options) -> TrainingConfig:
     preset = options.preset or next(iter(spec.presets))
     if preset not in spec.presets:
         raise UsageError(f"--preset {preset} is unknown; choose from: {', '.join(spec.presets)}")
-    start, robot = spec.presets[preset], getattr(options, "robot", None)
-    config = chosen(options, start)
-    if robot is None or getattr(options, "scale", None) is not None:
-        return config
+    start, changed = spec.presets[preset], given(options, spec.config)
+    if "robot" not in changed or "scale" in changed:
+        return chosen(options, start)
     from fuzzyarm.envs.physics.equations import chosen_arm
     from fuzzyarm.rl_baselines.learning_env import default_scale
 
-    return dataclasses.replace(config, scale=default_scale(chosen_arm(robot, None), config.base != "none"))
+    scale = default_scale(chosen_arm(changed["robot"], None), changed.get("base", start.base) != "none")
+    if len(scale) != len(start.scale):  # the preset's scales are for two joints
+        changed["scale"] = scale
+    return dataclasses.replace(start, **changed)
 
 
 def _check_resumed(options: Options) -> None:

@@ -60,17 +60,17 @@ def check_writable(folder: Path) -> None:
         raise UsageError(f"cannot write to {folder}: {error.strerror or error}") from None
 
 
-def output_file(path: Path, suffix: str) -> None:
-    """Check that a file may be written before anything is computed.
+def output_file(path: Path, suffix: str, option: str = "--out") -> None:
+    """Check that a file may be written before anything is computed; the messages name the option.
 
     Raises:
         UsageError: the name has another ending than `suffix`, is that of a folder, or its folder does not exist or
             cannot be written to.
     """
     if path.suffix != suffix or path.is_dir():
-        raise UsageError(f"--out {path} must be a file ending in {suffix}")
+        raise UsageError(f"{option} {path} must be a file ending in {suffix}")
     if not path.parent.is_dir():
-        raise UsageError(f"--out {path}: the folder {path.parent} does not exist")
+        raise UsageError(f"{option} {path}: the folder {path.parent} does not exist")
     check_writable(path.parent)
 
 

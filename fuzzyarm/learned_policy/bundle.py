@@ -22,7 +22,7 @@ __all__ = ["DESCRIPTION", "WEIGHTS", "BundleError", "PolicyBundle"]
 _Part = TypeVar("_Part")
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
-_ACTIVATION = "tanh"
+_OUTPUT = "clip"  # which a description need not name
 _PAPERS_JOINTS = 2
 
 
@@ -108,14 +108,18 @@ class PolicyBundle:
         """Return the content of ``policy.json`` but the digest of the weights."""
         network = _NetworkDescription(
             sizes=list(self.network.sizes),
-            activation=_ACTIVATION,
+            activation=self.network.activation,
             mean=self.network.mean.tolist(),
             std=self.network.std.tolist(),
             clip=self.network.clip,
+            output=self.network.output,
         )
+        parts = dataclasses.asdict(network)
+        if network.output == _OUTPUT:
+            del parts["output"]
         description = _Description(
             schema=_SCHEMA,
-            network=dataclasses.asdict(network),
+            network=parts,
             features=dataclasses.asdict(self.features),
             action=dataclasses.asdict(self.action),
             training=self.training,
@@ -140,6 +144,7 @@ class _NetworkDescription:
     mean: list[float]
     std: list[float]
     clip: float
+    output: str = _OUTPUT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,8 +173,6 @@ def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:
 
 def _network(description: _NetworkDescription, content: bytes) -> Network:
     """Return the network of a description with the tensors of a safetensors file."""
-    if description.activation != _ACTIVATION:
-        raise ValueError(f"activation {description.activation!r} is unknown; this version has {_ACTIVATION!r}")
     tensors = tensors_in(content)
     layers = range(len(tensors) // 2)
     names = {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")}
@@ -186,6 +189,8 @@ def _network(description: _NetworkDescription, content: bytes) -> Network:
         clip=description.clip,
         weights=tuple(tensors[f"layer{number}.weight"] for number in layers),
         biases=tuple(tensors[f"layer{number}.bias"] for number in layers),
+        activation=description.activation,
+        output=description.output,
     )
     if list(network.sizes) != description.sizes:
         raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")

@@ -1,9 +1,9 @@
-"""The network of a learned policy: normalised features through layers of tanh to an action in [-1, 1]².
+"""The network of a learned policy: normalised features through layers to an action in [-1, 1]².
 
-    h_0 = clip((f - mean)/std, ±c),    h_(i+1) = tanh(W_i h_i + b_i),    a = clip(W_n h_n + b_n, ±1).
+    h_0 = clip((f - mean)/std, ±c),    h_(i+1) = s(W_i h_i + b_i),    a = o(W_n h_n + b_n),
 
-PPO trains a Gaussian policy, and the last layer gives its mean. The shipped policy takes the mean as its action and is
-therefore deterministic.
+where s is tanh, or max(x, 0), and o clips to ±1, or is tanh. PPO trains a Gaussian policy, and the last layer gives its
+mean; SAC and TQC train tanh of one. The shipped policy takes the mean as its action and is therefore deterministic.
 """
 
 from __future__ import annotations
@@ -13,11 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import instance, real, shown
+from fuzzyarm.common.checks import choice, instance, real, shown
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
 
-__all__ = ["Network"]
+__all__ = ["ACTIVATIONS", "OUTPUTS", "Network"]
+
+ACTIVATIONS = ("tanh", "relu")
+"""What s may be."""
+
+OUTPUTS = ("clip", "tanh")
+"""What o may be."""
 
 _LARGEST_LAYER, _MOST_LAYERS = 4096, 9  # far beyond need; a larger network is refused before memory is allocated
 
@@ -32,6 +38,8 @@ class Network:
         clip: c, the bound of the normalised features, positive.
         weights: W_i, (outputs, inputs) of each layer.
         biases: b_i, (outputs,) of each layer.
+        activation: s, of `ACTIVATIONS`.
+        output: o, of `OUTPUTS`.
 
     Raises:
         ValueError: shapes do not fit together, or a number is not finite or has the wrong sign.
@@ -42,10 +50,14 @@ class Network:
     clip: float
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
+    activation: str = "tanh"
+    output: str = "clip"
 
     def __post_init__(self) -> None:
         """Check shapes and numbers, and store the layers one after the other for the kernel."""
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
+        choice("activation", self.activation, ACTIVATIONS)
+        choice("output", self.output, OUTPUTS)
         for name in ("weights", "biases"):
             for array in instance(name, getattr(self, name), tuple):
                 _numbers(name, array)
@@ -76,12 +88,17 @@ class Network:
         layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
         flat = np.concatenate([np.ravel(part) for part in layers]).astype(np.float64)
         arguments = np.array(self.mean, dtype=np.float64), np.array(self.std, dtype=np.float64), float(self.clip)
-        object.__setattr__(self, "_arguments", (*arguments, np.array(self.sizes), flat))
+        object.__setattr__(self, "_arguments", (*arguments, np.array(self.sizes), flat, *self._kinds))
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Widths of the layers, from the inputs to the outputs."""
         return (len(self.mean), *map(len, self.biases))
+
+    @property
+    def _kinds(self) -> tuple[bool, bool]:
+        """Whether s is max(x, 0), and whether o is tanh."""
+        return self.activation == "relu", self.output == "tanh"
 
     def act(self, features: np.ndarray, action: np.ndarray) -> None:
         """Fill `action` (lanes, outputs) from `features` (lanes, inputs)."""
@@ -96,6 +113,8 @@ def _forward(
     clip: float,
     sizes: np.ndarray,
     flat: np.ndarray,
+    rectified: bool,
+    squashed: bool,
     action: np.ndarray,
 ) -> None:
     """See the module; `flat` holds W_i^T, row by row, and b_i of each layer, one after the other.
@@ -116,7 +135,10 @@ def _forward(
             place = bias + outputs
             if layer == layers - 1:
                 for j in range(outputs):
-                    action[lane, j] = min(max(sums[j], -1.0), 1.0)
+                    action[lane, j] = hyperbolic_tangent(sums[j]) if squashed else min(max(sums[j], -1.0), 1.0)
+            elif rectified:
+                for j in range(outputs):
+                    before[j] = max(sums[j], 0.0)
             else:
                 for j in range(outputs):
                     before[j] = hyperbolic_tangent(sums[j])

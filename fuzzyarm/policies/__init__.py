@@ -3,6 +3,7 @@
 from fuzzyarm.policies.recorded import found_again, recorded
 from fuzzyarm.policies.registry import ANY_ROBOT, COMPARED, LEARNED, NAMES, Kind, add_policy
 from fuzzyarm.policies.spec import PolicySpec, load_policy, resolve, resolve_all
+from fuzzyarm.policies.tuned import policies_of
 
 __all__ = [
     "ANY_ROBOT",
@@ -14,6 +15,7 @@ __all__ = [
     "add_policy",
     "found_again",
     "load_policy",
+    "policies_of",
     "recorded",
     "resolve",
     "resolve_all",

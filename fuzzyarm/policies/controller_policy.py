@@ -45,7 +45,7 @@ def controller_policy(
 ) -> Policy:
     """Return the policy of a controller of any form; arguments and errors as for `file_policy`.
 
-    Without a robot, it is for the one that it was designed for; the control period is in seconds.
+    Without a robot, it is for the one that it was designed for; `control_period` is in [s].
     """
     if not isinstance(controller, Controller | ScheduledController):
         raise TypeError(f"a policy is a name, a path or a controller; {type(controller).__name__} was given")

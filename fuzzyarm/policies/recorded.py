@@ -1,6 +1,7 @@
 """Names of policies in files of results, which say nothing of the machine, and the policies found again from there.
 
-A path is recorded as it was given if it is relative, and by its last part if it is absolute. Together with the digests
+A path is recorded as it was given if it is relative, and by its last part if it is absolute, in a folder of `fuzzyarm
+tune` by its last two: ``computed-torque`` alone would be another policy. Together with the digests
 of its files, see `PolicySpec.files`, that says which policy it was.
 """
 
@@ -19,7 +20,9 @@ _LEARNED = "policy.json"  # a file of every learned policy
 def recorded(name: str) -> str:
     """Return the name of a policy as files of results hold it."""
     path = Path(name)
-    return path.name if path.is_absolute() else name
+    if not path.is_absolute():
+        return name
+    return str(Path(path.parent.name) / path.name) if resolve(name).tuned else path.name
 
 
 def found_again(

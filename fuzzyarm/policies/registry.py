@@ -42,6 +42,8 @@ class Kind(enum.StrEnum):
     """A controller file."""
     LEARNED = "learned"
     """The folder of a learned policy."""
+    TUNED = "tuned"
+    """A law with the numbers of a folder of `fuzzyarm tune`."""
     CODE = "code"
     """The user's own code, ``package.module:factory``."""
 

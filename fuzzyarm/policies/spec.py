@@ -4,6 +4,7 @@
     fuzzy-4-tip, mine.json-tip                     the same law, leading the tip along the reference
     mine.json                                      a controller file
     runs/mine                                      the folder of a learned policy
+    my-arm/computed-torque, my-arm/fuzzy-4-tip     a policy of a folder that `fuzzyarm tune` wrote
     package.module:factory                         the user's own code, see `user_code`
 
 A name may come from a file, and a file is not trusted: nothing that a name can say makes `resolve` or `load_policy`
@@ -39,9 +40,11 @@ class PolicySpec:
         name: as it was given.
         kind: what the policy is made from.
         tip: whether its law is wrapped to lead the tip along the reference, see `registry.TIP`.
-        path: the controller file or the folder of the learned policy; None for other kinds.
+        path: the controller file, the folder of the learned policy, or the law in a tuned folder, which is no file;
+            None for other kinds.
         named: whether the package, or `registry.add_policy`, knows the policy by name; its path is then the package's.
         run_code: whether the user's own code may be imported and run.
+        tuned: whether the policy is in a folder of `fuzzyarm tune`, and for its arm if no other is given.
     """
 
     name: str
@@ -50,6 +53,7 @@ class PolicySpec:
     path: Path | None = None
     named: bool = False
     run_code: bool = False
+    tuned: bool = False
     _factory: Factory | None = dataclasses.field(default=None, repr=False, compare=False)
 
     @property
@@ -60,9 +64,9 @@ class PolicySpec:
     def files(self) -> dict[str, str]:
         """Return the SHA-256, by file name, of the files the policy is made from.
 
-        These are the controller file; ``policy.json`` of a learned policy, which holds the digest of the weights, and
-        the files of its base; the module of the user's code, which is imported for it. A law that is part of the
-        package has none, nor has a policy that does not exist.
+        These are the controller file; the file of the laws of a tuned folder; ``policy.json`` of a learned policy,
+        which holds the digest of the weights, and the files of its base; the module of the user's code, which is
+        imported for it. A law that is part of the package has none, nor has a policy that does not exist.
 
         Raises:
             ValueError: a learned policy is damaged, a module fails, or it may not be run.
@@ -76,6 +80,10 @@ class PolicySpec:
             return {} if source is None else {source.name: digest_of(source)}
         if self.kind is Kind.CONTROLLER:
             return {self._location.name: digest_of(self._location)}
+        if self.kind is Kind.TUNED:
+            from fuzzyarm.policies.tuned import NAME
+
+            return {NAME: digest_of(self._location.parent / NAME)}
         if self.kind is Kind.LEARNED and self._location.is_dir():
             from fuzzyarm.policies.learned import learned_files
 
@@ -92,9 +100,9 @@ class PolicySpec:
 
         Args:
             control_period: time between two calls of `predict` [s].
-            robot: the arm the policy is for, default Table 1: parameters of the two-joint arm, a `Robot`, the name of a
-                shipped one, or a TOML file. A controller file must have been designed for it, and learned policies know
-                none but Table 1.
+            robot: the arm the policy is for, default that of the policy's folder if `fuzzyarm tune` wrote it, otherwise
+                Table 1: parameters of the two-joint arm, a `Robot`, the name of a shipped one, a TOML file, or such a
+                folder. A controller file must have been designed for it, and learned policies know none but Table 1.
             allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
 
         Raises:
@@ -105,7 +113,7 @@ class PolicySpec:
         from fuzzyarm.common import checks
         from fuzzyarm.envs.physics.equations import chosen_arm
 
-        arm = chosen_arm(robot, None)
+        arm = chosen_arm(self._location.parent if robot is None and self.tuned else robot, None)
         checks.truth("allow_unproven", allow_unproven)
         if self.kind is Kind.CODE:
             from fuzzyarm.policies.user_code import load_code
@@ -140,6 +148,10 @@ class PolicySpec:
             from fuzzyarm.policies.controller_policy import file_policy
 
             return file_policy(self._location, robot, control_period, allow_unproven)
+        if self.kind is Kind.TUNED:
+            from fuzzyarm.policies.tuned import tuned_policy
+
+            return tuned_policy(self._location.parent, self._location.name, robot, control_period)
         if self._location.is_dir():
             from fuzzyarm.policies.learned import learned_policy
 
@@ -167,11 +179,25 @@ def resolve(name: str | os.PathLike[str], *, run_code: bool = False) -> PolicySp
     known = POLICIES.get(subject)
     if known is not None and (known.has_tip or not tip):
         return PolicySpec(text, known.kind, tip, known.path, named=True, _factory=known.factory)
+    if tuned := _in_tuned_folder(text, Path(subject), tip):
+        return tuned
     if subject.endswith(".json"):
         return PolicySpec(text, Kind.CONTROLLER, tip, Path(subject))
     if _is_code(text):
         return PolicySpec(text, Kind.CODE, run_code=run_code)
     return PolicySpec(text, Kind.LEARNED, path=Path(text))
+
+
+def _in_tuned_folder(name: str, path: Path, tip: bool) -> PolicySpec | None:
+    """Return the spec of a policy in a folder of `fuzzyarm tune`; None if the name is of something else."""
+    from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, is_tuned
+
+    if path.parent == Path() or not is_tuned(path.parent):
+        return None
+    if path.name == COMPUTED_TORQUE or (path.name in (ELASTIC_OBSERVER, ADAPTIVE_OBSERVER) and not tip):
+        return PolicySpec(name, Kind.TUNED, tip, path, tuned=True)
+    file = path.with_name(f"{path.name.removesuffix('.json')}.json")
+    return PolicySpec(name, Kind.CONTROLLER, tip, file, tuned=True) if os.path.isfile(file) else None
 
 
 def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, PolicySpec]:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.physics.equations import argument_of
+from fuzzyarm.envs.physics.equations import AnyArm, argument_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
@@ -20,14 +21,18 @@ COLUMNS = tuple(f"{case}_{measure}" for case in PAPER_CASES for measure in _MEAS
 """What `evaluate_cases` returns; a case that is added to the package does not change it."""
 
 
-def evaluate_cases(policy: Policy) -> dict[str, float]:
-    """Run an episode of each case, with the loads for the policy's arm, at the policy's own control period.
+def evaluate_cases(policy: Policy, arm: AnyArm | None = None) -> dict[str, float]:
+    """Run an episode of each case at the policy's own control period.
+
+    Args:
+        policy: for the arm.
+        arm: that moves along its default reference with its own loads; default Table 1.
 
     Returns:
         By `COLUMNS`: largest and root mean square tip error of each case [mm], and the share of the episode after
         which it ended, 1 if the reference was followed to its end.
     """
-    arm, cases = policy.parameters, list(PAPER_CASES)
+    arm, cases = ArmParameters() if arm is None else arm, list(PAPER_CASES)
     reference: Any = default_reference(arm)
     envs = FuzzyArmVectorEnv(
         len(cases), case=cases, reference=reference, control_period=policy.control_period, threads=1, **argument_of(arm)

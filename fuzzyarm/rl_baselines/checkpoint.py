@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import pickle
 import random
 import warnings
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from fuzzyarm.common.checks import shown, whole
+from fuzzyarm.common.checks import instance, is_real, reals, shown, whole
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, read_bytes
 from fuzzyarm.common.files import write_atomically
@@ -29,6 +30,7 @@ __all__ = [
     "as_array",
     "check_finite",
     "check_like",
+    "progress_in",
     "random_state",
     "read_checkpoint",
     "set_random_state",
@@ -164,6 +166,18 @@ def check_finite(name: str, found: Any) -> None:
             raise ValueError(f"{name} holds a tensor that is not finite, or numbers beyond {_LARGEST_NUMBER:g}")
     elif isinstance(found, float) and not abs(found) <= _LARGEST_NUMBER:
         raise ValueError(f"{name} holds the number {found}; allowed: ±{_LARGEST_NUMBER:g}")
+
+
+def progress_in(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
+    """Return the curve, the best score and the times [s] of a checkpoint; TypeError or ValueError if they are none."""
+    rows, best = instance("rows", found["rows"], list), found["best"]
+    for row in rows:
+        if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
+            raise ValueError(f"rows holds {shown(row)}")
+    if not is_real(best) or math.isnan(best):
+        raise ValueError(f"best = {shown(best)} is no number")
+    wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
+    return rows, float(best), (wall, cpu)
 
 
 def random_state() -> dict[str, Any]:

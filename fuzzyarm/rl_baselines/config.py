@@ -47,7 +47,8 @@ class TrainingConfig:
     robot: str | None = None
     """Another arm: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
     scale: tuple[float, ...] = (400.0, 180.0)
-    """Largest action of each motor: torques [N m], or with a base angles [rad], of 0.5 at most."""
+    """Largest action of each motor: torques [N m], or with a base angles [rad], of 0.5 at most. On the command line, a
+    robot with more joints has 0.8 of its torque limits, or 0.01 rad."""
     action_period: float = 0.002
     """Time for which an action is held [s], at most 0.1; it is the control period of the training."""
     smoothing_time: float = 0.0
@@ -98,7 +99,7 @@ class TrainingConfig:
         if self.robot is not None:
             instance("robot", self.robot, str)
         # The definitions of features and action check the rest.
-        _ = self.features, self.action
+        _ = self.action, self.features
 
     @property
     def features(self) -> FeatureDefinition:

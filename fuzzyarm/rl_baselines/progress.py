@@ -20,30 +20,36 @@ from fuzzyarm.rl_baselines.config import TrainingConfig
 __all__ = ["train_with_progress"]
 
 
-def train_with_progress(config: TrainingConfig | None, folder: Path, total: int | None = None) -> PolicyBundle:
+def train_with_progress(
+    config: TrainingConfig | None, folder: Path, total: int | None = None, algorithm: str | None = None
+) -> PolicyBundle:
     """Train with a progress bar on the terminal and a line for every evaluation; return the last policy.
 
     Args:
         config: of a new training; None: resume the one in the folder.
         folder: of the training.
         total: environment steps that a resumed training goes on to; None: as many as it was configured for.
+        algorithm: name of the algorithm that a resumed training must be of; None: any.
 
     Raises:
         ValueError: the folder holds a training already, or none to resume, or the configuration is refused; or torch or
             stable-baselines3 is not installed.
         OSError: the folder cannot be written.
     """
+    show = _Display()
     try:
         from fuzzyarm.rl_baselines.training import CHECKPOINT, Training, tensorboard_installed
+
+        if config is not None and (folder / CHECKPOINT).exists():
+            raise ValueError(f"{folder} holds a training already; go on with --resume, or choose another folder")
+        with console.status("compiling and loading"):
+            training = (
+                Training.resume(folder, show, total, algorithm) if config is None else Training(config, folder, show)
+            )
     except ModuleNotFoundError as error:
         raise ValueError(
             f'{error.name} is not installed; to train, run in the repository: pip install -c constraints.txt -e ".[rl]"'
         ) from None
-    if config is not None and (folder / CHECKPOINT).exists():
-        raise ValueError(f"{folder} holds a training already; go on with --resume, or choose another folder")
-    show = _Display()
-    with console.status("compiling and loading"):
-        training = Training.resume(folder, show, total) if config is None else Training(config, folder, show)
     threads = training.config.threads
     title = f"training, {threads} {'thread' if threads == 1 else 'threads'}"
     with console.progress(title, training.config.total_timesteps) as advance:

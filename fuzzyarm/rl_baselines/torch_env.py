@@ -36,11 +36,13 @@ from fuzzyarm.rl_baselines.torch_numbers import Table
 from fuzzyarm.rl_baselines.torch_step import (
     Equations,
     Lanes,
+    Outcome,
     Shared,
     advance,
     begin,
     by_step,
     drawn,
+    following,
     observed,
     stacked,
     write,
@@ -78,8 +80,14 @@ class TorchFuzzyArm:
     An action that is not finite raises no error, which would require waiting for the device: the lane's state stays,
     its reward is 0 and it is terminated with `Termination.NOT_FINITE`, as if its state had become infinite.
 
-    Gradients do not flow through a step. Tensors that a step returned keep their values. `state` and
-    `randomisation_info` are for privileged critics and for inspection.
+    Tensors that a step returned keep their values. `state` and `randomisation_info` are for privileged critics and for
+    inspection.
+
+    With ``differentiable=True`` gradients flow through a step. They are the exact derivatives of the discrete step
+    while motors slip, and while they stick: then 0, since their velocity stays 0 under any small change. There is
+    no derivative at a border (a motor at the torque that frees it, a torque at its limit, a tip on its target), and the
+    gradient is that of one side, the mean of both, or 0. Beyond its limit a torque has gradient 0. No gradient reaches
+    an episode from the one before. The state carries the graph of all steps since `reset` or `detach`.
 
     Args:
         num_envs: number of lanes n.
@@ -88,6 +96,7 @@ class TorchFuzzyArm:
             tip of the float32 arm stays within 0.1 µm of the float64 one (the sub-step itself costs 0.2 to 0.9 µm).
         compiled: compile the step with torch.compile, at the first step (half a minute or more; a later process
             finds most of the work in torch's cache on disk). On the CPU this needs a C++ compiler.
+        differentiable: let gradients flow from what a step returns, and from `state`, to this action and earlier ones.
         case: "nominal", "machining" or "payload".
         disturbance: one of your own in place of the case.
         reference: default: the paper's circle, or that of the robot.
@@ -111,6 +120,7 @@ class TorchFuzzyArm:
         device: str | torch.device = "cpu",
         dtype: torch.dtype = torch.float32,
         compiled: bool = True,
+        differentiable: bool = False,
         case: str = "nominal",
         disturbance: Disturbance | None = None,
         reference: Reference | None = None,
@@ -123,6 +133,7 @@ class TorchFuzzyArm:
         """Build the tables; arguments as in the class docstring."""
         self.num_envs, self.dtype = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES), _dtype(dtype)
         self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
+        self.differentiable = checks.truth("differentiable", differentiable)
         self.parameters = chosen_arm(robot, parameters)
         self.control_period, self.substeps = checked_periods(control_period, substep)
         self.substep = self.control_period / self.substeps
@@ -137,7 +148,9 @@ class TorchFuzzyArm:
             count = equations.numbers + (equations.angles if dtype == torch.float32 else 0)
             numbers = (zeros.to(dtype, copy=True) for _ in range(count))
             self._lanes = Lanes(tuple(numbers), zeros, zeros.clone())
-        self._advance = compile_step(advance) if compiled else advance
+        self._take: Any = following if self.differentiable else advance
+        if compiled:
+            self._take = compile_step(self._take)
         self._begun = self._stepped = False
 
     @property
@@ -168,6 +181,8 @@ class TorchFuzzyArm:
                 keys = np.array([key_of(first + lane) for lane in range(self.num_envs)], dtype=np.uint64)
                 self._lanes.key.copy_(torch.from_numpy(keys.view(np.int64)))
             new, reference = begin(self._shared, self._lanes.key)
+            if self.differentiable:  # the old tensors may be part of a graph
+                self._lanes = _copied(self._lanes)
             write(self._lanes, new)
             self._begun = True
             rows = observed(self._shared, self._lanes, reference)
@@ -188,14 +203,12 @@ class TorchFuzzyArm:
         if isinstance(given, np.ndarray):  # which torch takes if it is of a usual type and may be written
             given = given.astype(np.float64)
         action = torch.as_tensor(given, dtype=self.dtype, device=self.device)
-        with torch.no_grad():
-            torque = action.detach().t().contiguous()
-            if self._stepped or not self.compiled:
-                outcome = self._advance(self._shared, self._lanes, torque)
-            else:
-                with announced_compilation():
-                    outcome = self._advance(self._shared, self._lanes, torque)
-                self._stepped = True
+        if self._stepped or not self.compiled:
+            outcome = self._advance(action.t())
+        else:
+            with announced_compilation():
+                outcome = self._advance(action.t())
+            self._stepped = True
         info = {
             "final_obs": outcome.final_observation.t(),
             "tip": outcome.tip.t(),
@@ -206,6 +219,21 @@ class TorchFuzzyArm:
             "reason": outcome.reason,
         }
         return outcome.observation.t(), outcome.reward, outcome.terminated, outcome.truncated, info
+
+    def detach(self) -> None:
+        """Cut the graph: gradients of what comes reach no further back. The state keeps its values."""
+        self._lanes = _copied(self._lanes)
+
+    def _advance(self, torque: Tensor) -> Outcome:
+        """Hold torques (joints, n) for one control period."""
+        if not self.differentiable:
+            with torch.no_grad():
+                outcome: Outcome = self._take(self._shared, self._lanes, torque.detach().contiguous())
+            return outcome
+        # What was compiled holds for inputs of the kind that it saw: each of them has a gradient.
+        numbers = tuple(map(_tracked, self._lanes.numbers))
+        self._lanes, outcome = self._take(self._shared, self._lanes._replace(numbers=numbers), _tracked(torque))
+        return outcome
 
     def _build(self, disturbance: Disturbance, reference: Reference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
@@ -231,6 +259,16 @@ class TorchFuzzyArm:
             # What acts in a step, beside what the arm is compared with after it.
             rows=Table(np.concatenate([by_step(one) for one in built]), like),
         )
+
+
+def _copied(lanes: Lanes) -> Lanes:
+    """Return lanes with the same values and without a graph."""
+    return Lanes(tuple(number.detach().clone() for number in lanes.numbers), lanes.key.clone(), lanes.step.clone())
+
+
+def _tracked(numbers: Tensor) -> Tensor:
+    """Return a tensor that has a gradient: itself if it has one."""
+    return numbers.contiguous() if numbers.requires_grad else numbers.detach().clone().contiguous().requires_grad_()
 
 
 def _device(device: str | torch.device) -> torch.device:

@@ -35,6 +35,7 @@ __all__ = [
     "begin",
     "by_step",
     "drawn",
+    "following",
     "observed",
     "stacked",
     "write",
@@ -128,6 +129,13 @@ class Shared:
 
 def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
     """Hold torques (joints, n) for one control step; `lanes` are changed in place."""
+    new, outcome = following(shared, lanes, action)
+    write(lanes, new)
+    return outcome
+
+
+def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outcome]:
+    """Return the lanes after torques (joints, n) were held for one control step, and its outcome; nothing changes."""
     equations = shared.equations
     nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
     arm, limits = _arm(shared, nominal, now), equations.physics.limits(nominal)
@@ -152,8 +160,7 @@ def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
     ended = terminated | truncated
     new, new_reference = begin(shared, after.key)
     final, first = observed(shared, after, row.reference), observed(shared, new, new_reference)
-    write(lanes, Lanes(_where(ended, new.numbers, after.numbers), *_where(ended, new[1:], after[1:])))
-    return Outcome(
+    outcome = Outcome(
         stacked(_where(ended, first, final)),
         stacked(final),
         torch.where(sound, found.reward, 0.0),
@@ -166,6 +173,7 @@ def advance(shared: Shared, lanes: Lanes, action: Tensor) -> Outcome:
         torch.stack([own != told for own, told in zip(torque, asked, strict=True)]).any(0),
         reason,
     )
+    return Lanes(_where(ended, new.numbers, after.numbers), *_where(ended, new[1:], after[1:])), outcome
 
 
 def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:

@@ -19,7 +19,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.common.checks import instance, is_real, reals, shown
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.learned_policy.bundle import PolicyBundle
@@ -30,6 +29,7 @@ from fuzzyarm.rl_baselines.checkpoint import (
     CheckpointError,
     as_array,
     check_like,
+    progress_in,
     random_state,
     read_checkpoint,
     set_random_state,
@@ -87,7 +87,11 @@ class Training:
 
     @classmethod
     def resume(
-        cls, folder: Path, report: Callable[[dict[str, Any]], None] | None = None, total_timesteps: int | None = None
+        cls,
+        folder: Path,
+        report: Callable[[dict[str, Any]], None] | None = None,
+        total_timesteps: int | None = None,
+        algorithm: str | None = None,
     ) -> Training:
         """Return the training of a folder as it was at its last checkpoint.
 
@@ -97,9 +101,10 @@ class Training:
             total_timesteps: environment steps to go on to, also of a training that has reached its end; None: as many
                 as it was configured for. What is done keeps its bits. A schedule over the training, such as the
                 learning rate of PPO, continues as if this had been the total from the beginning: it may jump here.
+            algorithm: name of the algorithm that it must be of; None: any.
 
         Raises:
-            CheckpointError: there is no checkpoint, it is damaged, or it does not fit.
+            CheckpointError: there is no checkpoint, it is damaged, of another algorithm, or it does not fit.
             ValueError: more steps than `total_timesteps` are done already.
         """
         found = read_checkpoint(folder / CHECKPOINT)
@@ -107,6 +112,10 @@ class Training:
             config, done = find_algorithm(found["algorithm"]).config.from_dict(found["config"]), found["steps"]
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {error}; start anew") from None
+        if algorithm not in (None, name := found["algorithm"]):
+            raise CheckpointError(
+                f"{folder} holds a training with {name}, not {algorithm}: fuzzyarm train {name} --resume"
+            )
         if total_timesteps is not None:
             config = dataclasses.replace(config, total_timesteps=total_timesteps)
             if total_timesteps < done:
@@ -116,20 +125,18 @@ class Training:
                 )
         try:
             training = cls(config, folder, report)
-            training.rows, training.best, training._earlier = _progress(found)
+            training.rows, training.best, training._earlier = progress_in(found)
             learner, envs, generators = found["learner"], found["envs"], found["generators"]
         except (KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
-            reason = textwrap.shorten(str(error), width=200)
-            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {reason}; start anew") from None
+            raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {_short(error)}; start anew") from None
         try:
             check_like("learner", learner, training.algorithm.state())
             training.algorithm.set_state(learner)
             training.envs.set_state({name: as_array(tensor) for name, tensor in envs.items()})
             set_random_state(generators)
         except (AttributeError, KeyError, OverflowError, TypeError, ValueError, RuntimeError) as error:
-            reason = textwrap.shorten(str(error), width=200)
             raise CheckpointError(
-                f"the checkpoint does not fit this training ({reason}); start the training anew"
+                f"the checkpoint does not fit this training ({_short(error)}); start the training anew"
             ) from None
         return training
 
@@ -201,7 +208,7 @@ class Training:
 
         evaluated = due(config.evaluation_interval)
         if evaluated:
-            row |= evaluate_cases(self._shipped_policy())
+            row |= evaluate_cases(self._shipped_policy(), self.arm)
         self.rows.append(row)
         with open(self.folder / _CURVE, "a", encoding="utf-8", newline="") as file:
             file.write(self._csv([row]))
@@ -261,16 +268,8 @@ class Training:
         return csv_text(rows, columns, header=header)
 
 
-def _progress(found: dict[str, Any]) -> tuple[list[dict[str, Any]], float, tuple[float, float]]:
-    """Return the curve, the best score and the times [s] of a checkpoint; TypeError or ValueError if they are none."""
-    rows, best = instance("rows", found["rows"], list), found["best"]
-    for row in rows:
-        if not all(isinstance(name, str) and is_real(value) for name, value in instance("a row", row, dict).items()):
-            raise ValueError(f"rows holds {shown(row)}")
-    if not is_real(best) or math.isnan(best):
-        raise ValueError(f"best = {shown(best)} is no number")
-    wall, cpu = reals("seconds", found["seconds"], 2, "s", low=0.0)
-    return rows, float(best), (wall, cpu)
+def _short(error: Exception) -> str:
+    return textwrap.shorten(str(error), width=200)
 
 
 def tensorboard_installed() -> bool:

@@ -19,7 +19,7 @@ from fuzzyarm.common.lazy import lazily
 if TYPE_CHECKING:
     from fuzzyarm.synthesis.cvxpy_model.design_problem import DesignProblem
     from fuzzyarm.synthesis.description import describe
-    from fuzzyarm.synthesis.designer import Design, DesignFailed, design
+    from fuzzyarm.synthesis.designer import Design, DesignFailed, design, find_design
     from fuzzyarm.synthesis.scheduled_description import describe_scheduled
     from fuzzyarm.synthesis.scheduled_design import ScheduledDesign, ScheduledSpecification, design_scheduled
     from fuzzyarm.synthesis.specification import Specification
@@ -35,6 +35,7 @@ __all__ = [
     "describe_scheduled",
     "design",
     "design_scheduled",
+    "find_design",
 ]
 
 _HOMES = {
@@ -48,6 +49,7 @@ _HOMES = {
     "describe_scheduled": "scheduled_description",
     "design": "designer",
     "design_scheduled": "scheduled_design",
+    "find_design": "designer",
 }
 
 

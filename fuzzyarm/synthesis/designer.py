@@ -20,7 +20,7 @@ from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.search import best_solution
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT, Specification
 
-__all__ = ["Design", "DesignFailed", "assembled", "design", "to_controller"]
+__all__ = ["Design", "DesignFailed", "assembled", "design", "find_design", "to_controller"]
 
 
 class DesignFailed(ValueError):
@@ -58,18 +58,32 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     Raises:
         DesignFailed: no point was found whose proof goes through.
     """
+    made = find_design(specification, parameters)
+    if isinstance(made, Design):
+        return made
+    arm = ArmParameters() if parameters is None else parameters
+    raise DesignFailed(f"{made}{why_infeasible(TSModel(arm, specification.kept), specification)}")
+
+
+def find_design(specification: Specification, parameters: ArmParameters | None = None) -> Design | str:
+    """Return what `design` returns, or without a controller what comes in front of the explanation, not looked for.
+
+    Args:
+        specification: what is asked.
+        parameters: the arm, default Table 1.
+    """
     parameters = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
     model = TSModel(parameters, specification.kept)
     begin = time.perf_counter()
     best = best_solution(model, specification)
     solve_seconds = time.perf_counter() - begin
     if best is None:
-        raise DesignFailed(why_infeasible(model, specification))
+        return ""
     begin = time.perf_counter()
     controller = to_controller(model, specification, *best)
     certificate = certify(controller)
     if not certificate.proven:
-        raise DesignFailed(f"the solver's point does not pass the proof: {why_infeasible(model, specification)}")
+        return "the solver's point does not pass the proof: "
     return Design(controller, certificate, solve_seconds, time.perf_counter() - begin, best[1].variables, best[1].rows)
 
 

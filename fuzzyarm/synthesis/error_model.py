@@ -25,18 +25,25 @@ from fuzzyarm.fuzzy_policy.proof.vertices import reference_model
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES, INTEGRAL, PLANT, PLANT_STATES
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 
-__all__ = ["ErrorModel", "FirstVertex", "UncertainBlock", "consistent_form", "paper_form", "reversed_time"]
+__all__ = ["ErrorModel", "OneVertex", "UncertainBlock", "consistent_form", "paper_form", "reversed_time"]
 
 _TORQUE, _COMMAND = consecutive(JOINTS, 3 * JOINTS)  # w = (d, r) of the paper's form, r = (q_d, q̇_d, q̈_d)
 
 
-class FirstVertex(TSModel):
-    """A T-S model with the first vertex of A alone: the inequalities of its design are some of those of the whole."""
+@dataclasses.dataclass(frozen=True)
+class OneVertex(TSModel):
+    """A T-S model with one vertex of A alone: the inequalities of its design are some of those of the whole.
+
+    Attributes:
+        number: of the vertex, 0 for the first.
+    """
+
+    number: int = 0
 
     @property
     def A_vertices(self) -> list[np.ndarray]:
-        """The first of the matrices A_pi."""
-        return super().A_vertices[:1]
+        """The one of the matrices A_pi."""
+        return super().A_vertices[self.number : self.number + 1]
 
 
 @dataclasses.dataclass(frozen=True)

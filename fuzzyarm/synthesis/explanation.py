@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
-from fuzzyarm.synthesis.error_model import FirstVertex
+from fuzzyarm.synthesis.error_model import OneVertex
 from fuzzyarm.synthesis.search import MANY, best_solution, largest_feasible_alpha, slowest_tried, smallest_feasible_pole
 from fuzzyarm.synthesis.specification import Specification
 
 __all__ = ["why_infeasible"]
+
+MOST_SEARCHED = 4
+"""Rules up to which a limit is searched for with the whole model; one design with 32 takes ten seconds."""
 
 
 def why_infeasible(model: TSModel, specification: Specification) -> str:
@@ -25,9 +28,11 @@ def why_infeasible(model: TSModel, specification: Specification) -> str:
     )
     works = "works"
     if model.rules >= MANY:
-        one = FirstVertex(model.parameters, model.kept)
+        one = OneVertex(model.parameters, model.kept)
         if best_solution(one, specification) is None:
             model, works = one, "works for one vertex of the model alone"
+        elif model.rules > MOST_SEARCHED:
+            return f"{head}; each of the model's vertices alone may allow this, all together do not: {_relaxed(s)}"
     pole = smallest_feasible_pole(model, specification)
     if pole is not None:
         return f"{head}; fastest_pole would have to give: the smallest that {works} is about {pole:.3g} 1/s"
@@ -37,3 +42,11 @@ def why_infeasible(model: TSModel, specification: Specification) -> str:
         given = " or ".join(name for name, value in others.items() if value is not None)
         return f"{head}; no decay rate down to {slowest_tried(s):g} 1/s helps: raise {given}"
     return f"{head}; alpha would have to give: the largest that {works} is about {largest:.3g} 1/s"
+
+
+def _relaxed(specification: Specification) -> str:
+    """Return which of the given limits may be relaxed."""
+    s = specification
+    raised = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
+    given = [f"raise {name} above {value:g}" for name, value in raised.items() if value is not None]
+    return " or ".join([f"lower alpha below {s.first_alpha:g}", *given, "keep fewer premises"])

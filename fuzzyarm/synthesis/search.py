@@ -13,7 +13,7 @@ from fuzzyarm.common.bisection import last_that_works
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.synthesis.conic import Problem
-from fuzzyarm.synthesis.error_model import ErrorModel, FirstVertex, consistent_form, paper_form
+from fuzzyarm.synthesis.error_model import ErrorModel, OneVertex, consistent_form, paper_form
 from fuzzyarm.synthesis.minimise import Infeasible, Solution, solve, solve_for_largest_alpha
 from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, PAPER_WEIGHT, Specification
@@ -36,7 +36,8 @@ BEST_SCALE = {True: 0.37, False: 0.6}
 PAPER_SCALE, PAPER_GAMMA = 1e-4, 1000.0
 FACTORS = (1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03)
 NONE = 1e12  # far above any γ; the search of scipy wants a number
-MANY = 4  # rules, from which a scale is given up if its first vertex is infeasible: 0.02 s instead of up to a minute
+MANY = 4  # rules, from which a scale is given up if one vertex is infeasible: 0.02 to 2 s instead of up to a minute
+CERTAIN = "PrimalInfeasible"  # the solver's status, to its full accuracy
 
 
 def best_solution(model: TSModel, specification: Specification) -> tuple[Scaling, Solution] | None:
@@ -62,14 +63,22 @@ def first_solution(model: TSModel, specification: Specification) -> tuple[Scalin
 
 
 def _refuted(model: TSModel, specification: Specification, factor: float) -> bool:
-    """Return whether the solver gives a proof that already the first vertex of a large model has no solution."""
-    if model.rules < MANY:
+    """Return whether the solver gives a proof that already one vertex of a large model has no solution.
+
+    The others are asked only where the first neither has a solution nor a proof that there is none.
+    """
+    if model.rules < MANY or isinstance(model, OneVertex):  # which is solved as quickly as it is refuted
         return False
-    _, system, problem = scaled_problem(FirstVertex(model.parameters, model.kept), specification, factor)
-    try:
-        solve(system, problem)
-    except Infeasible as error:
-        return error.ray is not None
+    for number in range(len(model.A_vertices)):
+        vertex = OneVertex(model.parameters, model.kept, number)
+        _, system, problem = scaled_problem(vertex, specification, factor)
+        try:
+            solve(system, problem)
+        except Infeasible as error:
+            if error.ray is not None and (number == 0 or error.status == CERTAIN):
+                return True
+            continue
+        return False
     return False
 
 

@@ -43,14 +43,18 @@ COMPUTING = (
     "fuzzyarm.synthesis.design_scheduled",
     "fuzzyarm.eval.certified.tip.bound.find_bound",
     "fuzzyarm.eval.certified.tip.cells.bounds_of_cells",
+    "fuzzyarm.eval.dataset.store.write_dataset",
     "fuzzyarm.eval.bench.run.run_bench",
     "fuzzyarm.eval.stability.margins.measure_margins",
     "fuzzyarm.eval.paper.evidence.gather",
     "fuzzyarm.eval.report.page.write_report",
+    "fuzzyarm.eval.tuning.run.tune",
     "fuzzyarm.export.laws.sheet_of",
     "fuzzyarm.export.c_files.export_c",
     "fuzzyarm.export.fmu.export_controller_fmu",
     "fuzzyarm.export.fmu.export_plant_fmu",
+    "fuzzyarm.identification.excitation.suggested",
+    "fuzzyarm.identification.result.identify",
 )
 """Where commands begin to compute."""
 NUMBERS = (
@@ -74,16 +78,19 @@ NUMBERS = (
 NEEDED = {
     "verify": [str(CONTROLLERS / "fuzzy-1.json")],
     "design": ["--out", "controller.json", "--rules", "1"],
+    "tune": ["--out", "my-arm"],
     "paper": ["--out", "paper"],
     "prove": ["--policy", "fuzzy-1", "--out", "bound.json"],
     "leaderboard": ["{evaluation}"],
     "report": ["{evaluation}"],
     "train": ["ppo", "--out", "training"],
+    "dataset": ["--out", "sets", "--episodes", "3"],
     "evaluate": ["--policy", "fuzzy-1", "--case", "nominal"],
     "margins": ["--policy", "fuzzy-1"],
     "sweep": ["--policy", "fuzzy-1", "--plants", "4", "--jobs", "1"],
     "bench": ["--rounds", "5"],
     "show": ["fuzzy-1"],
+    "identify": ["--suggest", "motion.csv"],
     "export": ["c", "fuzzy-1", "--out", "source"],
 }
 """A valid command line of each command, behind its name."""

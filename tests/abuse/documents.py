@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import json
@@ -17,6 +18,7 @@ import numpy as np
 import fuzzyarm
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.frozen import freeze, gain_at, pole_rate
 from fuzzyarm.eval.certified.rigid import RigidLoop
@@ -28,8 +30,13 @@ from fuzzyarm.eval.paper.drift import EXPECTED, load_expected
 from fuzzyarm.eval.report.stored import read_evaluation
 from fuzzyarm.eval.sweep.identity import digest_of_identity
 from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.eval.tuning.finding import read_finding, write_finding
+from fuzzyarm.eval.tuning.steps import found
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.policies.tuned import LAWS, NAME, SCHEMA, TunedLaws, read_laws
 from fuzzyarm.rl_baselines.training import Training
 
 from .arguments import driven
@@ -225,7 +232,40 @@ def _expected_folder() -> Path:
     return EXPECTED.parent
 
 
+@functools.cache
+def _tuned() -> Path:
+    """Return a folder as `fuzzyarm tune` writes it, for Table 1."""
+    folder = Path(tempfile.mkdtemp(prefix="abuse-"))
+    arm, weights = ArmParameters(), {"observer": ObserverWeights(), "adaptive": AdaptiveWeights()}
+    arm.write_toml(folder / "robot.toml")
+    shutil.copy(CONTROLLERS / "fuzzy-1.json", folder)
+    laws = TunedLaws(
+        SCHEMA,
+        robot_of(arm).digest,
+        1e-3,
+        ("fuzzy-1", *LAWS),
+        bandwidth=70.0,
+        **{name: dataclasses.asdict(value) for name, value in weights.items()},
+    )
+    (folder / NAME).write_text(laws.to_json())
+    write_finding(folder, found(arm, LAWS[0], {"bandwidth": 70.0}, {}, {"nominal": 0.9}, tried=1, rule="One."))
+    return folder
+
+
+def _read_tuned(folder: Path) -> None:
+    laws = read_laws(folder, ArmParameters())
+    for name in laws.policies:
+        if name in LAWS:
+            load_policy(folder / name)
+
+
+def _read_step(folder: Path) -> None:
+    read_finding(folder, LAWS[0], robot_of(ArmParameters()).digest)
+
+
 SURFACES = (
+    file_of("laws.json", _tuned, NAME, _read_tuned, None, count=400),
+    file_of("steps/computed-torque.json", _tuned, "steps/computed-torque.json", _read_step, None, count=400),
     *(
         file_of(
             f"controller {name}",

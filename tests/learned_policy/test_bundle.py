@@ -1,5 +1,6 @@
 """A bundle is read back as it was written, or refused in one line."""
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -116,7 +117,11 @@ DAMAGES = {
     "short mean": (lambda f: edited(f, lambda d: d["network"]["mean"].pop()), "shapes of mean, std"),
     "sizes": (lambda f: edited(f, lambda d: d["network"].update(sizes=[20, 2])), r"policy.json says \[20, 2\]"),
     "no clip": (lambda f: edited(f, lambda d: d["network"].pop("clip")), "network: .*missing required field `clip`"),
-    "activation": (lambda f: edited(f, lambda d: d["network"].update(activation="relu")), "activation 'relu'"),
+    "activation": (
+        lambda f: edited(f, lambda d: d["network"].update(activation="elu")),
+        "activation = 'elu' is unknown",
+    ),
+    "output": (lambda f: edited(f, lambda d: d["network"].update(output="sine")), "output = 'sine' is unknown"),
     "other features": (lambda f: edited(f, lambda d: d["features"].update(past_errors=9)), "has 20 inputs"),
     "a feature unknown": (lambda f: edited(f, lambda d: d["features"].update(tip=1)), "features: unknown field tip"),
     "a negative torque": (lambda f: edited(f, lambda d: d["action"].update(scale=[-1, 2])), "scale"),
@@ -163,6 +168,24 @@ def test_a_file_too_large_is_not_read(folder, name, limit, monkeypatch):
     monkeypatch.setattr(folders, f"_LARGEST_{limit}", 100)
     with pytest.raises(BundleError, match=rf"{name}(:| is) larger than 100 bytes"):
         PolicyBundle.load(folder)
+
+
+@pytest.mark.parametrize(("activation", "hidden"), [("tanh", np.tanh), ("relu", lambda x: np.maximum(x, 0.0))])
+@pytest.mark.parametrize(("output", "last"), [("tanh", np.tanh), ("clip", lambda x: np.clip(x, -1.0, 1.0))])
+def test_the_layers_are_those_of_the_equation(activation, hidden, output, last, tmp_path):
+    whole = bundle()
+    network = dataclasses.replace(whole.network, activation=activation, output=output)
+    dataclasses.replace(whole, network=network).save(tmp_path / "other")
+    read = PolicyBundle.load(tmp_path / "other").network
+    features = 3.0 * np.random.default_rng(0).normal(size=(7, read.sizes[0]))
+    h, action = np.clip((features - read.mean) / read.std, -read.clip, read.clip), np.empty((7, 2))
+    *inner, outer = zip(read.weights, read.biases, strict=True)
+    for weight, bias in inner:
+        h = hidden(h @ weight.T.astype(float) + bias)
+    read.act(features, action)
+    np.testing.assert_allclose(action, last(h @ outer[0].T.astype(float) + outer[1]), atol=1e-12)
+    named = json.loads((tmp_path / "other" / "policy.json").read_text())["network"]
+    assert ("output" in named) == (output == "tanh")  # bundles of PPO have the bytes that they always had
 
 
 def test_the_clip_is_a_float_whatever_number_it_was():

@@ -8,7 +8,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis import DesignFailed, Specification, design, search
-from fuzzyarm.synthesis.error_model import FirstVertex
+from fuzzyarm.synthesis.error_model import OneVertex
 
 
 @pytest.mark.parametrize(
@@ -109,6 +109,6 @@ def test_the_32_rules_of_an_impossible_design_are_never_solved(monkeypatch, aske
 def test_what_one_vertex_allows_is_an_upper_bound_of_what_all_allow():
     model = TSModel(ArmParameters(), NAMED_RULES[4])
     asked = Specification(kept=model.kept, alpha=1e4, gamma=1e-3, gain_bound=1e5)
-    one = search.largest_feasible_alpha(FirstVertex(model.parameters, model.kept), asked)
+    one = search.largest_feasible_alpha(OneVertex(model.parameters, model.kept), asked)
     every = search.largest_feasible_alpha(model, asked)
     assert 0.5 * one < every < 1.03 * one

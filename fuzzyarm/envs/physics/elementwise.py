@@ -87,7 +87,10 @@ def _compiled_gaussian(x: Any) -> Any:
 
 
 def root(x: Any) -> Any:
-    """Return the square root."""
+    """Return the square root; its gradient in tensors is 0 at 0."""
+    if getattr(x, "requires_grad", False):
+        positive = 1.0 * (x > 0.0)
+        return positive * (x + (1.0 - positive)).sqrt()
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
 
 

@@ -16,6 +16,7 @@ from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.physics.two_joints import two_joints
 
 __all__ = [
+    "IN_FOLDER",
     "PAPER",
     "AnyArm",
     "Bounds",
@@ -32,6 +33,10 @@ AnyArm = ArmParameters | Robot
 
 PAPER = "paper"
 """The robot that is the two-joint arm of Table 1."""
+
+
+IN_FOLDER = "robot.toml"
+"""The file of the arm in a folder of `fuzzyarm tune`."""
 
 
 class Bounds(NamedTuple):
@@ -69,8 +74,8 @@ def chosen_arm(robot: Any, parameters: Any) -> AnyArm:
     """Return the arm that the arguments ``robot`` and ``parameters`` of an environment name; neither: Table 1.
 
     Args:
-        robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, a `Robot`, or
-            `ArmParameters`; None: the two-joint arm.
+        robot: name of a shipped robot, path of the TOML file of a robot or of a two-joint arm, folder of `fuzzyarm
+            tune`, a `Robot`, or `ArmParameters`; None: the two-joint arm.
         parameters: of the two-joint arm, or None.
 
     Raises:
@@ -104,6 +109,8 @@ def _named(robot: str) -> AnyArm:
         return ArmParameters()
     if robot in shipped_robots():
         return robot_named(robot)
+    if os.path.isfile(Path(robot) / IN_FOLDER):
+        robot = str(Path(robot) / IN_FOLDER)
     if Path(robot).suffix == ".toml":
         if {"joints", "model", "name", "tip"}.isdisjoint(read_toml(Path(robot))):
             return ArmParameters.from_toml(robot)
@@ -111,7 +118,8 @@ def _named(robot: str) -> AnyArm:
 
         return read_robot(robot)
     raise ValueError(
-        f"unknown robot {checks.shown(robot)}; choose from: {', '.join(shipped_robots())}, or give a .toml file"
+        f"unknown robot {checks.shown(robot)}; choose from: {', '.join(shipped_robots())}, or give a .toml file or a "
+        "folder of fuzzyarm tune"
     )
 
 

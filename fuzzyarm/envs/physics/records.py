@@ -148,6 +148,7 @@ def _defined_for(source: str, arguments: int, names: dict[str, Any]) -> Any:
     return _defined(f"def apply({', '.join(f'a{k}' for k in range(arguments))}):\n    {source}\n", names)
 
 
+@functools.cache
 def size(kind: Any) -> int:
     """Return how many numbers a record has."""
     return sum(size(part) if _is_record(part) else 1 for _, part in _fields(kind))
@@ -238,10 +239,11 @@ def _defined(source: str, names: dict[str, Any]) -> Any:
     return register_jitable(forceinline=True)(function)
 
 
-def _fields(record: type) -> list[tuple[str, Any]]:
+@functools.cache
+def _fields(record: type) -> tuple[tuple[str, Any], ...]:
     """Return names and types of the fields, in order."""
     kinds = typing.get_type_hints(record)
-    return [(name, kinds[name]) for name in record._fields]  # type: ignore[attr-defined]
+    return tuple((name, kinds[name]) for name in record._fields)  # type: ignore[attr-defined]
 
 
 def _is_record(kind: Any) -> bool:

@@ -13,6 +13,7 @@ the moving arm; what is proven is in the certificates (`fuzzyarm.fuzzy_policy.pr
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
 from typing import Protocol
@@ -156,7 +157,8 @@ def _equilibrium(arm: _FrozenArm, point: np.ndarray, posture: np.ndarray) -> Loc
         if np.all(np.abs(change) <= _NEWTON_TOLERANCE) and np.all(
             np.abs(point[arm.q_motor] - posture) <= _NEWTON_REACH
         ):
-            return loop
+            half_plant = arm.plant_over(0.5 * arm.period, point, loop.torque)
+            return dataclasses.replace(loop, half_plant=half_plant)
         point = _nearer(arm, point, kept, np.linalg.lstsq(np.eye(len(change)) - matrix, change)[0])
     return None
 
@@ -227,13 +229,9 @@ class _FrozenArm:
         return point
 
     def linearise(self, point: np.ndarray) -> tuple[LocalLoop, np.ndarray]:
-        """Return the loop at `point`, and which entries of the point it keeps."""
-        torque, steps = self._act(point[np.newaxis])[0, self.torque], np.full(self.states, _PLANT_STEP)
-        held, held_steps = np.append(point[self.plant], torque), np.append(steps, np.full(self.joints, _TORQUE_STEP))
-        plant, half_plant = (
-            _differences(partial(self._move, duration), held, held_steps)
-            for duration in (self.period, 0.5 * self.period)
-        )
+        """Return the loop at `point` without [A_h B_h], and which entries of the point it keeps."""
+        torque = self._act(point[np.newaxis])[0, self.torque]
+        plant = self.plant_over(self.period, point, torque)
         memory = point[self.memory]
         law_steps = _LAW_STEP * np.append(np.ones(self.states), np.maximum(1.0, np.abs(memory)))
         law = _differences(self._act, point, law_steps)
@@ -243,7 +241,13 @@ class _FrozenArm:
         for _ in memory:
             rows[self.next_memory] |= np.any(law[rows, self.memory] != 0.0, axis=0)
         kept = np.append(np.ones(self.states, dtype=bool), rows[self.next_memory])
-        return LocalLoop(plant, half_plant, law[np.ix_(rows, kept)], point, torque), kept
+        return LocalLoop(plant, np.full_like(plant, np.nan), law[np.ix_(rows, kept)], point, torque), kept
+
+    def plant_over(self, duration: float, point: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Return [A B] of the plant over a duration [s] around a point and a torque (n,) [N m], (n, n + r)."""
+        held = np.append(point[self.plant], torque)
+        steps = np.append(np.full(self.states, _PLANT_STEP), np.full(self.joints, _TORQUE_STEP))
+        return _differences(partial(self._move, duration), held, steps)
 
     def advance(self, point: np.ndarray) -> np.ndarray:
         """Return `point` one control period later."""

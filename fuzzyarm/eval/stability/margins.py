@@ -31,7 +31,7 @@ from fuzzyarm.eval.stability.linearisation import POSTURES, Linearisable, linear
 from fuzzyarm.eval.stability.local_loop import GAIN_SPAN, LocalLoop, gain_limits, largest_radius
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, with_drives
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.policies import ANY_ROBOT, NAMES, PolicySpec, recorded, resolve_all
+from fuzzyarm.policies import ANY_ROBOT, NAMES, PolicySpec, policies_of, recorded, resolve_all
 from fuzzyarm.policies.user_code import UserPolicy
 
 __all__ = [
@@ -53,8 +53,8 @@ class MarginsConfig:
     """What is measured.
 
     Attributes:
-        policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: all that have a name, for a robot
-            `ANY_ROBOT`.
+        policies: names, files, folders or code, see `fuzzyarm.policies.spec`; None: those of a folder of
+            `fuzzyarm tune`, otherwise all that have a name, for a robot `ANY_ROBOT`.
         robot: of plant and policies alike: what `chosen_arm` takes; None: Table 1.
     """
 
@@ -75,7 +75,8 @@ class MarginsConfig:
 
     def names(self) -> tuple[str, ...]:
         """Return the policies that are measured."""
-        return self.policies or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
+        named = self.policies or policies_of(self.robot)
+        return named or (NAMES if isinstance(self.arm, ArmParameters) else ANY_ROBOT)
 
     def command(self) -> str | None:
         """Return the command line of this configuration, with the last part of absolute paths; None for an object."""

@@ -15,6 +15,7 @@ import numpy as np
 from fuzzyarm.common.checks import real, whole
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.config import TrainingConfig
+from fuzzyarm.rl_baselines.moments import moments_of, set_moments
 
 if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network
@@ -192,15 +193,15 @@ class PPOAlgorithm:
             "last_features": np.asarray(model._last_obs),
             "last_starts": np.asarray(model._last_episode_starts),
             "normaliser": {
-                "features": _moments(self.normaliser.obs_rms),
-                "returns": _moments(self.normaliser.ret_rms),
+                "features": moments_of(self.normaliser.obs_rms),
+                "returns": moments_of(self.normaliser.ret_rms),
                 "discounted": self.normaliser.returns,
             },
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what `state` returned, see `Algorithm.set_state`."""
-        from fuzzyarm.rl_baselines.ppo_state import check_ppo_state
+        from fuzzyarm.rl_baselines.learner_state import check_ppo_state
 
         check_ppo_state(state, self.state(), list(self.model.policy.parameters()))
         model, moments = self.model, state["normaliser"]
@@ -210,8 +211,8 @@ class PPOAlgorithm:
         model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
         model._last_obs = state["last_features"].numpy().copy()
         model._last_episode_starts = state["last_starts"].numpy().copy()
-        _set_moments(self.normaliser.obs_rms, moments["features"])
-        _set_moments(self.normaliser.ret_rms, moments["returns"])
+        set_moments(self.normaliser.obs_rms, moments["features"])
+        set_moments(self.normaliser.ret_rms, moments["returns"])
         self.normaliser.returns = moments["discounted"].numpy().copy()
 
 
@@ -234,17 +235,6 @@ def _arguments(config: PPOConfig) -> dict[str, Any]:
         },
         "device": "cpu",
     }
-
-
-def _moments(running: Any) -> dict[str, Any]:
-    """Return the state of a `RunningMeanStd` of stable-baselines3."""
-    return {"mean": np.asarray(running.mean), "var": np.asarray(running.var), "count": float(running.count)}
-
-
-def _set_moments(running: Any, moments: dict[str, Any]) -> None:
-    """Put a `RunningMeanStd` back to a state."""
-    running.mean, running.var = moments["mean"].numpy().copy(), moments["var"].numpy().copy()
-    running.count = moments["count"]
 
 
 SPEC = AlgorithmSpec(

@@ -84,12 +84,54 @@ def test_a_wrong_drive_is_refused(values, message):
         dataclasses.replace(DRIVE, **values)
 
 
+def test_cicese_has_the_identified_inertia_and_gravity():
+    """M = [[2.351 + 0.168 c2, 0.102 + 0.084 c2], [., 0.102]] and g = 9.81 (3.921 s1 + 0.186 s12, 0.186 s12)."""
+    robot, q = robot_named("cicese"), np.array([0.4, 0.7])
+    rotors = np.diag(robot.drive("motor_inertia"))
+    c2, s1, s12 = np.cos(q[1]), np.sin(q[0]), np.sin(q.sum())
+    coupling = 0.102 + 0.084 * c2 - rotors[-1, -1]
+    printed = [[2.351 + 0.168 * c2, coupling], [coupling, 0.102]]
+    np.testing.assert_allclose(rigid_body.mass_matrix(robot, q) + rotors, printed, atol=1e-3)
+    weight = 9.81 * np.array([3.921 * s1 + 0.186 * s12, 0.186 * s12])
+    np.testing.assert_allclose(rigid_body.gravity(robot, q), weight, atol=0.01)
+
+
+def test_manutec_r3_is_its_source_through_the_gears():
+    robot, ratio = robot_named("manutec-r3"), np.array([210.0, 60.0])
+    of_motor = {
+        "motor_inertia": ([0.0013, 0.0013], 2),
+        "stiffness": ([8.0, 58.0], 2),
+        "damping": ([0.01, 0.04], 2),
+        "viscous_friction": ([0.1 / 130.0, 0.2 / 130.0], 2),
+        "coulomb_friction": ([0.5, 0.7], 1),
+        "torque_limit": ([1.1616 * 9.0] * 2, 1),
+    }
+    for name, (values, power) in of_motor.items():
+        np.testing.assert_allclose(robot.drive(name), np.array(values) * ratio**power, rtol=1e-12)
+    np.testing.assert_allclose([joint.velocity_limit for joint in robot.joints], 315.0 / ratio)
+    bodies = (
+        (26.4, -0.034, 0.0, 0.279),
+        (28.7, 0.414, -0.155, 1.67),
+        (5.2, 0.6, -0.155, 1.25),
+        (0.5, 0.775, -0.105, 0.0),
+    )
+    mass, x, y, inertia = np.array(bodies).T
+    link = robot.joints[-1].link
+    np.testing.assert_allclose(
+        [link.mass, *link.center], [mass.sum(), mass @ x / 60.8, mass @ y / 60.8, 0.0], atol=1e-8
+    )
+    about_axis = link.inertia[-1][-1] + link.mass * np.dot(link.center, link.center)
+    assert about_axis == pytest.approx(np.sum(inertia + mass * (x * x + y * y)), rel=1e-7)
+
+
 def test_shipped_robots_state_sources_and_assumptions_and_the_paper_s_is_table_1():
-    assert shipped_robots() == ("panda", "paper", "planar-3r", "ur5")
+    assert shipped_robots() == ("cicese", "manutec-r3", "panda", "paper", "planar-3r", "ur5")
     for name in shipped_robots():
         assert robot_named(name).name == name and robot_named(name).sources and robot_named(name).assumptions
     assert robot_named("paper").digest == Robot.of(ArmParameters()).digest
-    with pytest.raises(ValueError, match="robot = 'ur6' is unknown; choose from: panda, paper, planar-3r, ur5"):
+    with pytest.raises(
+        ValueError, match="robot = 'ur6' is unknown; choose from: cicese, manutec-r3, panda, paper, planar-3r, ur5"
+    ):
         robot_named("ur6")
 
 

@@ -21,10 +21,10 @@ from fuzzyarm.envs.scenario.paths import TipPath
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.centre import Segment
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.laws import asked, ball_law
 from fuzzyarm.eval.certified.tip.period import Claim
 from fuzzyarm.eval.certified.tip.plant import ball_plant
 from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
+from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES
 from fuzzyarm.policies import load_policy
@@ -135,10 +135,10 @@ def problem_of(claim: TipClaim) -> Problem:
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
         raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
     plant = ball_plant(parameters, case.disturbance, claim.plants)
-    law = ball_law(policy)
+    law = sampled_law(policy, schedule.references)
     _, info = FuzzyArmEnv(claim.case, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
-    return Problem(parameters, start, schedule, PERIOD, law, asked(policy, schedule.references), claim.plants, plant)
+    return Problem(parameters, start, schedule, PERIOD, law, claim.plants, plant)
 
 
 def find_bound(claim: TipClaim, advance: Callable[[], object] = lambda: None, claims: Claims | None = None) -> TipBound:

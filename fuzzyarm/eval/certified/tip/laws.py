@@ -73,7 +73,7 @@ def ball_law(policy: Policy) -> BallLaw:
         return _ComputedTorque(law, law.parameters)
     raise NoBound(
         f"there is no bound for {shown(type(law).__name__)}, whose derivatives on balls are not known; choose a fuzzy "
-        "policy or computed torque, with or without the ending -tip"
+        "policy or computed torque, with or without the ending -tip, elastic-observer or a learned policy"
     )
 
 

@@ -24,7 +24,7 @@ from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, ball, c
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 from fuzzyarm.eval.certified.tip.transition import ROWS
 
-__all__ = ["LinkSlopes", "at_middle", "lever_arms", "link_remainder", "tube_slopes"]
+__all__ = ["LinkSlopes", "at_middle", "lever_arms", "link_remainder", "link_slopes", "tube_slopes"]
 
 
 class LinkSlopes(NamedTuple):
@@ -35,7 +35,8 @@ class LinkSlopes(NamedTuple):
     velocity: list[list[arb]]
 
 
-def _slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes:
+def link_slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes:
+    """Return M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad] at angles, velocities and accelerations, pairs each."""
     angles, velocities, accelerations = at
     q = [Jet.variable(x, i) for i, x in enumerate(angles)]
     dq = [Jet.variable(x, JOINTS + i) for i, x in enumerate(velocities)]
@@ -49,7 +50,7 @@ def _slopes(at: list[list[Any]], force: tuple[Any, Any], arm: Arm) -> LinkSlopes
 def at_middle(motion: PeriodMotion, force: Forces, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return M_k [kg m²], G_k [N m/rad] and D_k [N m s/rad] (2, 2) at the middle of the period, in floats."""
     at = [[signal[0] for signal in kind[JOINTS:]] for kind in (motion.angle, motion.velocity, motion.acceleration)]
-    slopes = _slopes(at, (force.x[0], force.y[0]), arm)
+    slopes = link_slopes(at, (force.x[0], force.y[0]), arm)
     mass, angle, velocity = (np.array([[centre(x) for x in row] for row in part]) for part in slopes)
     return mass, angle, velocity
 
@@ -68,7 +69,7 @@ def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: A
         radii = tube[rows].tolist()
         boxes.append([signal_range(s) + ball(0.0, r) for s, r in zip(kind[JOINTS:], radii, strict=True)])
     x, y = (signal_range(s) + ball(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
-    return _slopes(boxes, (x, y), arm)
+    return link_slopes(boxes, (x, y), arm)
 
 
 def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndarray], tube: np.ndarray) -> np.ndarray:

@@ -14,22 +14,18 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.centre import Centre, Segment
 from fuzzyarm.eval.certified.tip.defects import Forces, TipForces, combined, signal_size
-from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, ball, centre, largest, radius_of
+from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre, largest, radius_of
 from fuzzyarm.eval.certified.tip.friction import Plan, Speed
-from fuzzyarm.eval.certified.tip.laws import BallLaw, Sample
 from fuzzyarm.eval.certified.tip.period import Claim, Closed, Period
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.response import Response, SampledLaw
 from fuzzyarm.eval.certified.tip.tip_error import tip_bound
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, D_THETA, STATES, THETA
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES, Zonotope
 
 __all__ = ["Problem", "Step", "Tube"]
 
-INTEGRAL = slice(STATES, STATES + JOINTS)
-WAITING = slice(INTEGRAL.stop, INTEGRAL.stop + JOINTS)  # the torque that acts one period late
-MEASURED_ROWS = [*range(STATES)[THETA], *range(STATES)[D_THETA], *range(INTEGRAL.stop)[INTEGRAL]]
-LAW_ROUNDING = 2.0**-42  # of the terms of a law: more than a thousand float operations
 _CHANNEL_SOURCE = {"motor": 0, "link": 1, "joint": 2, "tip": 3}
 _LAW, _ROUNDING = SOURCES.index("law and noise"), SOURCES.index("rounding")
 
@@ -43,8 +39,7 @@ class Problem:
         start: state (8,) in which the environment begins: at rest, the links on the reference.
         schedule: reference, tip force and target of every control step.
         period: T [s].
-        law: of the policy, on balls.
-        samples: what the law is told at each sample.
+        law: the policy, sample by sample.
         plants: the set.
         plant: its arms.
     """
@@ -53,8 +48,7 @@ class Problem:
     start: np.ndarray
     schedule: Schedule
     period: float
-    law: BallLaw
-    samples: list[Sample]
+    law: SampledLaw
     plants: PlantSet
     plant: BallPlant
 
@@ -92,8 +86,10 @@ class Tube:
         self.problem, self._claims = problem, claims
         plant = problem.plant
         self._state = problem.start
-        self._integral = np.zeros(JOINTS)
-        numbers = STATES + JOINTS * (1 + problem.plants.late)
+        memory = problem.law.memory
+        self._memory = np.zeros(memory)
+        self._seen = [*range(STATES)[THETA], *range(STATES)[D_THETA], *range(STATES, STATES + memory)]
+        numbers = STATES + memory + JOINTS * problem.plants.late  # the torque that acts one period late is the last
         self._set = Zonotope(numbers, len(plant.parameters))
         self._known: tuple[Speed, ...] = (Speed(0.0, 0.0),) * JOINTS
         self._waiting: np.ndarray | None = None
@@ -189,52 +185,38 @@ class Tube:
         deviations.box[:STATES] += moved
 
     def _sample(self, k: int) -> np.ndarray:
-        """Evaluate the law at t_k: append the held torque to the zonotope, renew the memory; return the torque."""
-        problem, here, z = self.problem, self._state, self._set
-        sample, noise = problem.samples[k], problem.plants.noise
-        point = [ball(x) for x in (*here[THETA], *here[D_THETA], *self._integral)]
-        spread = z.totals()[MEASURED_ROWS] + np.repeat([*noise, 0.0], JOINTS)
-        around = [x + ball(0.0, r) for x, r in zip(point, spread.tolist(), strict=True)]
-        theta, velocity, integral = (slice(i * JOINTS, (i + 1) * JOINTS) for i in range(3))
-        at = problem.law.torque(point[theta], point[velocity], point[integral], sample)
-        tube = problem.law.torque(around[theta], around[velocity], around[integral], sample)
-        torque = np.array([centre(u) for u in at.value])
-        gain = np.array([[centre(x) for x in row] for row in tube.slopes])
-        rest = np.array([
-            radius_of(u, c) + sum(radius_of(x, g) * r for x, g, r in zip(row, gains, spread.tolist(), strict=True))
-            for u, c, row, gains in zip(at.value, torque.tolist(), tube.slopes, gain.tolist(), strict=True)
-        ])  # fmt: skip
-        rest += SLACK * rest + LAW_ROUNDING * tube.terms + SLACK * np.abs(gain) @ spread
-        return self._held(gain, rest, torque, sample)
+        """Let the policy answer at t_k: append the held torque to the zonotope, renew the memory; return the torque."""
+        problem, z = self.problem, self._set
+        errors = np.repeat(problem.plants.noise, JOINTS)
+        noise = np.zeros((len(self._seen), len(errors)))
+        noise[: len(errors)] = np.diag(errors)
+        noise = noise[:, errors > 0.0]
+        seen = Zonotope(len(self._seen), len(problem.plant.parameters))
+        seen.columns, seen.box = np.hstack([z.columns[self._seen], noise]), z.box[self._seen]
+        point = np.concatenate([self._state[THETA], self._state[D_THETA], self._memory])
+        answer = problem.law.respond(k, point, seen)
+        return self._held(answer)
 
-    def _held(self, gain: np.ndarray, rest: np.ndarray, torque: np.ndarray, sample: Sample) -> np.ndarray:
-        """Take the law's slopes (2, 6), what they leave out (2,) and its torque (2,) [N m] at the centre."""
-        z, problem, noise = self._set, self.problem, self.problem.plants.noise
-        numbers, period = len(z.box), problem.period
-        # Columns that the sample adds: the errors of the encoders, then what the linear law leaves out.
-        errors = np.repeat(noise, JOINTS)
-        extra = np.hstack([gain[:, : 2 * JOINTS] * errors, np.diag(rest)])
-        columns = np.hstack([z.columns, np.zeros((numbers, extra.shape[1]))])
-        u = np.hstack([gain @ z.columns[MEASURED_ROWS], extra])
-        u_box = np.abs(gain) @ z.box[MEASURED_ROWS]
-        integral = columns[INTEGRAL] + period * columns[THETA]
-        integral[:, z.columns.shape[1] : z.columns.shape[1] + JOINTS] += period * np.diag(errors[:JOINTS])
-        error = self._state[THETA] - sample.reference[:JOINTS]
-        slip = np.abs(self._integral) + period * (np.abs(error) + np.abs(self._state[THETA]))
-        integral_box = z.box[INTEGRAL] + period * z.box[THETA] + SLACK * (2.0 * slip + z.totals()[INTEGRAL])
-        memory, memory_box, acting, acting_box, centre_torque = [integral], [integral_box], u, u_box, torque
-        if problem.plants.late:
+    def _held(self, answer: Response) -> np.ndarray:
+        """Take the answer of the policy into the zonotope; return the torque (2,) [N m] that is held, at the centre."""
+        z, u = self._set, slice(0, JOINTS)
+        more = answer.columns.shape[1] - z.columns.shape[1]
+        columns = np.hstack([z.columns, np.zeros((len(z.box), more))])
+        acting, acting_box, torque = answer.columns[u], answer.box[u], answer.middle[u]
+        below, box_below = [answer.columns[JOINTS:]], [answer.box[JOINTS:]]
+        if self.problem.plants.late:
             if self._waiting is not None:
-                acting, acting_box, centre_torque = columns[WAITING], z.box[WAITING], self._waiting
-            memory.append(u)
-            memory_box.append(u_box)
-            self._waiting = torque
-        z.columns = np.vstack([columns[:STATES], acting, *memory])
-        z.box = np.concatenate([z.box[:STATES], acting_box, *memory_box])
-        z.source = np.concatenate([z.source, np.full(extra.shape[1], _LAW)])
-        self._integral = self._integral + period * error
-        self._check_limits(centre_torque, z.totals()[STATES : STATES + JOINTS])
-        return centre_torque
+                waits = slice(len(z.box) - JOINTS, len(z.box))
+                acting, acting_box = columns[waits], z.box[waits]
+            below.append(answer.columns[u])
+            box_below.append(answer.box[u])
+            torque, self._waiting = (torque if self._waiting is None else self._waiting), torque
+        z.columns = np.vstack([columns[:STATES], acting, *below])
+        z.box = np.concatenate([z.box[:STATES], acting_box, *box_below])
+        z.source = np.concatenate([z.source, np.full(more, _LAW)])
+        self._memory = answer.middle[JOINTS:]
+        self._check_limits(torque, z.totals()[STATES : STATES + JOINTS])
+        return torque
 
     def _check_limits(self, torque: np.ndarray, radius: np.ndarray) -> None:
         for joint, limit in enumerate(self.problem.parameters.torque_limit):

@@ -19,7 +19,7 @@ SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and n
 """Where a column comes from, beside the uncertain constants."""
 
 BOX_EVERY = 5  # periods after which the box becomes columns: until then it grows with |Φ|
-MOST, KEPT = 7200, 3600  # columns at which old ones are merged, and how many stay
+MOST, KEPT = 720, 360  # columns for each number at which old ones are merged, and how many stay
 NARROW, FEWER = 1e-6, 9  # totals below which a ninth of that is enough
 BLOCK = 1200  # columns that are multiplied at a time
 
@@ -74,10 +74,10 @@ class Zonotope:
         if self._age % BOX_EVERY == 0:
             self.add(np.diag(self.box), box_source)
             self.box = np.zeros_like(self.box)
-        fewer = FEWER if self.totals().max() < NARROW else 1
-        if self.columns.shape[1] <= MOST // fewer:
+        numbers, fewer = len(self.box), FEWER if self.totals().max() < NARROW else 1
+        if self.columns.shape[1] <= MOST * numbers // fewer:
             return
-        first, last = self._constants, self.columns.shape[1] - KEPT // fewer
+        first, last = self._constants, self.columns.shape[1] - KEPT * numbers // fewer
         old, source = self.columns[:, first:last], self.source[first:last]
         merged, labels = [], []
         for label in np.unique(source):

@@ -68,7 +68,7 @@ def test_outside_its_box_the_law_has_no_bound():
         torque(ball_law(policy), [0.5, 0.5, 0.0, 40.0, 0.0, 0.0], asked(policy, REFERENCES[:1])[0])
 
 
-@pytest.mark.parametrize("name", ["elastic-observer", "ppo-robust"])
+@pytest.mark.parametrize("name", ["adaptive-observer", "learned-observer"])
 def test_other_policies_have_none(name):
     with pytest.raises(NoBound, match="no bound for"):
         ball_law(load_policy(name))

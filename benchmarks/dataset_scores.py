@@ -1,0 +1,91 @@
+"""Scores of behaviour cloning and of TD3+BC on the data sets of `fuzzyarm dataset`.
+
+python benchmarks/dataset_scores.py [--seconds 60] [--levels expert mixed] [--conditions nominal loads]
+
+Writes the data sets to a temporary folder, runs examples/clone_policy.py and examples/offline_td3_bc.py on each for the
+same processor time of learning, and writes benchmarks/results/dataset_scores.json after every run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.dataset.config import CONDITIONS, LEVELS, DatasetConfig
+from fuzzyarm.eval.dataset.store import open_dataset, provenance_of, write_dataset
+from fuzzyarm.eval.provenance import current_provenance
+
+ROOT = Path(__file__).parent.parent
+RESULT = ROOT / "benchmarks" / "results" / "dataset_scores.json"
+LEARNERS = {"behaviour cloning": "clone_policy.py", "TD3+BC": "offline_td3_bc.py"}
+FOUND = r"score (\S+), mean tip error (\S+) mm, (\d+) of (\d+) episodes"
+
+
+def scored(script: str, folder: Path, seconds: float, seed: int) -> dict[str, Any]:
+    """Return score, mean tip error [mm] and the share of episodes that a learner's policy completes."""
+    command = [sys.executable, str(ROOT / "examples" / script), str(folder), "--seconds", str(seconds)]
+    done = subprocess.run([*command, "--seed", str(seed)], capture_output=True, text=True, check=True)
+    found = re.search(FOUND, done.stdout)
+    if found is None:
+        raise ValueError(f"{script} printed no score: {done.stdout[-300:]}")
+    score, error, completed, episodes = found.groups()
+    return {
+        "seed": seed,
+        "score": float(score),
+        "tip_error_mm": float(error),
+        "completed": int(completed),
+        "of": int(episodes),
+    }
+
+
+def of_data(folder: Path) -> dict[str, Any]:
+    """Return what the data itself has."""
+    dataset = open_dataset(folder)
+    low, high = provenance_of(dataset)["reference_scores"].values()
+    returns = np.array([episode.rewards.sum() for episode in dataset])
+    return {
+        "steps": int(dataset.total_steps),
+        "return_random": low,
+        "return_expert": high,
+        "score": float(100.0 * (returns.mean() - low) / (high - low)),
+    }
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    parser.add_argument("--levels", nargs="+", default=list(LEVELS), choices=list(LEVELS))
+    parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS), choices=list(CONDITIONS))
+    arguments = parser.parse_args()
+    lists = {name: " ".join(map(str, getattr(arguments, name))) for name in ("seeds", "levels", "conditions")}
+    words = " ".join(f"--{name} {values}" for name, values in lists.items())
+    command = f"python benchmarks/dataset_scores.py --seconds {arguments.seconds:g} {words}"
+    rows: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as work:
+        for level in arguments.levels:
+            for condition in arguments.conditions:
+                config = DatasetConfig(level=level, condition=condition)
+                folder = write_dataset(config, Path(work))
+                row = {"data": of_data(folder), "learners": {name: [] for name in LEARNERS}}
+                rows[config.name] = row
+                for seed in arguments.seeds:
+                    for name, script in LEARNERS.items():
+                        row["learners"][name].append(scored(script, folder, arguments.seconds, seed))
+                        print(config.name, name, row["learners"][name][-1], flush=True)
+                        content = {"command": command, "seconds": arguments.seconds, "rows": rows}
+                        write_atomically(RESULT, json.dumps(content | current_provenance(), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

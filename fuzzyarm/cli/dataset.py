@@ -1,0 +1,48 @@
+"""`fuzzyarm dataset`: write episodes of named policies as a data set in Minari's format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.options import chosen, with_fields_of
+from fuzzyarm.cli.usage import claimed_folder
+from fuzzyarm.eval.dataset.config import DatasetConfig
+
+__all__ = ["Options", "run"]
+
+
+@with_fields_of(DatasetConfig)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Write episodes of named policies as a data set that Minari loads, with reference scores and provenance.
+
+    --out becomes a root of Minari's: MINARI_DATASETS_PATH=DIR makes minari.load_dataset find the data set, whose name
+    is fuzzyarm/LEVEL-CONDITION-v0. It needs pip install -c constraints.txt -e ".[datasets]" in the repository.
+    """
+
+    out: Annotated[Path, Parameter(metavar="DIR")]
+    """Folder of data sets, made if needed"""
+
+
+def run(options: Options) -> int:
+    """Write a data set."""
+    from fuzzyarm.common.console import progress, say
+    from fuzzyarm.eval.dataset.store import check_installed, open_dataset, provenance_of, write_dataset
+
+    config = chosen(options, DatasetConfig())
+    check_installed()
+    with claimed_folder(options.out), progress("episodes", config.episodes) as advance:
+        folder = write_dataset(config, options.out, advance)
+    dataset = open_dataset(folder)
+    low, high = provenance_of(dataset)["reference_scores"].values()
+    mean = sum(float(episode.rewards.sum()) for episode in dataset) / config.episodes
+    say(
+        f"{config.name}: {config.episodes} episodes, {dataset.total_steps:,} steps, mean return {mean:.1f}, score "
+        f"{100.0 * (mean - low) / (high - low):.1f} (random torques 0, {low:.1f}; expert 100, {high:.1f})"
+    )
+    say(f"written to {folder}; MINARI_DATASETS_PATH={options.out} makes Minari find it")
+    return 0

@@ -1,0 +1,163 @@
+"""`fuzzyarm identify`: from a log of the motors to the arm's parameters."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import UsageError, output_file
+
+if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+    from fuzzyarm.identification.result import Identified
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Find the parameters of a two-joint arm in a log of its motors, with 95 % intervals.
+
+    Least squares on the inverse dynamics give the rigid arm; the output error of the elastic arm refines it. What the
+    log does not tell keeps its value of --robot, and is named. With --suggest: write a motion to record first.
+    """
+
+    arguments: ClassVar[str] = "[LOG]"
+
+    log: Annotated[Path | None, Parameter(name="", metavar="LOG")] = None
+    """CSV file with the columns time, q_motor1, q_motor2, dq_motor1, dq_motor2, torque1, torque2 [s, rad, rad/s, N m];
+    the velocities may be missing"""
+    _: KW_ONLY
+    robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """Two-joint arm to start from, a name or a TOML file: lengths, masses and limits are taken from it (default: Table
+    1 of the paper)"""
+    out: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """TOML file of the arm to write (default: none)"""
+    figure: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """Picture of the residuals to write (.png; default: none)"""
+    suggest: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    """Write a motion to record, in place of reading a log: time, angles, velocities, accelerations and the torques that
+    they need (.csv)"""
+    duration: Annotated[float | None, Parameter(metavar="SECONDS")] = None
+    """Duration of the motion to record, 4 to 120 s (default: 20)"""
+    json: bool = False
+    """Print the results as JSON instead of the table"""
+
+
+def run(options: Options) -> int:
+    """Print the table, or what the motion asks of the arm, and write the files."""
+    if (options.log is None) == (options.suggest is None):
+        raise UsageError("give either a LOG or --suggest FILE; see fuzzyarm identify --help")
+    given = (
+        ("--out", options.out, ".toml"),
+        ("--figure", options.figure, ".png"),
+        ("--suggest", options.suggest, ".csv"),
+    )
+    for name, path, suffix in given:
+        if path is not None:
+            output_file(path, suffix, name)
+    if options.suggest is not None:
+        if options.out is not None or options.figure is not None:
+            raise UsageError("--out and --figure need a LOG; leave them out beside --suggest")
+        return _suggest(options, options.suggest)
+    if options.duration is not None:
+        raise UsageError("--duration is that of --suggest; a LOG has its own")
+    assert options.log is not None
+    return _identify(options, options.log)
+
+
+def _start(robot: str | None) -> ArmParameters:
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+
+    arm = chosen_arm(robot, None)
+    if not isinstance(arm, ArmParameters):
+        raise UsageError(
+            f"--robot {robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
+            "fields of ArmParameters"
+        )
+    return arm
+
+
+def _suggest(options: Options, path: Path) -> int:
+    """Write a motion and say what it asks of the arm."""
+    import json
+
+    from fuzzyarm.common.console import say, status
+    from fuzzyarm.common.files import write_atomically
+    from fuzzyarm.identification.excitation import condition_of, motion_csv, suggested, use_of
+
+    arm = _start(options.robot)
+    with status("searching a motion"):
+        motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
+    use, condition = use_of(motion, arm), condition_of(motion, arm)
+    write_atomically(path, motion_csv(motion, arm))
+    limits = {"angle": arm.joint_limit, "velocity": arm.velocity_limit, "torque": arm.torque_limit}
+    if options.json:
+        largest = {name: part.tolist() for name, part in use._asdict().items()}
+        document = {"duration": motion.duration, "condition": condition, "largest": largest, "limits": limits}
+        say(json.dumps(document, indent=1))
+        return 0
+    units = {"angle": "rad", "velocity": "rad/s", "torque": "N m"}
+    say(f"a motion of {motion.duration:g} s from rest to rest; condition number {condition:.3g}")
+    for name, part in use._asdict().items():
+        first, second = part.tolist()
+        say(
+            f"largest {name}: {first:.3g} and {second:.3g} of {limits[name][0]:g} and {limits[name][1]:g} {units[name]}"
+        )
+    say(f"written to {path}")
+    return 0
+
+
+def _identify(options: Options, path: Path) -> int:
+    import json
+
+    from fuzzyarm.common.console import progress, say
+    from fuzzyarm.identification.log import read_log
+    from fuzzyarm.identification.result import identify
+
+    start = _start(options.robot)
+    log = read_log(path)
+    with progress("steps", None) as advance:
+        found = identify(log, start, advance)
+    if options.out is not None:
+        found.arm.write_toml(options.out)
+    if options.figure is not None:
+        from fuzzyarm.identification.figure import write_residuals
+
+        write_residuals(found, options.figure)
+    if options.json:
+        say(json.dumps(found.to_dict(), indent=1))
+        return 0
+    _print(found)
+    for written in (options.out, options.figure):
+        if written is not None:
+            say(f"written to {written}")
+    return 0
+
+
+def _print(found: Identified) -> None:
+    """Print the table, what the fit leaves, and the remarks."""
+    from fuzzyarm.common.console import output, print_paragraphs, print_table, table
+
+    console = output()
+    shown = table(("parameter", "unit", "start", "found", "95 % interval, +-"), left=(0, 1), console=console)
+    for row in found.rows():
+        interval = f"{row['high'] - row['value']:.2g}" if row["told"] else "not told"
+        shown.add_row(row["name"], row["unit"], f"{row['start']:.6g}", f"{row['value']:.6g}", interval)
+    print_table(shown, console)
+    noise = found.fit.noise.tolist()
+    left = [f"angles {noise[0]:.2g} and {noise[1]:.2g} rad"]
+    if len(noise) > 2:
+        left.append("velocities {2:.2g} and {3:.2g} rad/s".format(*noise))
+    print_paragraphs(
+        console,
+        [
+            f"{found.samples} samples, {found.period * 1e3:g} ms apart. The fit leaves, rms: {', '.join(left)}. "
+            f"Condition number of the information: {found.fit.condition:.3g}.",
+            *found.remarks(),
+        ],
+    )

@@ -1,0 +1,84 @@
+"""`fuzzyarm tune`: find the numbers of every model-based policy for an arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from fuzzyarm.cli.usage import claimed_folder
+
+if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.equations import AnyArm
+    from fuzzyarm.eval.tuning.finding import Finding
+
+__all__ = ["Options", "run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Find the numbers of every model-based policy for an arm, by the rules that chose the shipped ones.
+
+    Writes one folder: a proven controller file, what the other laws need, their margins and a page with the decisions.
+    evaluate, margins and sweep --robot DIR then run what is in it. It takes minutes; what is finished is kept.
+    """
+
+    robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    """Robot by name (paper, planar-3r, ur5, panda), or TOML file of another arm or robot (default: Table 1 of the
+    paper)"""
+    out: Annotated[Path, Parameter(metavar="DIR")]
+    """Folder to write, new or empty"""
+    resume: bool = False
+    """Go on with the tuning in the folder, for the same arm; the result is that of a run that was never stopped"""
+    jobs: Annotated[int | None, Parameter(metavar="N")] = None
+    """Number of processes (default: one per core)"""
+
+
+def run(options: Options) -> int:
+    """Tune; return 1 if no policy has stable gains."""
+    from fuzzyarm.common.console import progress, say
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.eval.stability.margins import print_margins
+    from fuzzyarm.eval.sweep.engine import Engine
+    from fuzzyarm.eval.sweep.losses import WorkersLost
+    from fuzzyarm.eval.tuning.run import NothingFound, begin, resumed_arm, tune
+
+    engine = Engine(jobs=options.jobs)
+    asked = None if options.robot is None and options.resume else chosen_arm(options.robot, None)
+    if options.resume:
+        asked = resumed_arm(options.out, asked)
+    arm: AnyArm = asked  # type: ignore[assignment]
+    with claimed_folder(options.out):
+        if not options.resume:
+            begin(arm, options.out)
+        try:
+            tuned = tune(arm, options.out, engine=engine, bar=progress, finished=_say_decision)
+        except KeyboardInterrupt:
+            return _stopped(options.out, "interrupted", 130)
+        except WorkersLost as error:
+            return _stopped(options.out, str(error), 1)
+        except NothingFound as error:
+            say(f"fuzzyarm tune: {error}", error=True)
+            return 1
+    from fuzzyarm.common.console import output
+
+    print_margins(tuned.margins, output())
+    say(f"\n{', '.join(tuned.laws.policies)} in {options.out}; the decisions are in {options.out / 'README.md'}")
+    say(f"compare them with fuzzyarm evaluate --robot {options.out}")
+    return 0
+
+
+def _say_decision(finding: Finding) -> None:
+    from fuzzyarm.common.console import say
+    from fuzzyarm.eval.tuning.summary import decision
+
+    say(f"{finding.policy}: {decision(finding)}")
+
+
+def _stopped(out: Path, reason: str, code: int) -> int:
+    from fuzzyarm.common.console import say
+
+    say(f"fuzzyarm tune: {reason}; what is done is kept: --resume --out {out} goes on", error=True)
+    return code

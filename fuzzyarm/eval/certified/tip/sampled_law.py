@@ -1,0 +1,28 @@
+"""Which policies have a law on balls, and that law."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified.tip.laws import asked, ball_law
+from fuzzyarm.eval.certified.tip.network_law import NetworkLaw
+from fuzzyarm.eval.certified.tip.observer_law import ObserverLaw
+from fuzzyarm.eval.certified.tip.response import FixedLaw, SampledLaw
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.learned_policy.policy import LearnedPolicy
+
+__all__ = ["sampled_law"]
+
+
+def sampled_law(policy: Policy, references: np.ndarray) -> SampledLaw:
+    """Return a policy, sample by sample, for a schedule's `references` (steps + 1, 6) [rad, rad/s, rad/s²].
+
+    `NoBound` where its law is not known on balls, or its arm has other joints.
+    """
+    if type(policy) is ElasticObserverPolicy and isinstance(policy.parameters, ArmParameters):
+        return ObserverLaw(policy, references)
+    if type(policy) is LearnedPolicy:
+        return NetworkLaw(policy, references)
+    return FixedLaw(ball_law(policy), asked(policy, references), policy.control_period)

@@ -1,0 +1,81 @@
+"""What a data set holds: the level of its policies, the condition they acted in, how many episodes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
+
+from fuzzyarm.common.checks import choice, real, whole
+
+__all__ = ["CONDITIONS", "EXPERT", "LEVELS", "VERSION", "Condition", "DatasetConfig", "Level"]
+
+VERSION = 0
+"""The number at the end of a data set's name; another one means other contents."""
+
+Level = Literal["expert", "medium", "mixed"]
+"""How good the policies are."""
+
+Condition = Literal["nominal", "loads"]
+"""What they act on."""
+
+EXPERT = "learned-observer"
+"""The policy whose score is 100."""
+
+LEVELS: Mapping[Level, tuple[str, ...]] = {
+    "expert": (EXPERT,),
+    "medium": ("computed-torque",),
+    "mixed": (EXPERT, "computed-torque", "ppo-robust"),
+}
+"""The policies of each level, in the order of their episodes."""
+
+CONDITIONS: Mapping[Condition, Mapping[str, Any]] = {
+    "nominal": {"case": "nominal"},
+    "loads": {"case": "machining", "randomisation": "robust"},
+}
+"""Arguments of ``FuzzyArm-v0``; in loads it draws plant, payload, force, start and reference of each episode."""
+
+_MOST_EPISODES = 100_000
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DatasetConfig:
+    """What a data set holds; the text after each field says what it is.
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is out of range.
+    """
+
+    level: Level = "expert"
+    """Policies: expert (learned-observer), medium (computed-torque) or mixed (both and ppo-robust, a third each)."""
+    condition: Condition = "nominal"
+    """What they act on: nominal (the paper's circle and arm) or loads (plants, payloads, forces, starts and
+    references are drawn)."""
+    episodes: int = 60
+    """Number of episodes, divided evenly among the policies (1 to 100000)."""
+    noise: float = 0.02
+    """Standard deviation of the noise on the torques, as a share of their limits (0 to 1); without it all episodes of
+    the nominal condition are alike. The torques in the data set are those with noise."""
+    seed: int = 0
+    """Episode i draws from seed + i."""
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        choice("level", self.level, get_args(Level))
+        choice("condition", self.condition, get_args(Condition))
+        whole("episodes", self.episodes, low=len(LEVELS[self.level]), high=_MOST_EPISODES)
+        real("noise", self.noise, low=0.0, high=1.0)
+        whole("seed", self.seed, high=2**31 - 1)
+
+    @property
+    def name(self) -> str:
+        """The name that Minari knows the data set by."""
+        return f"fuzzyarm/{self.level}-{self.condition}-v{VERSION}"
+
+    @property
+    def shares(self) -> dict[str, int]:
+        """How many episodes each policy has."""
+        policies = LEVELS[self.level]
+        whole_share, rest = divmod(self.episodes, len(policies))
+        return {policy: whole_share + (place < rest) for place, policy in enumerate(policies)}

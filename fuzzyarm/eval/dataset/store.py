@@ -1,0 +1,211 @@
+"""Data sets on disk, written and read by Minari: HDF5 with numbers, and metadata as text.
+
+A folder is what Minari calls its root: ``MINARI_DATASETS_PATH=FOLDER`` makes `minari.load_dataset` find what is in it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.checks import shown
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, VERSION, DatasetConfig
+from fuzzyarm.eval.dataset.recording import Episode, RandomTorques, mean_return, record
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.policies import load_policy
+from fuzzyarm.policies.spec import resolve
+
+__all__ = ["DatasetError", "check_installed", "open_dataset", "provenance_of", "write_dataset"]
+
+_SCHEMA, _KEY = f"fuzzyarm-dataset/{VERSION}", "fuzzyarm"
+_DATA, _LARGEST_TEXT = "data", 2**20
+_SCORED, _SCORED_SEED = 64, 1_000_000_000  # episodes behind a reference score, of seeds that no data set begins with
+
+
+class DatasetError(ValueError):
+    """A data set is missing, damaged or of another version; the message is one line that says what to do."""
+
+
+def check_installed() -> None:
+    """Raise ValueError with the way out if Minari, or what it stores with, is not installed."""
+    try:
+        import h5py  # noqa: F401
+        import minari  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"{error.name} is not installed; for data sets, run in the repository: "
+            'pip install -c constraints.txt -e ".[datasets]"'
+        ) from None
+
+
+def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None] = lambda **_: None) -> Path:
+    """Record a data set and write it; a data set is whole or not there.
+
+    Args:
+        config: what it holds.
+        root: folder of data sets, which exists.
+        advance: called with ``completed``, the number of episodes so far.
+
+    Returns:
+        The folder of the data set.
+
+    Raises:
+        ValueError: there is one of that name, Minari is not installed, or a policy cannot be loaded.
+        OSError: the folder cannot be written.
+    """
+    check_installed()
+    import minari
+
+    folder = root / config.name
+    if folder.exists():
+        raise ValueError(f"{folder} is there already; choose another folder, or remove it")
+    buffers, provenance = [], _provenance(config)
+    for number, episode in enumerate(_recorded(config)):
+        buffers.append(_buffer(number, episode))
+        advance(completed=number + 1)
+    low, high = provenance["reference_scores"].values()
+    with tempfile.TemporaryDirectory(prefix=".dataset.", dir=root) as work, _root(Path(work)), _quiet():
+        dataset = minari.create_dataset_from_buffers(
+            config.name,
+            buffers,
+            env=_spec(config),
+            algorithm_name=", ".join(config.shares),
+            author="FuzzyArm",
+            description=f"Torques of {', '.join(config.shares)} on FuzzyArm-v0, condition {config.condition}.",
+            ref_min_score=low,
+            ref_max_score=high,
+            requirements=["fuzzyarm"],
+            data_format="hdf5",
+        )
+        dataset.storage.update_metadata({_KEY: json.dumps(provenance)})
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        for part in Path(work, config.name).parent.iterdir():
+            if part.is_file() and not (folder.parent / part.name).exists():
+                shutil.copy(part, folder.parent / part.name)  # what Minari says of the name before the slash
+        os.rename(Path(work, config.name), folder)
+    return folder
+
+
+def open_dataset(folder: str | Path) -> Any:
+    """Return the `minari.MinariDataset` of a folder that `write_dataset` wrote.
+
+    The names of policies and the environment in it are text; nothing of them is imported or run.
+
+    Raises:
+        DatasetError: there is none, it is damaged, or it is of another version.
+        ValueError: Minari is not installed.
+    """
+    check_installed()
+    import minari
+
+    path = Path(folder)
+    if not (path / _DATA).is_dir():
+        raise DatasetError(f"{path} is no data set; fuzzyarm dataset --out DIR writes one")
+    try:
+        dataset = minari.MinariDataset(path / _DATA)
+        found = dataset.storage.metadata.get(_KEY)
+    except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise DatasetError(f"{path} is no data set that Minari can read ({reason}); write it anew") from None
+    if found is None:
+        raise DatasetError(f"{path} was not written by fuzzyarm dataset")
+    schema = _parsed(path, found).get("schema")
+    if schema != _SCHEMA:
+        raise DatasetError(f"{path} is of another version, {shown(schema)}; this one reads {_SCHEMA}: write it anew")
+    return dataset
+
+
+def provenance_of(dataset: Any) -> dict[str, Any]:
+    """Return what a data set of `open_dataset` says of itself: settings, policies with digests, scores, versions."""
+    found: dict[str, Any] = json.loads(dataset.storage.metadata[_KEY])
+    return found
+
+
+def _parsed(path: Path, text: Any) -> dict[str, Any]:
+    try:
+        if not isinstance(text, str) or len(text) > _LARGEST_TEXT:
+            raise ValueError
+        content = json.loads(text)
+        if not isinstance(content, dict):
+            raise ValueError
+    except (ValueError, RecursionError):
+        raise DatasetError(f"{path} does not say where it comes from; write it anew") from None
+    return content
+
+
+def _recorded(config: DatasetConfig) -> Iterator[Episode]:
+    first = config.seed
+    for policy, count in config.shares.items():
+        yield from record(load_policy(policy), config.condition, count, first, config.noise)
+        first += count
+
+
+def _buffer(number: int, episode: Episode) -> Any:
+    """Return an episode as Minari takes it; its lists may be arrays."""
+    from minari.data_collector import EpisodeBuffer
+
+    steps = len(episode.rewards)
+    ended = [False] * (steps - 1)
+    return EpisodeBuffer(
+        id=number,
+        seed=episode.seed,
+        observations=episode.observations,
+        actions=episode.actions,
+        rewards=episode.rewards.tolist(),
+        terminations=[*ended, not episode.completed],
+        truncations=[*ended, episode.completed],
+        infos={"tip_error": episode.tip_errors, "intended_action": episode.intended},
+    )
+
+
+def _provenance(config: DatasetConfig) -> dict[str, Any]:
+    limit = np.array(ArmParameters().torque_limit)
+    random = mean_return(RandomTorques(limit, _SCORED_SEED), config.condition, _SCORED, _SCORED_SEED)
+    expert = mean_return(load_policy(EXPERT), config.condition, _SCORED, _SCORED_SEED)
+    return {
+        "schema": _SCHEMA,
+        "settings": {name: getattr(config, name) for name in ("level", "condition", "episodes", "noise", "seed")},
+        "policies": {name: resolve(name).files() for name in config.shares},
+        "episodes": config.shares,
+        "reference_scores": {"random torques": random, EXPERT: expert},
+        **current_provenance(),
+    }
+
+
+def _spec(config: DatasetConfig) -> Any:
+    import gymnasium as gym
+
+    return gym.make("FuzzyArm-v0", **CONDITIONS[config.condition]).spec
+
+
+@contextlib.contextmanager
+def _root(folder: Path) -> Iterator[None]:
+    """Let Minari write to a folder."""
+    name = "MINARI_DATASETS_PATH"
+    before = os.environ.get(name)
+    os.environ[name] = str(folder)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Leave out that there is no address of the code, no e-mail and no environment for evaluation alone."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=r".*is set to None", category=UserWarning)
+        yield

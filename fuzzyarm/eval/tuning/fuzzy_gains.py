@@ -1,0 +1,152 @@
+"""How large the gains of a fuzzy controller should be: a grid over γ and the bound of the fastest pole.
+
+Rule, by the nominal case and margins only: the smallest rms error of the motors in the nominal case among the designs
+of the grid whose loop on the sampled elastic arm bears four times its gain (12 dB), 1.5 times with one extra sample of
+delay, and in which small deviations at least halve within the movement under every combination of: one extra sample of
+delay or none; joints 20 % softer or stiffer or as they are; and nothing else, loop gain x 0.67, loop gain x 1.5 or the
+arm's payload at the tip. The policy knows the nominal arm throughout.
+
+The decay rate is the first of `ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
+inertias and (20 1/s)/α; the poles are those of Table 1, because they are limited by the control period. A decay rate is
+given up where no design with the largest γ, the smallest gains of the grid, bears what is asked.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified.frozen import freeze
+from fuzzyarm.eval.certified.rigid import RigidLoop
+from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.stability.linearisation import linearise_path
+from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
+from fuzzyarm.eval.tuning.conditions import PERIOD, heaviest, periods_of, radius_within, with_stiffness
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
+from fuzzyarm.synthesis import Design, Specification, find_design
+
+__all__ = ["ALPHAS", "GAMMAS", "POLES", "assess", "bears", "choice_of", "gammas_for", "points_of", "specification_of"]
+
+ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
+"""Decay rates [1/s] that are tried, one after the other."""
+GAMMAS = (7e-5, 1e-4, 1.2e-4, 1.4e-4, 1.7e-4, 2e-4, 2.5e-4, 3e-4)
+"""γ [rad/(N m)] for Table 1 at the first decay rate."""
+POLES = (None, 300.0, 250.0, 200.0, 170.0, 150.0, 120.0, 100.0, 80.0, 60.0)
+"""Bounds of the fastest pole [1/s], where z1 is kept."""
+LEAST_GAIN_MARGINS = (4.0, 1.5)  # without extra delay and with one sample of it
+LEFT = 0.5  # of a small deviation after the movement
+STIFFNESS = (0.8, 1.0, 1.2)  # factors on both joints
+LOOP_GAINS = (1.0, 0.67, 1.5)
+DIGITS = 2  # of γ
+CASES = {"case_1": "nominal"}
+"""The cases of a choice, by the beginning of their keys in a row."""
+_METRICS = ("joint_error_rms_mrad", "circularity_motor_min_mm", "circularity_motor_max_mm")
+
+
+def gammas_for(arm: ArmParameters, alpha: float) -> tuple[float, ...]:
+    """Return γ [rad/(N m)] of the grid for an arm and a decay rate [1/s], ascending."""
+    factor = _inertia(ArmParameters()) / _inertia(arm) * ALPHAS[0] / alpha
+    return tuple(float(f"{factor * gamma:.{DIGITS}g}") for gamma in GAMMAS)
+
+
+def _inertia(arm: ArmParameters) -> float:
+    """Return the mean of the joints' largest inertias, rotors included [kg m²]."""
+    constants = arm_constants(arm)
+    return float(np.mean(np.array(arm.motor_inertia) + np.array([constants.c1, constants.c3])))
+
+
+def points_of(arm: ArmParameters, rules: int, alpha: float) -> list[Specification]:
+    """Return the points of the grid for a decay rate [1/s], those with the largest γ last."""
+    poles = POLES if "z1" in NAMED_RULES[rules] else (None,)
+    return [
+        specification_of(rules, alpha, gamma, pole) for gamma, pole in itertools.product(gammas_for(arm, alpha), poles)
+    ]
+
+
+def specification_of(rules: int, alpha: float, gamma: float, pole: float | None) -> Specification:
+    """Return what is asked of the design of one point: α [1/s], γ [rad/(N m)], bound of the fastest pole [1/s]."""
+    return Specification(NAMED_RULES[rules], alpha=alpha, gamma=gamma, fastest_pole=pole)
+
+
+def assess(
+    arm: ArmParameters, wanted: Specification, rules: int, cases: dict[str, str] = CASES
+) -> dict[str, Any] | None:
+    """Design for one point of the grid and return its gains, poles, margins and errors; None without a design.
+
+    Args:
+        arm: for which.
+        wanted: the point.
+        rules: number of rules, for the row.
+        cases: in which errors are measured, by the beginning of their keys.
+    """
+    made = find_design(wanted, arm)
+    if not isinstance(made, Design):
+        return None
+    point = {"rules": rules, "alpha": wanted.alpha, "gamma": wanted.gamma, "fastest_pole": wanted.fastest_pole}
+    row = {**point, "margin": made.certificate.proof_margin, **_judged(arm, made.controller, cases)}
+    return {**row, "bears": bears(arm, row)}
+
+
+def _judged(arm: ArmParameters, controller: Controller, cases: dict[str, str]) -> dict[str, Any]:
+    """Return gains, poles, margins and errors of a controller."""
+    policy, mass = FuzzyPolicy(controller), heaviest(arm)
+    loops = {(stiffness, load): _path(policy, arm, stiffness, load) for stiffness in STIFFNESS for load in (0.0, mass)}
+    disturbed = (*((gain, 0.0) for gain in LOOP_GAINS), (1.0, mass))
+    nominal = loops[1.0, 0.0]
+    worst = max(
+        largest_radius(loops[stiffness, load], gain, delay)
+        for stiffness, delay, (gain, load) in itertools.product(STIFFNESS, (0, 1), disturbed)
+    )
+    slowest, fastest = _rigid_poles(controller)
+    row = {
+        "largest_gain": float(np.abs(controller.gains[..., :2]).max()),
+        "slowest_rigid_pole": slowest,
+        "fastest_rigid_pole": fastest,
+        "radius": largest_radius(nominal),
+        "radius_2_samples_later": largest_radius(nominal, delay=2),
+        "radius_worst_condition": worst,
+        "gain_margin_upper": gain_limits(nominal)[1],
+        "gain_margin_upper_1_sample_later": gain_limits(nominal, 1)[1],
+    }
+    for key, case in cases.items():
+        env = FuzzyArmEnv(case=case, parameters=arm)
+        measured = metrics_of(record_rollout(env, policy, policy_name="", case=case, seed=0))
+        for name in _METRICS:
+            row[f"{key}_{name}"] = measured.get(name, float("nan"))
+    return row
+
+
+def _path(policy: FuzzyPolicy, arm: ArmParameters, stiffness: float, mass: float) -> list[LocalLoop]:
+    """Return the loops along the path on an arm with this factor on the stiffness and this payload [kg]."""
+    return linearise_path(policy, with_stiffness(arm, stiffness), PERIOD, Payload(mass) if mass else None)
+
+
+def _rigid_poles(controller: Controller) -> tuple[float, float]:
+    """Return the largest and the smallest real part [1/s] of the frozen rigid loop's poles over a grid in the box."""
+    p = controller.model.parameters
+    steps = np.array(list(itertools.product(*(np.linspace(-1.0, 1.0, n) for n in (9, 17, 5, 5)))))
+    F, _ = freeze(RigidLoop(controller), steps[:, :2] * p.joint_limit, steps[:, 2:] * p.velocity_limit)
+    real = np.linalg.eigvals(F).real
+    return float(real.max()), float(real.min())
+
+
+def bears(arm: ArmParameters, row: dict[str, Any]) -> bool:
+    """Return whether a design meets every requirement of the rule."""
+    margins = (row["gain_margin_upper"], row["gain_margin_upper_1_sample_later"])
+    # An unstable loop has margins of nan, which no comparison passes.
+    enough = all(margin >= least for margin, least in zip(margins, LEAST_GAIN_MARGINS, strict=True))
+    return enough and row["radius_worst_condition"] <= radius_within(LEFT, periods_of(arm))
+
+
+def choice_of(rows: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Return the row that the rule picks; None if no design bears what is asked."""
+    fit = [row for row in rows if row["bears"]]
+    return min(fit, key=lambda row: float(row["case_1_joint_error_rms_mrad"])) if fit else None

@@ -1,0 +1,246 @@
+"""Tuning of an arm into a folder, step by step; what is finished is kept, and an interrupted run goes on from there.
+
+    robot.toml        the arm
+    steps/NAME.json   what each step found, see `Finding`
+    fuzzy-4.json      the controller file
+    laws.json         what the other laws need, see `policies.tuned`: with it the folder is whole
+    margins.json      what `fuzzyarm margins --robot FOLDER --json` prints
+    README.md         the decisions, for a person
+
+Every file is written whole or not at all, and that of the laws after those that it speaks of. No step depends on time,
+chance or the number of processes, so a run that was interrupted gives what one gives that was not.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
+from fuzzyarm.envs.physics.robot import shipped_robots
+from fuzzyarm.envs.physics.robot_text import arm_as_toml
+from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.tuning.conditions import PERIOD
+from fuzzyarm.eval.tuning.finding import STEPS, Finding, read_finding, write_finding
+from fuzzyarm.eval.tuning.robot_steps import ROBOT_STEPS
+from fuzzyarm.eval.tuning.steps import FUZZY, TWO_JOINT_STEPS, Context, Step
+from fuzzyarm.eval.tuning.summary import README, summary
+from fuzzyarm.policies.registry import TIP
+from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws
+
+__all__ = [
+    "NothingFound",
+    "Tuned",
+    "begin",
+    "check_strength",
+    "laws_of",
+    "resumed_arm",
+    "steps_for",
+    "tune",
+    "tune_arm",
+]
+
+MARGINS = "margins.json"
+INSTANTS = 501  # of the path, at which the weight is held
+
+Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
+"""Opens a progress bar of a description and a total, as `common.console.progress` does."""
+
+
+class NothingFound(Exception):
+    """No policy has stable gains; the message says why for each."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Tuned:
+    """The outcome.
+
+    Attributes:
+        laws: of the folder.
+        findings: of the steps, in their order.
+        margins: the document of `measure_margins`.
+    """
+
+    laws: TunedLaws
+    findings: tuple[Finding, ...]
+    margins: dict[str, Any]
+
+
+def steps_for(arm: AnyArm) -> tuple[Step, ...]:
+    """Return the steps of tuning an arm."""
+    return TWO_JOINT_STEPS if isinstance(arm, ArmParameters) else ROBOT_STEPS
+
+
+def begin(arm: AnyArm, folder: Path) -> None:
+    """Write the arm into a folder that has nothing of a tuning yet.
+
+    Raises:
+        ValueError: the folder is not empty or has the name of a robot, or the arm cannot follow its path.
+        OSError: the file cannot be written.
+    """
+    if str(folder) in shipped_robots():
+        raise ValueError(f"{folder} is also the name of a robot, which --robot would take; choose another name")
+    if any(folder.iterdir()):
+        tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
+        way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
+        raise ValueError(f"{folder} exists and is not empty; {way}")
+    check_strength(arm)
+    write_atomically(folder / IN_FOLDER, arm_as_toml(arm))
+
+
+def check_strength(arm: AnyArm) -> None:
+    """Check that the motors can hold the arm anywhere on its path.
+
+    Raises:
+        ValueError: one cannot, or the arm cannot follow the path.
+    """
+    robot, reference = robot_of(arm), default_reference(arm)
+    q = reference.sample(np.linspace(0.0, reference.duration, INSTANTS)).q
+    weight, limit = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q)), robot.drive("torque_limit")
+    share = np.max(np.abs(weight) / limit, axis=0)
+    joint = int(np.argmax(share))
+    if share[joint] >= 1.0:
+        raise ValueError(
+            f"the arm cannot hold itself: joint {joint + 1} needs {share[joint] * limit[joint]:.4g} N m against "
+            f"gravity on its path, its torque_limit is {limit[joint]:g} N m; raise it, or lower masses or lengths"
+        )
+
+
+def resumed_arm(folder: Path, arm: AnyArm | None) -> AnyArm:
+    """Return the arm of a folder whose tuning goes on.
+
+    Args:
+        folder: of the tuning.
+        arm: the one that was asked for; None: that of the folder.
+
+    Raises:
+        ValueError: there is no tuning in the folder, or it is of another arm.
+        OSError: the file of the arm cannot be read.
+    """
+    if not (folder / IN_FOLDER).is_file():
+        raise ValueError(f"{folder} holds no tuning to resume; leave out --resume")
+    own = chosen_arm(str(folder / IN_FOLDER), None)
+    if arm is not None and robot_of(arm).digest != robot_of(own).digest:
+        raise ValueError(f"{folder} is the tuning of another arm; leave out --robot, or choose another folder")
+    return own
+
+
+def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False, jobs: int | None = None) -> Tuned:
+    """Find the numbers of every model-based policy for an arm, as `fuzzyarm tune` does.
+
+    Args:
+        robot: what `chosen_arm` takes; None: Table 1, or with `resume` the arm of the folder.
+        folder: to write, made if needed.
+        resume: whether to go on with the tuning in the folder.
+        jobs: number of processes; None: one per core.
+
+    Raises:
+        NothingFound: no policy has stable gains.
+        ValueError: the folder is not empty, of another arm or damaged; or the arm cannot follow its path.
+        OSError: a file cannot be read or written.
+    """
+    folder = Path(folder)
+    asked = None if robot is None and resume else chosen_arm(robot, None)
+    if resume:
+        arm = resumed_arm(folder, asked)
+    else:
+        arm = chosen_arm(asked, None)
+        folder.mkdir(parents=True, exist_ok=True)
+        begin(arm, folder)
+    return tune(arm, folder, engine=Engine(jobs=jobs))
+
+
+@contextlib.contextmanager
+def _no_bar(description: str, total: int) -> Iterator[Callable[..., None]]:
+    yield lambda *arguments, **named: None
+
+
+def tune(
+    arm: AnyArm,
+    folder: Path,
+    *,
+    engine: Engine,
+    bar: Bar = _no_bar,
+    finished: Callable[[Finding], None] = lambda finding: None,
+) -> Tuned:
+    """Find what is missing in a folder of `begin`, and complete it.
+
+    Args:
+        arm: of the folder.
+        folder: of the tuning.
+        engine: runs the candidates.
+        bar: shows progress.
+        finished: called with each finding.
+
+    Raises:
+        NothingFound: no policy has stable gains.
+        ValueError: a step's file is damaged or of another arm.
+        OSError: a file cannot be read or written.
+    """
+    findings: dict[str, Finding] = {}
+    for step in steps_for(arm):
+        finding = _kept(folder, step.policy, robot_of(arm).digest)
+        if finding is None:
+            with bar(step.policy, step.total) as advance:
+                finding = step.find(Context(arm, folder, engine, _counting(advance), findings))
+            write_finding(folder, finding)
+        findings[step.policy] = finding
+        finished(finding)
+    if all(finding.chosen is None for finding in findings.values()):
+        reasons = "; ".join(f"{name}: {finding.notes[-1]}" for name, finding in findings.items() if finding.notes)
+        raise NothingFound(f"no policy has stable gains for this arm ({reasons})")
+    laws = laws_of(arm, findings)
+    write_atomically(folder / NAME, laws.to_json())
+    config = MarginsConfig(robot=str(folder))
+    with bar("margins", len(laws.policies)) as advance:
+        margins = measure_margins(config, advance)
+    write_atomically(folder / MARGINS, json.dumps(margins, indent=1) + "\n")
+    tuned = Tuned(laws, tuple(findings.values()), margins)
+    write_atomically(folder / README, summary(arm, folder.name, tuned.findings, margins))
+    return tuned
+
+
+def _kept(folder: Path, policy: str, digest: str) -> Finding | None:
+    """Return the finding of a step that is finished, its controller file with it."""
+    finding = read_finding(folder, policy, digest)
+    lost = policy == FUZZY and finding and finding.chosen and not (folder / f"{FUZZY}.json").is_file()
+    return None if lost else finding
+
+
+def _counting(advance: Callable[..., None]) -> Callable[[int], None]:
+    def count(done: int) -> None:
+        for _ in range(done):
+            advance()
+
+    return count
+
+
+def laws_of(arm: AnyArm, findings: dict[str, Finding]) -> TunedLaws:
+    """Return the laws that findings make, for the file of the folder."""
+    chosen = {name: finding.chosen for name, finding in findings.items() if finding.chosen is not None}
+    with_tip = (FUZZY, COMPUTED_TORQUE)
+    names = [*with_tip, *(name + TIP for name in with_tip), ELASTIC_OBSERVER, ADAPTIVE_OBSERVER]
+    return TunedLaws(
+        schema=SCHEMA,
+        arm_sha256=robot_of(arm).digest,
+        control_period=PERIOD,
+        policies=tuple(name for name in names if name.removesuffix(TIP) in chosen),
+        bandwidth=chosen.get(COMPUTED_TORQUE, {}).get("bandwidth"),
+        observer=chosen.get(ELASTIC_OBSERVER),  # type: ignore[arg-type]
+        adaptive=chosen.get(ADAPTIVE_OBSERVER),  # type: ignore[arg-type]
+        made_with=current_provenance()["versions"],
+    )

@@ -1,0 +1,152 @@
+"""The search for weights that two laws share: a Sobol set in their logarithms, then Nelder-Mead from its best points.
+
+The weights of Table 1 are the first guess, and stay unless a search lowers the objective by `WORTH` of its value: what
+is closer says nothing about the weights.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from fuzzyarm.eval.sweep.engine import Engine
+
+__all__ = ["WORTH", "Budget", "Descent", "best_of", "descend", "found_weights", "rounded", "sobol_points"]
+
+WORTH = 0.01
+"""Share of the first guess's objective by which others must be better."""
+
+Costs = Callable[[np.ndarray], float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Budget:
+    """How much is tried.
+
+    Attributes:
+        sobol: points of the Sobol set.
+        searches: runs of Nelder-Mead, from the best of these points.
+        evaluations: of the objective in each of them.
+        from_guess: whether the last of them begins at the first guess instead.
+    """
+
+    sobol: int
+    searches: int
+    evaluations: int
+    from_guess: bool = False
+
+    @property
+    def total(self) -> int:
+        """Evaluations of the objective, at most."""
+        return self.sobol + 1 + self.searches * self.evaluations
+
+
+@dataclasses.dataclass(frozen=True)
+class Descent:
+    """The best point of a search: logarithms of the weights, and the objective there."""
+
+    point: tuple[float, ...]
+    cost: float
+
+
+def sobol_points(box: Sequence[tuple[float, float]], count: int, seed: int) -> np.ndarray:
+    """Return points (count, n), logarithms, of a Sobol set in a box."""
+    low, high = np.log(np.array(box)).T
+    return np.asarray(qmc.scale(qmc.Sobol(len(box), seed=seed).random(count), low, high))
+
+
+def descend(objective: Costs, start: np.ndarray, first_step: float, evaluations: int) -> Descent:
+    """Return the best point that Nelder-Mead meets.
+
+    Args:
+        objective: of logarithms (n,).
+        start: where it begins, (n,).
+        first_step: of the simplex, in each logarithm.
+        evaluations: how often the objective may be evaluated.
+    """
+    best = Descent(tuple(start.tolist()), math.inf)
+
+    def watched(point: np.ndarray) -> float:
+        nonlocal best
+        cost = objective(point)
+        if cost < best.cost:
+            best = Descent(tuple(point.tolist()), cost)
+        return cost
+
+    simplex = start + np.vstack([np.zeros(len(start)), first_step * np.eye(len(start))])
+    minimize(watched, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": evaluations})
+    return best
+
+
+def best_of(first: Descent, others: Sequence[Descent]) -> Descent:
+    """Return the best point, but the first guess where no other is better by `WORTH`."""
+    best = min([first, *others], key=lambda descent: descent.cost)
+    return best if best.cost < (1.0 - WORTH) * first.cost else first
+
+
+def rounded(weights: Sequence[float] | np.ndarray, digits: int) -> list[float]:
+    """Return weights (n,), in their own units, rounded to so many digits."""
+    return [float(f"{value:.{digits}g}") for value in weights]
+
+
+def found_weights(
+    objective_for: Callable[[Any], Costs],
+    arm: Any,
+    guess: np.ndarray,
+    points: np.ndarray,
+    first_step: float,
+    budget: Budget,
+    *,
+    engine: Engine,
+    advance: Callable[[int], None] = lambda done: None,
+) -> tuple[Descent, Descent]:
+    """Return the best point and the first guess.
+
+    Args:
+        objective_for: returns the objective of an arm; called in each worker, and cached there.
+        arm: handed to it.
+        guess: logarithms (n,) of the first guess.
+        points: the Sobol set (points, n).
+        first_step: of each search, a factor's logarithm [1].
+        budget: of the search; its Sobol points are the first of `points`.
+        engine: runs the evaluations.
+        advance: called with the number of evaluations that were done.
+    """
+    starts = np.vstack([guess, points[: budget.sobol]])
+    costs = dict(_run(engine, functools.partial(_cost, objective_for, arm, starts), len(starts), advance, 1))
+    known = [Descent(tuple(start.tolist()), costs[number]) for number, start in enumerate(starts)]
+    best = sorted(known[1:], key=lambda descent: descent.cost)[: budget.searches - budget.from_guess]
+    begins = [np.array(descent.point) for descent in (*best, *known[: int(budget.from_guess)])]
+    work = functools.partial(_search, objective_for, arm, begins, first_step, budget.evaluations)
+    descents = dict(_run(engine, work, len(begins), advance, budget.evaluations))
+    return best_of(known[0], [*known[1:], *(descents[number] for number in sorted(descents))]), known[0]
+
+
+def _run(
+    engine: Engine, work: Callable[[int], Any], count: int, advance: Callable[[int], None], weight: int
+) -> Iterator[tuple[int, Any]]:
+    for number, result in engine.run(work, range(count)):
+        advance(weight)
+        yield number, result
+
+
+def _cost(objective_for: Callable[[Any], Costs], arm: Any, points: np.ndarray, number: int) -> float:
+    return objective_for(arm)(points[number])
+
+
+def _search(
+    objective_for: Callable[[Any], Costs],
+    arm: Any,
+    begins: list[np.ndarray],
+    first_step: float,
+    evaluations: int,
+    number: int,
+) -> Descent:
+    return descend(objective_for(arm), begins[number], first_step, evaluations)

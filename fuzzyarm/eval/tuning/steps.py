@@ -1,0 +1,243 @@
+"""The steps of tuning the two-joint arm: one for each policy, each by the rule of its module."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm.envs.physics.equations import AnyArm, robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.stability.linearisation import Linearisable
+from fuzzyarm.eval.stability.margins import policy_margins
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.tuning import adaptive_search, bandwidth, fuzzy_gains, observer_search
+from fuzzyarm.eval.tuning.conditions import PERIOD
+from fuzzyarm.eval.tuning.finding import SCHEMA, Finding, finite
+from fuzzyarm.eval.tuning.search import WORTH, Budget, found_weights, sobol_points
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
+from fuzzyarm.synthesis import design
+
+__all__ = ["FUZZY", "RULES", "TWO_JOINT_STEPS", "Context", "Step", "found", "measured_radii", "nothing_found"]
+
+RULES = 4
+"""Rules of the fuzzy controller."""
+FUZZY = f"fuzzy-{RULES}"
+"""The name of the fuzzy controller; models that keep more premises are alike, and have its γ and fastest pole."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Context:
+    """What a step works with.
+
+    Attributes:
+        arm: which is tuned.
+        folder: of the tuning; a step may write its controller file there.
+        engine: runs candidates on several processes.
+        advance: called with the number of candidates that were done.
+        earlier: findings of the steps before, by policy.
+    """
+
+    arm: Any
+    folder: Path
+    engine: Engine
+    advance: Callable[[int], None]
+    earlier: dict[str, Finding]
+
+    def run(self, work: Callable[[int], Any], count: int) -> list[Any]:
+        """Return work(0), work(1), ..., done on the engine."""
+        results = {}
+        for number, result in self.engine.run(work, range(count)):
+            results[number] = result
+            self.advance(1)
+        return [results[number] for number in range(count)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """A step.
+
+    Attributes:
+        policy: which it finds.
+        total: candidates, as far as is known before.
+        find: does it.
+    """
+
+    policy: str
+    total: int
+    find: Callable[[Context], Finding]
+
+
+def measured_radii(policy: Linearisable, arm: AnyArm) -> dict[str, float | None]:
+    """Return the spectral radius by condition of `fuzzyarm margins`."""
+    return finite(policy_margins(policy, arm, PERIOD)["spectral_radius"])
+
+
+def nothing_found(arm: AnyArm, policy: str, rule: str, tried: int, reason: str) -> Finding:
+    """Return the finding that there are no numbers for a policy, and why."""
+    return Finding(SCHEMA, robot_of(arm).digest, policy, None, {}, {}, tried, rule, (reason,))
+
+
+def found(
+    arm: AnyArm,
+    policy: str,
+    chosen: dict[str, float | None],
+    measured: Mapping[str, float | None],
+    radii: dict[str, float | None],
+    *,
+    tried: int,
+    rule: str,
+    notes: tuple[str, ...] = (),
+) -> Finding:
+    """Return a finding; without numbers where the loop is unstable in its nominal condition."""
+    nominal = radii.get("nominal")
+    if nominal is None or nominal >= 1.0:
+        return nothing_found(arm, policy, rule, tried, "With the best numbers the loop is unstable; it is left out.")
+    return Finding(SCHEMA, robot_of(arm).digest, policy, chosen, finite(measured), radii, tried, rule, notes)
+
+
+def _fuzzy(context: Context) -> Finding:
+    """Choose α, γ and the fastest pole; write the controller file."""
+    arm: ArmParameters = context.arm
+    rule = (
+        "Largest decay rate, then smallest motor error in the nominal case, among the designs that bear four times "
+        "their gain, 1.5 times with a sample of delay, and in which deviations halve within the movement under "
+        "every combination of delay, softer or stiffer joints, another loop gain or the payload."
+    )
+    row, tried, notes = None, 0, []
+    for alpha in fuzzy_gains.ALPHAS:
+        points = fuzzy_gains.points_of(arm, RULES, alpha)
+        gentle, others = points[-len(fuzzy_gains.POLES) :], points[: -len(fuzzy_gains.POLES)]
+        rows = context.run(functools.partial(_assess, arm, gentle), len(gentle))
+        if any(one is not None and one["bears"] for one in rows):
+            rows = [*context.run(functools.partial(_assess, arm, others), len(others)), *rows]
+        tried += len(rows)
+        made = [one for one in rows if one is not None]
+        row = fuzzy_gains.choice_of(made)
+        if row is not None:
+            break
+        notes.append(f"No design with alpha = {alpha:g} 1/s bears what is asked on the sampled elastic arm.")
+    if row is None:
+        return nothing_found(arm, FUZZY, rule, tried, f"No design bears what is asked, down to alpha = {alpha:g} 1/s.")
+    chosen = {name: row[name] for name in ("alpha", "gamma", "fastest_pole")}
+    wanted = fuzzy_gains.specification_of(RULES, row["alpha"], row["gamma"], row["fastest_pole"])
+    controller = design(wanted, arm).controller
+    controller.save(context.folder / f"{FUZZY}.json")
+    names = ("case_1_joint_error_rms_mrad", "radius_worst_condition", "gain_margin_upper")
+    measured = {name: row[name] for name in (*names, "gain_margin_upper_1_sample_later")}
+    radii = measured_radii(FuzzyPolicy(controller, PERIOD), arm)
+    return found(arm, FUZZY, chosen, measured, radii, tried=tried, rule=rule, notes=tuple(notes))
+
+
+def _assess(arm: ArmParameters, points: list[Any], number: int) -> dict[str, Any] | None:
+    return fuzzy_gains.assess(arm, points[number], RULES)
+
+
+def _bandwidth(context: Context) -> Finding:
+    """Choose ω."""
+    arm = context.arm
+    rule = (
+        "Smallest motor error in the nominal case among the bandwidths whose loop bears twice its gain, and is stable "
+        "with a sample of delay, softer or stiffer joints, another loop gain and the payload."
+    )
+    omegas = bandwidth.BANDWIDTHS
+    row = bandwidth.choice_of(context.run(functools.partial(_assess_bandwidth, arm), len(omegas)))
+    if row is None:
+        reason = f"No bandwidth from {omegas[0]:g} to {omegas[-1]:g} rad/s has these margins."
+        return nothing_found(arm, COMPUTED_TORQUE, rule, len(omegas), reason)
+    measured = {name: row[name] for name in ("joint_error_rms_mrad", "gain_margin_upper", "gain_margin_upper_delayed")}
+    radii = measured_radii(ComputedTorquePolicy(arm, PERIOD, row["bandwidth"]), arm)
+    chosen = {"bandwidth": row["bandwidth"]}
+    return found(arm, COMPUTED_TORQUE, chosen, measured, radii, tried=len(omegas), rule=rule)
+
+
+def _assess_bandwidth(arm: ArmParameters, number: int) -> dict[str, Any]:
+    return bandwidth.assess(arm, bandwidth.BANDWIDTHS[number])
+
+
+def _observer(budget: Budget, context: Context) -> Finding:
+    """Choose the weights of the elastic observer."""
+    arm, box = context.arm, observer_search.BOX
+    rule = (
+        "Smallest tip error over random plants, forces and payloads, among the weights with which deviations shrink to "
+        "a hundredth within the movement in every condition; those of Table 1 unless others are "
+        f"{100 * WORTH:g} % better."
+    )
+    best, guess = found_weights(
+        observer_search.objective_for,
+        arm,
+        observer_search.logarithms_of(ObserverWeights()),
+        sobol_points(list(box.values()), observer_search.FULL.sobol, observer_search.SEED),
+        observer_search.FIRST_STEP,
+        budget,
+        engine=context.engine,
+        advance=context.advance,
+    )
+    weights = ObserverWeights() if best == guess else observer_search.weights_of(best.point)
+    notes: tuple[str, ...] = ()
+    if best.cost >= observer_search.UNFIT:
+        notes = ("No weights have the margins that the rule asks for; these come nearest.",)
+    chosen: dict[str, float | None] = dataclasses.asdict(weights)
+    try:
+        radii = measured_radii(ElasticObserverPolicy(arm, PERIOD, weights), arm)
+    except ValueError as error:
+        return nothing_found(arm, ELASTIC_OBSERVER, rule, budget.total, f"There are no gains: {error}.")
+    first = None if guess.cost >= observer_search.UNFIT else guess.cost
+    measured = {"objective_mm": best.cost, "objective_of_table_1_weights_mm": first}
+    return found(arm, ELASTIC_OBSERVER, chosen, measured, radii, tried=budget.total, rule=rule, notes=notes)
+
+
+def _adaptive(budget: Budget, context: Context) -> Finding:
+    """Choose the weights of the adaptive observer."""
+    arm, box = context.arm, adaptive_search.BOX
+    rule = (
+        "Smallest sum of the mean and a tenth of the worst largest tip error over random arms, loads and paths; those "
+        f"of Table 1 unless others are {100 * WORTH:g} % better. The search is a short one: these and a few others."
+    )
+    lawful = context.earlier.get(COMPUTED_TORQUE)
+    omega = None if lawful is None or lawful.chosen is None else lawful.chosen["bandwidth"]
+    try:
+        adaptive_search.feasible_references(arm)
+    except ValueError as error:
+        return nothing_found(arm, ADAPTIVE_OBSERVER, rule, 0, f"It was not tuned: {error}.")
+    best, guess = found_weights(
+        functools.partial(adaptive_search.objective_for, bandwidth=omega),
+        arm,
+        adaptive_search.logarithms_of(AdaptiveWeights()),
+        sobol_points(list(box.values()), adaptive_search.FULL.sobol, adaptive_search.SEED),
+        adaptive_search.FIRST_STEP,
+        budget,
+        engine=context.engine,
+        advance=context.advance,
+    )
+    weights = AdaptiveWeights() if best == guess else adaptive_search.weights_of(best.point)
+    try:
+        fallback = TipPolicy(ComputedTorquePolicy(arm, PERIOD, omega))
+        radii = measured_radii(AdaptiveObserverPolicy(arm, PERIOD, weights, fallback), arm)
+    except ValueError as error:
+        return nothing_found(arm, ADAPTIVE_OBSERVER, rule, budget.total, f"There are no gains: {error}.")
+    note = (
+        "Its margins are those of the loop with its adaptation frozen, which knows nothing of the change; it bears "
+        "other loops by adapting to them, which is tried on random arms and not measured by a margin."
+    )
+    measured = {"objective_mm": best.cost, "objective_of_table_1_weights_mm": guess.cost}
+    chosen: dict[str, float | None] = dataclasses.asdict(weights)
+    return found(arm, ADAPTIVE_OBSERVER, chosen, measured, radii, tried=budget.total, rule=rule, notes=(note,))
+
+
+TWO_JOINT_STEPS = (
+    Step(FUZZY, len(fuzzy_gains.GAMMAS) * len(fuzzy_gains.POLES), _fuzzy),
+    Step(COMPUTED_TORQUE, len(bandwidth.BANDWIDTHS), _bandwidth),
+    Step(ELASTIC_OBSERVER, observer_search.SHORT.total, functools.partial(_observer, observer_search.SHORT)),
+    Step(ADAPTIVE_OBSERVER, adaptive_search.SHORT.total, functools.partial(_adaptive, adaptive_search.SHORT)),
+)
+"""The steps of the two-joint arm, in their order."""

@@ -1,0 +1,120 @@
+"""The page of a tuning, in Markdown: what was decided for each policy, by which rule, and the margins it has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
+from fuzzyarm.eval.tuning.conditions import PERIOD, heaviest
+from fuzzyarm.eval.tuning.finding import Finding
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER
+
+__all__ = ["README", "decision", "summary"]
+
+README = "README.md"
+"""The file of the page."""
+
+_USUAL: dict[str, Any] = {ELASTIC_OBSERVER: ObserverWeights(), ADAPTIVE_OBSERVER: AdaptiveWeights()}
+
+_UNITS = {
+    "alpha": "1/s",
+    "gamma": "rad/(N m)",
+    "fastest_pole": "1/s",
+    "bandwidth": "rad/s",
+    "link_angle": "rad",
+    "link_velocity": "rad/s",
+    "joint_error_rms_mrad": "mrad",
+    "case_1_joint_error_rms_mrad": "mrad",
+    "objective_mm": "mm",
+    "objective_of_table_1_weights_mm": "mm",
+}
+_WORDS = {
+    "case_1_joint_error_rms_mrad": "motor error, rms",
+    "joint_error_rms_mrad": "motor error, rms",
+    "gain_margin_upper": "loop gain up to",
+    "gain_margin_upper_1_sample_later": "one sample later up to",
+    "gain_margin_upper_delayed": "one sample later up to",
+    "radius_worst_condition": "largest spectral radius of all combinations",
+    "objective_mm": "objective",
+    "objective_of_table_1_weights_mm": "with the weights of Table 1",
+}
+
+
+def decision(finding: Finding) -> str:
+    """Return what was chosen for a policy in one line, or that nothing was."""
+    if finding.chosen is None:
+        return f"left out. {finding.notes[-1] if finding.notes else ''}".rstrip()
+    usual = _USUAL.get(finding.policy)
+    changed = {name: value for name, value in finding.chosen.items() if usual is None or value != getattr(usual, name)}
+    if not changed:
+        return "the weights of Table 1"
+    named = ", ".join(_with_unit(name, value) for name, value in changed.items())
+    return named if usual is None else f"{named}; its other weights are those of Table 1"
+
+
+def _with_unit(name: str, value: float | None) -> str:
+    if value is None:
+        return f"{_WORDS.get(name, name.replace('_', ' '))} none"
+    return f"{_WORDS.get(name, name.replace('_', ' '))} {value:.4g} {_UNITS.get(name, '')}".rstrip()
+
+
+def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict[str, Any]) -> str:
+    """Return the page.
+
+    Args:
+        arm: which was tuned.
+        folder: its name.
+        findings: of the steps.
+        margins: the document of `measure_margins`.
+    """
+    name = "A two-joint arm" if isinstance(arm, ArmParameters) else arm.name
+    reference = default_reference(arm)
+    parts = [
+        f"# {name}, tuned",
+        f"`fuzzyarm tune` chose the numbers of these policies for the arm of `robot.toml`, at a control period of "
+        f"{1e3 * PERIOD:g} ms: by its default path, which takes {reference.duration:g} s, and by margins on the "
+        f"sampled elastic arm, with up to {heaviest(arm):g} kg at the tip. No case with loads was looked at.",
+        f"```\nfuzzyarm evaluate --robot {folder}\nfuzzyarm margins --robot {folder}\n"
+        f"fuzzyarm sweep --robot {folder} --out sweep\n```",
+        "## Decisions",
+    ]
+    for finding in findings:
+        parts.append(f"**{finding.policy}**: {decision(finding)}")
+        parts.append(" ".join([finding.rule, f"Candidates: {finding.tried}.", _measured(finding)]).rstrip())
+        parts += [f"Note: {note}" for note in finding.notes if finding.chosen is not None]
+        if finding.chosen is not None and finding.unstable:
+            parts.append(f"Not stable, as it is measured: {', '.join(finding.unstable)}.")
+    headings, cells = margin_cells(margins["rows"])
+    parts += ["## Margins", _transposed(headings, cells), *margin_notes(margins), "## Proven", _proven(findings)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _measured(finding: Finding) -> str:
+    known = [_with_unit(name, value) for name, value in finding.measured.items() if value is not None]
+    return f"Measured: {', '.join(known)}." if known else ""
+
+
+def _transposed(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
+    """Return a table with a column for each policy."""
+    table = np.array([headings, *cells]).T.tolist()
+    head, *rows = (f"| {' | '.join(row)} |" for row in table)
+    return "\n".join([head, f"| --- |{' ---: |' * len(cells)}", *rows])
+
+
+def _proven(findings: Sequence[Finding]) -> str:
+    certified = [finding.policy for finding in findings if finding.chosen is not None and "alpha" in finding.chosen]
+    if not certified:
+        return "Nothing: no controller of this folder has a certificate."
+    return (
+        f"{', '.join(certified)}: every inequality of the file, in exact arithmetic, for the rigid arm in continuous "
+        f"time; `fuzzyarm verify {certified[0]}.json` proves it again and says what it means. The others have no "
+        "certificate."
+    )

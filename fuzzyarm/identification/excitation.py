@@ -1,0 +1,201 @@
+"""A motion that excites every base parameter of the rigid arm: a Fourier series of the joints within the arm's limits.
+
+    q(t) = q_0 + w(t) a Σ_k (s_k sin 2π k f t + c_k cos 2π k f t),    k = 1..HARMONICS
+
+w rises from 0 to 1 and falls back by quintic polynomials, so that the arm begins and ends at rest at q_0, where it
+hangs bent. The size a is the largest one at which angles, velocities and the torques of the start's rigid arm stay
+within `SHARE` of their limits. The coefficients make the condition number of the regressor of `rigid`, whose columns
+are divided by their scale and whose rows by the torque limits, as small as a local search from random ones finds it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+
+from fuzzyarm.common import checks
+from fuzzyarm.common.files import csv_text
+from fuzzyarm.envs.physics.dynamics import tip_jacobian, tip_position
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.reference import Reference, ReferenceSample, TipSample
+from fuzzyarm.identification.rigid import base_of, regressor
+
+__all__ = ["HARMONICS", "SHARE", "Excitation", "Use", "condition_of", "motion_csv", "suggested", "use_of"]
+
+HARMONICS = 6
+SHARE = 0.6
+"""Largest share of the limits of angles, velocities and torques that a suggested motion takes."""
+SHORTEST, LONGEST = 4.0, 120.0  # s
+_FASTEST = 1.5  # Hz, of the highest harmonic
+_RAMP = 1.0  # s
+_HOME = (0.0, 0.5)  # rad
+_DRAWS, _REFINEMENTS = 60, 900
+_INSTANTS = 400
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Excitation(Reference):
+    """A Fourier series of two joints, from rest to rest.
+
+    Attributes:
+        home: q_0 [rad], shape (2,).
+        sine: a s_k [rad], shape (HARMONICS, 2).
+        cosine: a c_k [rad], shape (HARMONICS, 2).
+        frequency: f [Hz].
+        duration: T [s].
+        parameters: the arm, for its tip.
+    """
+
+    home: np.ndarray
+    sine: np.ndarray
+    cosine: np.ndarray
+    frequency: float
+    duration: float
+    parameters: ArmParameters
+
+    @property
+    def joints(self) -> int:
+        """Two."""
+        return len(self.home)
+
+    def sample(self, t: ArrayLike) -> ReferenceSample:
+        """Return q, q̇ and q̈, shapes (..., 2), at times t [s] of shape (...,)."""
+        time = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
+        order = 2.0 * math.pi * self.frequency * np.arange(1, len(self.sine) + 1)
+        phase = time[..., np.newaxis] * order
+        sine, cosine = np.sin(phase), np.cos(phase)
+        f = sine @ self.sine + cosine @ self.cosine
+        df = (cosine * order) @ self.sine - (sine * order) @ self.cosine
+        ddf = -(sine * order**2) @ self.sine - (cosine * order**2) @ self.cosine
+        w, dw, ddw = (part[..., np.newaxis] for part in self._window(time))
+        return ReferenceSample(self.home + w * f, dw * f + w * df, ddw * f + 2.0 * dw * df + w * ddf)
+
+    def _window(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return w, ẇ and ẅ at times (...) [s]: quintic ramps at both ends."""
+        rising = time <= 0.5 * self.duration
+        x = np.minimum(np.where(rising, time, self.duration - time) / _RAMP, 1.0)
+        sign = np.where(rising, 1.0, -1.0)
+        w = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+        dw = 30.0 * x * x * (1.0 - x) ** 2 / _RAMP
+        ddw = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / _RAMP**2
+        return w, sign * dw, ddw
+
+    def tip(self, t: ArrayLike) -> TipSample:
+        """Return position [m] and velocity [m/s] of the tip, shapes (..., 2), at times t [s] (...)."""
+        motion, length = self.sample(t), self.parameters.length
+        velocity = np.einsum("...ij,...j->...i", tip_jacobian(motion.q, length), motion.dq)
+        return TipSample(tip_position(motion.q, length), velocity)
+
+    def normals(self, t: ArrayLike) -> np.ndarray:
+        """Return the left unit normals of the tip's curve, shape (..., 2); where the tip rests, along y."""
+        x, y = np.moveaxis(self.tip(t).velocity, -1, 0)
+        speed = np.hypot(x, y)
+        moving = speed > 0.0
+        size = np.where(moving, speed, 1.0)
+        return np.stack([-y / size, np.where(moving, x / size, 1.0)], axis=-1)
+
+    def corners(self) -> np.ndarray:
+        """Return the times [s] at which q̈ has a corner, ascending: the ends of the ramps."""
+        return np.array([0.0, _RAMP, self.duration - _RAMP, self.duration])
+
+
+class Use(NamedTuple):
+    """What a motion asks of the arm, each of shape (2,): largest angle [rad], speed [rad/s] and torque [N m]."""
+
+    angle: np.ndarray
+    velocity: np.ndarray
+    torque: np.ndarray
+
+
+def use_of(motion: Excitation, arm: ArmParameters, instants: int = 4001) -> Use:
+    """Return the largest angles, speeds and torques of the rigid arm along a motion."""
+    sample = motion.sample(np.linspace(0.0, motion.duration, instants))
+    return Use(*(np.abs(part).max(axis=0) for part in (sample.q, sample.dq, _torque(sample, arm))))
+
+
+def suggested(arm: ArmParameters, duration: float = 20.0, seed: int = 0) -> Excitation:
+    """Return a motion to record, for an arm whose parameters are roughly known.
+
+    Args:
+        arm: lengths and limits are taken as they are; the rest tells how much torque the motion needs.
+        duration: T [s].
+        seed: of the random coefficients with which the search begins.
+
+    Raises:
+        ValueError: the duration is out of range, or the arm cannot hold itself at the posture where the motion begins.
+    """
+    duration = checks.real("duration", duration, "s", low=SHORTEST, high=LONGEST)
+    rng = np.random.default_rng(checks.whole("seed", seed))
+    home = np.minimum(_HOME, 0.25 * np.array(arm.joint_limit))
+    still = ReferenceSample(home[np.newaxis], *np.zeros((2, 1, 2)))
+    hold = np.abs(_torque(still, arm)[0]) + np.array(arm.coulomb_friction)
+    if (hold > SHARE * np.array(arm.torque_limit)).any():
+        raise ValueError(
+            f"the arm needs {hold[0]:.4g} and {hold[-1]:.4g} N m to hold itself at ({home[0]:g}, {home[-1]:g}) rad; "
+            f"allowed: {SHARE:g} times torque_limit = {arm.torque_limit} N m. Check masses and limits of --robot"
+        )
+    frequency = 2.0 / (duration - 2.0 * _RAMP) if duration < 12.0 else 0.2
+    harmonics = max(2, min(HARMONICS, int(_FASTEST / frequency)))
+
+    def motion(numbers: np.ndarray) -> Excitation:
+        sine, cosine = numbers.reshape(2, harmonics, 2)
+        return _fitted(Excitation(home, sine, cosine, frequency, duration, arm), arm)
+
+    def cost(numbers: np.ndarray) -> float:
+        return math.log(condition_of(motion(numbers), arm))
+
+    drawn = [rng.normal(size=4 * harmonics) for _ in range(_DRAWS)]
+    best = min(drawn, key=cost)
+    found = minimize(cost, best, method="Nelder-Mead", options={"maxfev": _REFINEMENTS, "adaptive": True})
+    return motion(found.x)
+
+
+def condition_of(motion: Excitation, arm: ArmParameters) -> float:
+    """Return the condition number of the regressor along a motion, columns in units of the arm's base parameters.
+
+    A base parameter that is 0 counts as what moves a hundredth of the torque limit.
+    """
+    sample = motion.sample(np.linspace(0.0, motion.duration, _INSTANTS))
+    rows = regressor(*sample, arm.length[0], arm.gravity)
+    stacked = np.concatenate([row / limit for row, limit in zip(rows, arm.torque_limit, strict=True)])
+    size = np.sqrt(np.mean(stacked**2, axis=0))
+    scale = np.maximum(np.abs(base_of(arm)), 1e-2 / np.maximum(size, 1e-12))
+    singular = np.linalg.svd(stacked * scale, compute_uv=False)
+    return float(singular[0] / max(singular[-1], 1e-300))
+
+
+def _torque(sample: ReferenceSample, arm: ArmParameters) -> np.ndarray:
+    """Return the torques of the rigid arm [N m], shape (N, 2)."""
+    rows = regressor(*sample, arm.length[0], arm.gravity)
+    return np.stack([row @ base_of(arm) for row in rows], axis=-1)
+
+
+def _fitted(motion: Excitation, arm: ArmParameters) -> Excitation:
+    """Return the motion, made as large as the limits allow."""
+    sample = motion.sample(np.linspace(0.0, motion.duration, _INSTANTS))
+    limits = arm.joint_limit, arm.velocity_limit, arm.torque_limit
+    swing = np.abs(sample.q - motion.home).max(axis=0)
+    room = SHARE * np.array(arm.joint_limit) - np.abs(motion.home)
+    low, high = 0.0, float(np.min(room / np.maximum(swing, 1e-9)))
+    for _ in range(12):
+        size = 0.5 * (low + high)
+        grown = ReferenceSample(motion.home + size * (sample.q - motion.home), size * sample.dq, size * sample.ddq)
+        parts = grown.q, grown.dq, _torque(grown, arm)
+        inside = all((np.abs(part) <= SHARE * np.array(limit)).all() for part, limit in zip(parts, limits, strict=True))
+        low, high = (size, high) if inside else (low, size)
+    return dataclasses.replace(motion, sine=low * motion.sine, cosine=low * motion.cosine)
+
+
+def motion_csv(motion: Excitation, arm: ArmParameters, period: float = 1e-3) -> str:
+    """Return a motion as CSV: time [s], angles [rad], velocities, accelerations and expected torques [N m]."""
+    time = np.arange(round(motion.duration / period) + 1) * period
+    sample = motion.sample(time)
+    parts = {"q": sample.q, "dq": sample.dq, "ddq": sample.ddq, "torque": _torque(sample, arm)}
+    columns = {"time": time} | {f"{part}{j + 1}": values[:, j] for part, values in parts.items() for j in range(2)}
+    rows = zip(*(np.round(column, 9).tolist() for column in columns.values()), strict=True)
+    return csv_text([dict(zip(columns, row, strict=True)) for row in rows])

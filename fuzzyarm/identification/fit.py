@@ -1,0 +1,215 @@
+"""Output error of the elastic arm: θ that brings the simulated motors closest to the logged ones, with intervals.
+
+The residuals of `shooting` are weighted by the noise of each measured quantity, estimated twice: from the log's fourth
+differences, then from what the first fit leaves. With white noise the estimate is normal with covariance
+
+    cov θ = s² (Jᵀ J)⁻¹,    s² = |r|² / (rows - states - |θ|)
+
+A parameter whose 95 % interval would be wider than its value either way is not told by the log: it keeps its value of
+the start, the worst one first, and the others are found anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from fuzzyarm.envs.physics.dynamics import Arm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.identification.log import Log
+from fuzzyarm.identification.motion import Motion
+from fuzzyarm.identification.shooting import STATES, Linearised, Shooting, segments_of, starts_of
+from fuzzyarm.identification.unknowns import UNKNOWNS, bounds_of, constants_of, start_of
+
+__all__ = ["DEVIATIONS", "SEGMENTS", "Fit", "fit_elastic", "noise_of"]
+
+DEVIATIONS = 1.959963984540054
+"""Half width of a 95 % interval in standard deviations."""
+SEGMENTS = (0.1, 0.4, 0.4)
+"""Lengths of the segments [s], one search after the other: short ones stay with the log wherever the search begins."""
+_DIFFERENCE = 1e-5  # of the scale of a parameter
+_MOST_STEPS = 40
+_NOTHING = 1e-100  # a singular value of 0
+_CLOSE = 1e-7
+_FOURTH = 70.0  # sum of squares of the coefficients 1, -4, 6, -4, 1
+_MEDIAN = 0.6744897501960817  # of |x| for x normal
+_LEAST_NOISE = 1e-9  # share of the range of a signal, for logs without noise
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fit:
+    """What the output error found.
+
+    Attributes:
+        theta: θ (17,), in the order of `UNKNOWNS`, each in its unit.
+        error: standard errors (17,); nan where θ is the start's.
+        told: which entries of θ the log tells, shape (17,).
+        at_bound: which entries lie at the end of their range, shape (17,).
+        condition: condition number of the information matrix of what is told, in units of the values.
+        noise: root mean square of what is left, of angles [rad] and velocities [rad/s], shape (2 or 4,).
+        correlation: of a residual with the one a sample later; near 0 if the model explains the log.
+        residual: measured less simulated, in its units, shape (samples, 2 or 4), segments one after the other.
+    """
+
+    theta: np.ndarray
+    error: np.ndarray
+    told: np.ndarray
+    at_bound: np.ndarray
+    condition: float
+    noise: np.ndarray
+    correlation: float
+    residual: np.ndarray
+
+
+def noise_of(log: Log) -> np.ndarray:
+    """Return σ of the noise on angles [rad] and velocities [rad/s], shape (2 or 4,), from fourth differences."""
+    parts = [log.angle] if log.velocity is None else [log.angle, log.velocity]
+    values = np.concatenate(parts, axis=1)
+    rough = np.median(np.abs(np.diff(values, 4, axis=0)), axis=0) / (_MEDIAN * np.sqrt(_FOURTH))
+    return np.asarray(np.maximum(rough, _LEAST_NOISE * np.maximum(np.ptp(values, axis=0), 1e-3)))
+
+
+def fit_elastic(
+    log: Log, motion: Motion, rough: ArmParameters, start: ArmParameters, progress: Callable[[], None] | None = None
+) -> Fit:
+    """Return the output-error estimate.
+
+    Args:
+        log: the log.
+        motion: of the log, smooth.
+        rough: the arm at which the search begins.
+        start: the arm whose values stay where the log tells none.
+        progress: called after each step of the search.
+
+    Raises:
+        ValueError: the log tells nothing.
+    """
+    theta, known = start_of(rough), start_of(start)
+    scale, noise = _scale(known, motion), noise_of(log)
+    constants = functools.partial(constants_of, arm=start)
+    bounds = bounds_of(start, scale)
+    told = np.ones(len(theta), dtype=bool)
+    for length in SEGMENTS:
+        theta = np.where(told, np.clip(theta, *bounds), known)
+        beginnings, measured, torque = segments_of(log, length)
+        states = starts_of(motion, beginnings, Arm(*constants(theta[:, np.newaxis])[:, 0]))
+        shooting = Shooting(measured, torque, log.period, states, noise, constants)
+        told[:] = True
+        _leave_out(shooting.linearised(theta, _DIFFERENCE * scale), theta, scale, told, 1.0)
+        while told.any():
+            theta = _searched(shooting, np.where(told, theta, known), scale, told, bounds, progress)
+            line = shooting.linearised(theta, _DIFFERENCE * scale)
+            if not _leave_out(line, theta, scale, told, _spread(line, told)):
+                break
+        if not told.any():
+            raise ValueError("the log tells no parameter: the simulated arm does not follow it; check units and signs")
+        left = line.residual.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
+        noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-3 * noise)
+    return _summary(line, left, theta, scale, told, bounds)
+
+
+def _searched(
+    shooting: Shooting,
+    theta: np.ndarray,
+    scale: np.ndarray,
+    told: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    progress: Callable[[], None] | None,
+) -> np.ndarray:
+    """Return θ (17,) with the least residual, over its entries that are told."""
+
+    def whole(z: np.ndarray) -> np.ndarray:
+        full = theta.copy()
+        full[told] = z * scale[told]
+        return full
+
+    def residual(z: np.ndarray) -> np.ndarray:
+        return shooting.residual(whole(z)).ravel()
+
+    def slope(z: np.ndarray) -> np.ndarray:
+        if progress is not None:
+            progress()
+        return _stacked(shooting.linearised(whole(z), _DIFFERENCE * scale), scale, told)
+
+    low, high = (bound[told] / scale[told] for bound in bounds)
+    begin = np.clip(theta[told] / scale[told], low, high)
+    found = least_squares(
+        residual, begin, slope, bounds=(low, high), xtol=_CLOSE, ftol=_CLOSE, gtol=None, max_nfev=_MOST_STEPS
+    )
+    best: np.ndarray = found.x
+    return whole(best)
+
+
+def _stacked(line: Linearised, scale: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """Return the derivatives of all residuals over the told entries of θ, in units of the scale: (rows S, told)."""
+    over = line.over_theta[:, told] * scale[told][:, np.newaxis]
+    return np.asarray(np.moveaxis(over, 1, -1).reshape(-1, over.shape[1]))
+
+
+def _scale(start: np.ndarray, motion: Motion) -> np.ndarray:
+    """Return the scale of each entry of θ: the start's value, for friction at least a share of the torque."""
+    torque, speed = np.sqrt(np.mean(motion.torque**2, axis=0)), np.sqrt(np.mean(motion.dq**2, axis=0))
+    least = np.full(len(start), 1e-6)
+    for k, one in enumerate(UNKNOWNS):
+        if one.joint is not None and one.field in ("coulomb_friction", "static_friction"):
+            least[k] = 0.02 * torque[one.joint]
+        if one.joint is not None and one.field == "viscous_friction":
+            least[k] = 0.02 * torque[one.joint] / max(speed[one.joint], 1e-6)
+    scale: np.ndarray = np.maximum(np.abs(start), least)
+    return scale
+
+
+def _spread(line: Linearised, told: np.ndarray) -> float:
+    """Return s², which is 1 if the model explains the log down to its noise."""
+    free = line.residual.size - STATES * line.residual.shape[1] - int(told.sum())
+    return float(np.sum(line.residual**2) / max(free, 1))
+
+
+def _errors(line: Linearised, scale: np.ndarray, told: np.ndarray, spread: float) -> tuple[np.ndarray, float]:
+    """Return standard errors of the told entries of θ in units of the scale, and the condition number."""
+    singular, turn = np.linalg.svd(_stacked(line, scale, told), full_matrices=False)[1:]
+    inverse = 1.0 / np.maximum(singular, max(1e-12 * float(singular[0]), _NOTHING))
+    error: np.ndarray = np.sqrt(spread * np.sum((inverse[:, np.newaxis] * turn) ** 2, axis=0))
+    return error, float(inverse[-1] / inverse[0])
+
+
+def _leave_out(line: Linearised, theta: np.ndarray, scale: np.ndarray, told: np.ndarray, spread: float) -> bool:
+    """Take the entries whose 95 % interval is wider than the value out of `told`, the widest first; return if any."""
+    before = int(told.sum())
+    while told.any():
+        places = np.flatnonzero(told)
+        error, _ = _errors(line, scale, told, spread)
+        width = DEVIATIONS * error * scale[told] / np.maximum(np.abs(theta[told]), scale[told])
+        if not float(width.max()) > 1.0:
+            break
+        told[places[int(np.argmax(width))]] = False
+    return int(told.sum()) < before
+
+
+def _summary(
+    line: Linearised,
+    left: np.ndarray,
+    theta: np.ndarray,
+    scale: np.ndarray,
+    told: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+) -> Fit:
+    error, (relative, condition) = np.full(len(theta), np.nan), _errors(line, scale, told, _spread(line, told))
+    error[told] = relative * scale[told]
+    low, high = bounds
+    near = 1e-6 * scale
+    scaled = left / np.sqrt(np.mean(left**2, axis=(0, 2)))[:, np.newaxis]
+    return Fit(
+        theta=theta,
+        error=error,
+        told=told,
+        at_bound=told & ((theta <= low + near) | (theta >= high - near)),
+        condition=condition,
+        noise=np.sqrt(np.mean(left**2, axis=(0, 2))),
+        correlation=float(np.mean(scaled[1:] * scaled[:-1])),
+        residual=left.transpose(2, 0, 1).reshape(-1, left.shape[1]),
+    )

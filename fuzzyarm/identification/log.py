@@ -1,0 +1,163 @@
+"""A log of the motors: angles, velocities and torques at instants that are evenly apart, from a CSV file.
+
+Row k has what was measured at t_k, and the torque that the motors held from t_k to t_{k+1}:
+
+    time, q_motor1, q_motor2, dq_motor1, dq_motor2, torque1, torque2      [s, rad, rad/s, N m]
+
+Angles and velocities are those of the motors as seen from the joint's side of the gear. The two columns of velocities
+may be missing; columns may stand in any order, and further ones are not read.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+
+from fuzzyarm.common import checks
+from fuzzyarm.common.documents import read_bytes
+from fuzzyarm.common.files import csv_text
+from fuzzyarm.envs.physics.parameters import LARGEST
+
+__all__ = ["COLUMNS", "FEWEST_SAMPLES", "MOST_SAMPLES", "VELOCITIES", "Log", "read_log", "write_log"]
+
+_PARTS = {"q_motor": "rad", "dq_motor": "rad/s", "torque": "N m"}
+COLUMNS = ("time", *(f"{part}{joint}" for part in _PARTS for joint in (1, 2)))
+"""Headings of a log."""
+VELOCITIES = tuple(name for name in COLUMNS if name.startswith("dq_"))
+"""Those that may be missing."""
+
+FEWEST_SAMPLES, MOST_SAMPLES = 500, 200_000
+_LARGEST_FILE = 64 * 2**20
+_EVEN = 0.01  # share of a period by which a step in time may differ from the median step
+_SHORTEST, _LONGEST = 1e-5, 0.02  # s, of a sampling period
+_JOINTS = re.compile(r"q_motor(\d+)|dq_motor(\d+)|torque(\d+)")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Log:
+    """Measurements of the motors of a two-joint arm at N instants; arrays are read-only copies.
+
+    Attributes:
+        period: time between two samples [s].
+        angle: q_a [rad], shape (N, 2).
+        torque: Γ [N m], shape (N, 2); row k is held from instant k to instant k + 1.
+        velocity: q̇_a [rad/s], shape (N, 2), or None.
+
+    Raises:
+        TypeError: an entry is no real number.
+        ValueError: shapes differ, there are too few or too many samples, or a number is not finite or out of range.
+    """
+
+    period: float
+    angle: np.ndarray
+    torque: np.ndarray
+    velocity: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        """Check period, shapes and numbers."""
+        period = checks.real("period", self.period, "s", low=_SHORTEST, high=_LONGEST)
+        samples = checks.whole("the number of samples", len(self.angle), low=FEWEST_SAMPLES, high=MOST_SAMPLES)
+        object.__setattr__(self, "period", period)
+        for name, unit in zip(("angle", "velocity", "torque"), _PARTS.values(), strict=True):
+            if getattr(self, name) is not None:
+                array = checks.finite_array(name, getattr(self, name), (samples, 2), unit, largest=LARGEST)
+                array.flags.writeable = False
+                object.__setattr__(self, name, array)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return (len(self.angle) - 1) * self.period
+
+
+def read_log(path: Path) -> Log:
+    """Return the log in a CSV file with a heading.
+
+    Raises:
+        ValueError: a column is missing or for another number of joints, a cell is no finite number, or the instants are
+            not evenly apart; the message names the file, the line or the column, and what is needed.
+        OSError: the file cannot be read.
+    """
+    try:
+        return _parsed(read_bytes(path, largest=_LARGEST_FILE).decode("utf-8-sig"))
+    except (TypeError, ValueError, csv.Error) as error:
+        text = str(error)
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def write_log(log: Log) -> str:
+    """Return the text of a CSV file that `read_log` reads back to an equal log."""
+    parts = {"q_motor": log.angle, "dq_motor": log.velocity, "torque": log.torque}
+    columns: dict[str, np.ndarray] = {"time": np.arange(len(log.angle)) * log.period}
+    for part, values in parts.items():
+        if values is not None:
+            columns |= {f"{part}{joint + 1}": values[:, joint] for joint in range(2)}
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return csv_text([dict(zip(columns, row, strict=True)) for row in rows])
+
+
+def _parsed(text: str) -> Log:
+    rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
+    if not rows:
+        raise ValueError(f"it is empty; needed: a heading {','.join(COLUMNS)} and a line for each instant")
+    heading = [cell.strip() for cell in rows[0]]
+    _check_heading(heading)
+    count = checks.whole("the number of samples", len(rows) - 1, low=FEWEST_SAMPLES, high=MOST_SAMPLES)
+    columns = {name: heading.index(name) for name in COLUMNS if name in heading}
+    values = np.empty((count, len(columns)))
+    for line, row in enumerate(rows[1:], start=2):
+        for place, (name, column) in enumerate(columns.items()):
+            values[line - 2, place] = _number(row, line, name, column)
+    named = dict(zip(columns, values.T, strict=True))
+    velocity = _pair(named, "dq_motor") if set(VELOCITIES) <= set(named) else None
+    return Log(_period(named["time"]), _pair(named, "q_motor"), _pair(named, "torque"), velocity)
+
+
+def _check_heading(heading: list[str]) -> None:
+    """Raise unless the heading names every column that is needed, once, and joints 1 and 2 alone."""
+    joints = {int(next(filter(None, found.groups()))) for found in map(_JOINTS.fullmatch, heading) if found}
+    if joints - {1, 2}:
+        raise ValueError(f"it is the log of {max(joints)} joints; allowed: two-joint arms, columns {','.join(COLUMNS)}")
+    missing = [name for name in COLUMNS if name not in heading]
+    if missing and (set(missing) != set(VELOCITIES)):
+        raise ValueError(
+            f"its heading {checks.shown(','.join(heading))} lacks {', '.join(missing)}; needed: {','.join(COLUMNS)}, "
+            f"where {' and '.join(VELOCITIES)} may both be missing"
+        )
+    twice = [name for name in COLUMNS if heading.count(name) > 1]
+    if twice:
+        raise ValueError(f"its heading has {twice[0]} twice; leave out one")
+
+
+def _number(row: list[str], line: int, name: str, column: int) -> float:
+    cell = row[column].strip() if column < len(row) else ""
+    try:
+        number = float(cell)
+    except ValueError:
+        number = float("nan")
+    if not abs(number) <= LARGEST:
+        raise ValueError(f"line {line} has {name} = {checks.shown(cell)}; needed: a finite number up to {LARGEST:g}")
+    return number
+
+
+def _period(time: np.ndarray) -> float:
+    """Return the time between two instants [s]; ValueError with the first place where it differs."""
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    wrong = np.flatnonzero(~(np.abs(steps - period) <= _EVEN * period))
+    if wrong.size:
+        k = int(wrong[0])
+        raise ValueError(
+            f"the step in time from line {k + 2} to line {k + 3} is {steps[k]:.6g} s, the others {period:.6g} s; "
+            "needed: instants evenly apart. Cut the log at the gap, or resample it"
+        )
+    return float(np.mean(steps))
+
+
+def _pair(named: dict[str, np.ndarray], part: str) -> np.ndarray:
+    return np.stack([named[f"{part}{joint}"] for joint in (1, 2)], axis=-1)

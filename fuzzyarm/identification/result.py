@@ -1,0 +1,138 @@
+"""From a log to an arm: the rigid part by least squares, refined by output error, and what is said of both."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.identification.fit import DEVIATIONS, Fit, fit_elastic
+from fuzzyarm.identification.log import Log
+from fuzzyarm.identification.motion import smoothed
+from fuzzyarm.identification.rigid import BASE, RigidFit, fit_rigid, rigid_arm
+from fuzzyarm.identification.unknowns import KEPT, UNKNOWNS, arm_of, start_of
+
+__all__ = ["CORRELATED", "Identified", "identify"]
+
+CORRELATED = 0.2
+"""Correlation of neighbouring residuals above which the intervals are too narrow to be believed."""
+
+_DOUBT = 3.0  # standard errors
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Identified:
+    """What a log tells of an arm.
+
+    Attributes:
+        arm: the arm, in whose fields the log's values stand beside the start's.
+        start: the arm of the start.
+        rigid: the least squares of the rigid arm.
+        fit: the output error of the elastic arm.
+        samples: of the log.
+        period: of the log [s].
+    """
+
+    arm: ArmParameters
+    start: ArmParameters
+    rigid: RigidFit
+    fit: Fit
+    samples: int
+    period: float
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return for each parameter its name, unit, start, value and 95 % interval; None where the log tells none."""
+        before, error = start_of(self.start), self.fit.error
+        return [
+            {
+                "name": one.name,
+                "unit": one.unit,
+                "start": float(before[k]),
+                "value": float(self.fit.theta[k]),
+                "low": float(self.fit.theta[k] - DEVIATIONS * error[k]) if self.fit.told[k] else None,
+                "high": float(self.fit.theta[k] + DEVIATIONS * error[k]) if self.fit.told[k] else None,
+                "told": bool(self.fit.told[k]),
+            }
+            for k, one in enumerate(UNKNOWNS)
+        ]
+
+    def remarks(self) -> list[str]:
+        """Return what to know beside the numbers, one sentence or two each."""
+        untold = [row["name"] for row in self.rows() if not row["told"]]
+        found = [f"Motors alone never tell {', '.join(KEPT)}: they are those of the start."]
+        if untold:
+            found.append(f"This log does not tell {', '.join(untold)}: the values of the start are kept.")
+        if self.fit.at_bound.any():
+            ends = ", ".join(one.name for one, ends in zip(UNKNOWNS, self.fit.at_bound, strict=True) if ends)
+            found.append(
+                f"At the end of the allowed range: {ends}. Masses or lengths of the start hardly fit; weigh and "
+                "measure them."
+            )
+        if self.fit.correlation > CORRELATED:
+            found.append(
+                f"Neighbouring residuals are correlated by {self.fit.correlation:.2f}: the arm does something that the "
+                "equations do not, and the intervals are too narrow."
+            )
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain numbers, lists and texts, ready for JSON."""
+        return {
+            "samples": self.samples,
+            "period": self.period,
+            "parameters": self.rows(),
+            "kept": list(KEPT),
+            "condition": self.fit.condition,
+            "noise": self.fit.noise.tolist(),
+            "correlation": self.fit.correlation,
+            "rigid": {
+                "parameters": [
+                    {"tells": name, "value": float(value), "error": float(error)}
+                    for name, value, error in zip(BASE, self.rigid.base, self.rigid.error, strict=True)
+                ],
+                "condition": self.rigid.condition,
+                "residual": self.rigid.residual.tolist(),
+            },
+            "remarks": self.remarks(),
+            "arm": self.arm.to_dict(),
+        }
+
+
+def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None = None) -> Identified:
+    """Return what a log tells of an arm.
+
+    Args:
+        log: of the motors.
+        start: where the search begins. Lengths, masses, gravity and limits are taken from it, and whatever the log does
+            not tell.
+        progress: called after each step of the refinement.
+
+    Raises:
+        ValueError: the log excites too little, or leads to no arm; the message names the parameter.
+    """
+    motion = smoothed(log)
+    rigid = fit_rigid(motion, start)
+    if rigid.untold:
+        raise ValueError(
+            f"too little excitation: the log does not tell {', '.join(rigid.untold)} (condition number "
+            f"{rigid.condition:.3g}); move both joints to and fro, faster and further, as the motion of --suggest does"
+        )
+    negative = [
+        name
+        for name, value, error in zip(BASE, rigid.base, rigid.error, strict=True)
+        if "friction" not in name and value < -_DOUBT * error
+    ]
+    if negative:
+        raise ValueError(
+            f"the log leads to no arm: least squares give {', '.join(negative)} a value below 0; check signs and "
+            "units of the log, and masses and lengths of the start"
+        )
+    try:
+        fit = fit_elastic(log, motion, rigid_arm(rigid.base, start), start, progress)
+        arm = arm_of(fit.theta, start)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ValueError(f"the log leads to no arm: {error}; check masses and lengths of the start") from None
+    return Identified(arm, start, rigid, fit, len(log.angle), log.period)

@@ -1,0 +1,156 @@
+"""The rigid arm from a log: weighted linear least squares on the inverse dynamics.
+
+With motor and link one body, the torques are linear in nine base parameters π:
+
+    Γ = Y(q, q̇, q̈) π,    π = (c1 + I_a1, m2 r2, c3, I_a2, m1 r1 + m2 L1, f_v1, f_v2, Γ_fc1, Γ_fc2)
+
+with c1 and c3 of (3). The lengths and gravity are known; of c1 + I_a1 only the sum counts, as long as nothing bends.
+Samples of a joint that is slower than `SLOWEST` times the Stribeck velocity of the start are left out of its equation.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.identification.motion import Motion
+
+__all__ = ["BASE", "RigidFit", "base_of", "fit_rigid", "regressor", "rigid_arm"]
+
+BASE = (
+    "inertia[0]",
+    "mass_center[1]",
+    "inertia[1]",
+    "motor_inertia[1]",
+    "mass_center[0]",
+    "viscous_friction[0]",
+    "viscous_friction[1]",
+    "coulomb_friction[0]",
+    "coulomb_friction[1]",
+)
+"""The parameter of the arm that each entry of π tells, the others being known."""
+
+SLOWEST = 3.0
+LEAST_MOVING = 0.02
+"""Share of the samples at which a joint has to be faster, forwards and backwards; otherwise nothing of it is told."""
+LEAST_SHARE = 1e-2
+"""A base parameter counts as untold if its standard error is above a third of it and moves the torque by more than this
+share of its own root mean square."""
+_PASSES = 3
+_LEAST_INERTIA = 0.05  # share of what its link would have as a rod, where least squares give less than nothing
+
+
+class RigidFit(NamedTuple):
+    """What least squares found.
+
+    Attributes:
+        base: π, shape (9,).
+        error: standard errors of π, shape (9,).
+        condition: condition number of Y with columns of length 1 and rows in units of the noise.
+        residual: root mean square of Γ - Y π of each joint [N m], shape (2,).
+        untold: names of `BASE` that the motion does not excite.
+    """
+
+    base: np.ndarray
+    error: np.ndarray
+    condition: float
+    residual: np.ndarray
+    untold: tuple[str, ...]
+
+
+def regressor(
+    q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, length: float, gravity: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of Y for torque 1 and for torque 2, each of shape (N, 9).
+
+    Args:
+        q: angles [rad], shape (N, 2).
+        dq: velocities [rad/s], shape (N, 2).
+        ddq: accelerations [rad/s²], shape (N, 2).
+        length: L1 [m].
+        gravity: g [m/s²].
+    """
+    q1, q2 = q.T
+    v1, v2 = dq.T
+    a1, a2 = ddq.T
+    cos2, sin2, sin12, none = np.cos(q2), np.sin(q2), np.sin(q1 + q2), np.zeros_like(q1)
+    turned = length * (cos2 * (2.0 * a1 + a2) - sin2 * v2 * (2.0 * v1 + v2)) + gravity * sin12
+    pulled = length * (cos2 * a1 + sin2 * v1 * v1) + gravity * sin12
+    first = (a1, turned, a2, none, gravity * np.sin(q1), v1, none, np.sign(v1), none)
+    second = (none, pulled, a1 + a2, a2, none, none, v2, none, np.sign(v2))
+    return np.stack(first, axis=-1), np.stack(second, axis=-1)
+
+
+def base_of(arm: ArmParameters) -> np.ndarray:
+    """Return π of an arm, shape (9,)."""
+    (m1, m2), (r1, r2), (i1, i2), l1 = arm.mass, arm.mass_center, arm.inertia, arm.length[0]
+    (ia1, ia2), c3 = arm.motor_inertia, m2 * r2 * r2 + i2
+    links = m1 * r1 * r1 + i1 + m2 * l1 * l1 + c3 + ia1, m2 * r2, c3, ia2, m1 * r1 + m2 * l1
+    return np.array([*links, *arm.viscous_friction, *arm.coulomb_friction])
+
+
+def fit_rigid(motion: Motion, start: ArmParameters) -> RigidFit:
+    """Return the base parameters of a motion, each joint's equations weighted by their own residual."""
+    q, dq, ddq = (part[motion.settled] for part in (motion.q, motion.dq, motion.ddq))
+    rows = regressor(q, dq, ddq, start.length[0], start.gravity)
+    fast = np.abs(dq) > SLOWEST * start.stribeck_velocity
+    torque = motion.torque[motion.settled]
+    kept = [fast[:, joint] | ~fast[:, joint].any() for joint in range(2)]
+    parts = [(rows[joint][kept[joint]], torque[kept[joint], joint]) for joint in range(2)]
+    noise = np.array([max(float(np.std(part)), 1e-12) for _, part in parts])
+    for _ in range(_PASSES):
+        stacked = np.concatenate([y / sigma for (y, _), sigma in zip(parts, noise, strict=True)])
+        known = np.concatenate([value / sigma for (_, value), sigma in zip(parts, noise, strict=True)])
+        size = np.linalg.norm(stacked, axis=0)
+        size[size == 0.0] = 1.0
+        scaled, _, _, singular = np.linalg.lstsq(stacked / size, known, rcond=1e-12)
+        base = scaled / size
+        found = [float(np.sqrt(np.mean((value - y @ base) ** 2))) for y, value in parts]
+        noise = np.maximum(found, 1e-9 * np.maximum([np.abs(value).max() for _, value in parts], 1e-9))
+    share = motion.independent / len(torque)
+    information = (stacked / size).T @ (stacked / size) * share
+    error = np.sqrt(np.abs(np.diag(np.linalg.pinv(information, rcond=1e-14, hermitian=True)))) / size
+    moves = error * size / np.linalg.norm(known)
+    untold = (error > np.abs(base) / 3.0) & (moves > LEAST_SHARE)
+    for joint in range(2):
+        ways = [np.mean(fast[:, joint] & (side * dq[:, joint] > 0.0)) for side in (-1.0, 1.0)]
+        untold |= (min(ways) < LEAST_MOVING) & np.array([f"[{joint}]" in name for name in BASE])
+    condition = float(singular[0] / max(singular[-1], 1e-300))
+    return RigidFit(base, error, condition, np.array(found), tuple(np.array(BASE)[untold].tolist()))
+
+
+def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
+    """Return the arm with base parameters π (9,), the rest as in `start`.
+
+    Of c1 + I_a1 the motor has the share that it has in `start`, and static friction exceeds Coulomb's by the factor
+    of `start`. Values that no link has (a mass center beyond it, an inertia below 0) are moved to where the refinement
+    may begin.
+    """
+    total, mr2, c3, rotor2, mr1, *friction = base.tolist()
+    (m1, m2), (l1, l2), before = start.mass, start.length, float(base_of(start)[0])
+    rotor1 = start.motor_inertia[0] / before * total
+    r2 = _within(mr2 / m2, 0.02 * l2, 0.98 * l2)
+    r1 = _within((mr1 - m2 * l1) / m1, 0.02 * l1, 0.98 * l1)
+    i2 = max(c3 - m2 * r2 * r2, _LEAST_INERTIA * m2 * l2 * l2 / 12.0)
+    i1 = max(total - rotor1 - c3 - m2 * l1 * l1 - m1 * r1 * r1, _LEAST_INERTIA * m1 * l1 * l1 / 12.0)
+    viscous1, viscous2, coulomb1, coulomb2 = (max(value, 0.0) for value in friction)
+    ratio1, ratio2 = (
+        static / dry if dry > 0.0 else 1.0
+        for static, dry in zip(start.static_friction, start.coulomb_friction, strict=True)
+    )
+    return dataclasses.replace(
+        start,
+        inertia=(i1, i2),
+        mass_center=(r1, r2),
+        motor_inertia=(max(rotor1, 1e-6), max(rotor2, 1e-3 * max(c3, 1e-6))),
+        viscous_friction=(viscous1, viscous2),
+        coulomb_friction=(coulomb1, coulomb2),
+        static_friction=(coulomb1 * ratio1, coulomb2 * ratio2),
+    )
+
+
+def _within(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)

@@ -1,0 +1,205 @@
+"""The folder that `fuzzyarm tune` writes: an arm, its controller files, and what its other laws need.
+
+    robot.toml      the arm, as `--robot` takes it
+    fuzzy-4.json    a controller file
+    laws.json       what the laws need (`TunedLaws`), and which policies are compared
+
+``folder/fuzzy-4-tip``, ``folder/computed-torque`` and so on are names of policies, and the folder itself names the arm
+wherever a robot is asked for. The file of the laws is bound to the arm: a folder whose arm was changed is refused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from fuzzyarm.common.checks import choice, distinct, real
+from fuzzyarm.policies.registry import TIP
+
+if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.equations import AnyArm
+    from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+    from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+    from fuzzyarm.fuzzy_policy.policy import Policy
+
+__all__ = ["LAWS", "NAME", "SCHEMA", "TunedLaws", "is_tuned", "policies_of", "read_laws", "tuned_policy"]
+
+SCHEMA = "fuzzyarm-tuned/1"
+"""Of the file of the laws."""
+NAME = "laws.json"
+"""The file of the laws in the folder."""
+
+COMPUTED_TORQUE, ELASTIC_OBSERVER, ADAPTIVE_OBSERVER = LAWS = (
+    "computed-torque",
+    "elastic-observer",
+    "adaptive-observer",
+)
+"""The laws that need no controller file."""
+
+Weights = TypeVar("Weights")
+_LARGEST = 2**16  # bytes of the file
+_FASTEST, _LONGEST = 1e6, 0.1  # rad/s, s
+
+
+@dataclasses.dataclass(frozen=True)
+class TunedLaws:
+    """The content of `NAME`, checked.
+
+    Attributes:
+        schema: `SCHEMA`.
+        arm_sha256: digest of the arm that the laws were tuned for, `Robot.digest`.
+        control_period: T [s] of all policies.
+        policies: those of the folder, by name without the folder.
+        bandwidth: ω of computed torque [rad/s]; None without it.
+        observer: weights of the elastic observer, by name; None without it.
+        adaptive: weights of the adaptive observer, by name; None without it.
+        made_with: versions of what made the folder, by name.
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is out of range, or a policy lacks its numbers.
+    """
+
+    schema: str
+    arm_sha256: str
+    control_period: float
+    policies: tuple[str, ...]
+    bandwidth: float | None = None
+    observer: dict[str, float] | None = None
+    adaptive: dict[str, float] | None = None
+    made_with: dict[str, str | None] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the numbers, and that each law of the list has its own."""
+        choice("schema", self.schema, (SCHEMA,))
+        real("control_period", self.control_period, "s", above=0.0, high=_LONGEST)
+        distinct("policies", self.policies)
+        if self.bandwidth is not None:
+            real("bandwidth", self.bandwidth, "rad/s", above=0.0, high=_FASTEST)
+        given = {
+            COMPUTED_TORQUE: self.bandwidth,
+            ELASTIC_OBSERVER: self.observer and self.observer_weights(),
+            ADAPTIVE_OBSERVER: self.adaptive and self.adaptive_weights(),
+        }
+        for name in self.policies:
+            law = name.removesuffix(TIP)
+            if not name.isprintable() or any(mark in name for mark in "/\\:"):
+                raise ValueError(f"policies: {name!a} is no name of a policy in the folder")
+            if law in given and given[law] is None:
+                raise ValueError(f"policies: {name} is there, but the numbers of {law} are not")
+
+    def observer_weights(self) -> ObserverWeights:
+        """Return the weights of the elastic observer; ValueError if one is unknown, missing or out of range."""
+        from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+
+        return _whole("observer", ObserverWeights, self.observer)
+
+    def adaptive_weights(self) -> AdaptiveWeights:
+        """Return the weights of the adaptive observer; ValueError if one is unknown, missing or out of range."""
+        from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+
+        return _whole("adaptive", AdaptiveWeights, self.adaptive)
+
+    def to_json(self) -> str:
+        """Return the text of the file."""
+        return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False) + "\n"
+
+
+def _whole(name: str, kind: type[Weights], values: dict[str, float] | None) -> Weights:
+    """Return weights of which the file gives each; ValueError if one is missing or unknown."""
+    wanted = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    found = set(values or {})
+    if found != wanted:
+        raise ValueError(f"{name}: {', '.join(sorted(found ^ wanted))} missing or unknown")
+    return kind(**(values or {}))
+
+
+def is_tuned(folder: Path) -> bool:
+    """Return whether a folder has the file of the laws."""
+    return os.path.isfile(folder / NAME)  # unlike `Path.is_file`, False for names that no system can hold
+
+
+def read_laws(folder: Path, arm: AnyArm) -> TunedLaws:
+    """Return the laws of a folder.
+
+    Args:
+        folder: of `fuzzyarm tune`.
+        arm: that they are wanted for.
+
+    Raises:
+        ValueError: the file is damaged, or the laws were tuned for another arm.
+        OSError: the file cannot be read.
+    """
+    from fuzzyarm.common.documents import check_schema, read_json, record
+    from fuzzyarm.envs.physics.equations import robot_of
+
+    path = folder / NAME
+    content = read_json(path, largest=_LARGEST)
+    try:
+        laws = record(check_schema(content, SCHEMA), TunedLaws)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}; make the folder anew with fuzzyarm tune") from None
+    if laws.arm_sha256 != robot_of(arm).digest:
+        raise ValueError(
+            f"{folder} was tuned for another arm than this one: give --robot {folder} (robot=), or, if its robot.toml "
+            "was changed, tune that anew with fuzzyarm tune --robot"
+        )
+    return laws
+
+
+def policies_of(robot: object) -> tuple[str, ...] | None:
+    """Return the policies of a folder, each with the folder in its name; None where `robot` names no such folder."""
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.robot import shipped_robots
+
+    if not isinstance(robot, str | os.PathLike) or robot in shipped_robots() or not is_tuned(Path(robot)):
+        return None
+    folder = Path(robot)
+    return tuple(str(folder / name) for name in read_laws(folder, chosen_arm(folder, None)).policies)
+
+
+def tuned_policy(folder: Path, law: str, arm: AnyArm, control_period: float) -> Policy:
+    """Return a law of `LAWS` with the numbers of a folder.
+
+    Args:
+        folder: of `fuzzyarm tune`.
+        law: its name.
+        arm: which must be the one that the folder was tuned for.
+        control_period: time between two calls of `predict` [s], which must be the folder's.
+
+    Raises:
+        ValueError: the folder has no such law, is damaged, or is for another arm or period.
+        OSError: a file cannot be read.
+    """
+    laws = read_laws(folder, arm)
+    if law not in {name.removesuffix(TIP) for name in laws.policies}:
+        raise ValueError(f"{folder} has no {law}; it has {', '.join(laws.policies)}")
+    if control_period != laws.control_period:
+        raise ValueError(
+            f"{folder / law} was tuned for control_period = {laws.control_period:g} s, not {control_period:g} s"
+        )
+    return _made(folder, laws, law, arm)
+
+
+def _made(folder: Path, laws: TunedLaws, law: str, arm: Any) -> Policy:
+    from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+    from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
+
+    if law == COMPUTED_TORQUE:
+        return ComputedTorquePolicy(arm, laws.control_period, laws.bandwidth)
+    if law == ELASTIC_OBSERVER:
+        from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+
+        return ElasticObserverPolicy(arm, laws.control_period, laws.observer_weights())
+    from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+    from fuzzyarm.policies.controller_policy import file_policy
+
+    certified = [name for name in laws.policies if name.removesuffix(TIP) not in LAWS]
+    fallback = ComputedTorquePolicy(arm, laws.control_period, laws.bandwidth)
+    if certified:
+        path = folder / f"{certified[0].removesuffix(TIP)}.json"
+        fallback = file_policy(path, arm, laws.control_period)  # type: ignore[assignment]
+    return AdaptiveObserverPolicy(arm, laws.control_period, laws.adaptive_weights(), TipPolicy(fallback))

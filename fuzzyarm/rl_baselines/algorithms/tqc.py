@@ -1,0 +1,80 @@
+"""TQC of sb3-contrib: its settings, its presets and its part of a training."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+from fuzzyarm.common.checks import whole
+from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
+from fuzzyarm.rl_baselines.off_policy import COLUMNS, OffPolicyAlgorithm
+from fuzzyarm.rl_baselines.off_policy_config import OffPolicyConfig
+
+if TYPE_CHECKING:
+    from fuzzyarm.rl_baselines.learning_env import LearningEnvs
+
+__all__ = ["PRESETS", "SPEC", "TQCConfig", "create"]
+
+_MOST_CRITICS, _MOST_QUANTILES = 100, 1000
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TQCConfig(OffPolicyConfig):
+    """The settings of a training with TQC: see `OffPolicyConfig`, and how many quantiles of the return are cut off.
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is out of range, or two values do not fit together.
+    """
+
+    n_critics: int = 2
+    """Number of critics (1 to 100)."""
+    n_quantiles: int = 25
+    """Quantiles of the return that each critic estimates (1 to 1000)."""
+    top_quantiles_to_drop_per_net: int = 2
+    """How many of the largest quantiles of each critic are left out of the target; fewer than it has."""
+
+    def __post_init__(self) -> None:
+        """Check types, ranges and what must fit together."""
+        super().__post_init__()
+        whole("n_critics", self.n_critics, low=1, high=_MOST_CRITICS)
+        whole("n_quantiles", self.n_quantiles, low=1, high=_MOST_QUANTILES)
+        whole("top_quantiles_to_drop_per_net", self.top_quantiles_to_drop_per_net, high=self.n_quantiles - 1)
+
+
+PRESETS: dict[str, TQCConfig] = {
+    "nominal": TQCConfig(),
+    "residual": TQCConfig(
+        distribution="robust",
+        base="fuzzy-4-tip",
+        scale=(0.01, 0.02),
+        smoothing_time=0.06,
+        elastic_target=True,
+    ),
+}
+"""Settings by name."""
+
+
+def create(config: TQCConfig, envs: LearningEnvs) -> OffPolicyAlgorithm:
+    """Return TQC at the beginning of a training."""
+    import sb3_contrib
+
+    return OffPolicyAlgorithm(
+        config,
+        envs,
+        sb3_contrib.TQC,
+        {"top_quantiles_to_drop_per_net": config.top_quantiles_to_drop_per_net},
+        {"n_critics": config.n_critics, "n_quantiles": config.n_quantiles},
+    )
+
+
+SPEC = AlgorithmSpec(
+    name="tqc",
+    title="TQC of sb3-contrib",
+    config=TQCConfig,
+    presets=PRESETS,
+    create=create,
+    columns=COLUMNS,
+    libraries=("torch", "stable-baselines3", "sb3-contrib"),
+)
+"""TQC as it is registered."""

@@ -1,0 +1,128 @@
+"""Data sets: what is recorded is what the arm does under it, and Minari reads what was written."""
+
+import json
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.eval.dataset import store
+from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, LEVELS, DatasetConfig
+from fuzzyarm.eval.dataset.recording import RandomTorques, mean_return, record
+from fuzzyarm.eval.dataset.store import DatasetError, open_dataset, provenance_of
+
+LIMIT = np.array([500.0, 250.0])
+
+
+def test_the_recorded_torques_give_the_recorded_episode_again():
+    second = list(record(load_policy("computed-torque"), "loads", 2, 5, noise=0.02))[1]
+    env = gym.make("FuzzyArm-v0", **CONDITIONS["loads"])
+    observation, _ = env.reset(seed=second.seed)
+    assert second.seed == 6
+    assert_array_equal(observation, second.observations[0])
+    for step, action in enumerate(second.actions):
+        observation, reward, terminated, truncated, info = env.step(action)
+        assert_array_equal(observation, second.observations[step + 1])
+        assert (reward, info["tip_error"]) == (second.rewards[step], second.tip_errors[step])
+        assert (terminated or truncated) == (step == len(second.actions) - 1)
+    assert truncated == second.completed
+    noise = (second.actions - second.intended) / LIMIT
+    assert noise.std() == pytest.approx(0.02, rel=0.05) and abs(noise.mean()) < 0.002
+
+
+def test_random_torques_are_far_from_the_path_and_without_noise_intended_is_done():
+    (episode,) = record(RandomTorques(LIMIT, 0), "nominal", 1, 0)
+    assert episode.tip_errors.mean() > 0.05
+    assert_array_equal(episode.actions, episode.intended)
+    assert (np.abs(episode.actions) <= LIMIT).all()
+    assert mean_return(RandomTorques(LIMIT, 0), "nominal", 1, 0) == episode.rewards.sum()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"level": "good"}, "level = 'good' is unknown"),
+        ({"condition": "machining"}, "condition = 'machining' is unknown"),
+        ({"level": "mixed", "episodes": 2}, "episodes = 2 is out of range"),
+        ({"noise": 1.5}, "noise = 1.5 is out of range"),
+        ({"seed": -1}, "seed = -1 is out of range"),
+    ],
+)
+def test_wrong_settings_are_named(settings, message):
+    with pytest.raises(ValueError, match=message):
+        DatasetConfig(**settings)
+
+
+def test_policies_share_the_episodes():
+    assert DatasetConfig(level="mixed", episodes=8).shares == dict(zip(LEVELS["mixed"], (3, 3, 2), strict=True))
+    assert DatasetConfig(level="medium", condition="loads").name == "fuzzyarm/medium-loads-v0"
+
+
+def test_without_minari_the_extra_is_named(monkeypatch, tmp_path, capsys):
+    monkeypatch.setitem(sys.modules, "minari", None)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    out = tmp_path / "sets"
+    assert main(["dataset", "--out", str(out)]) == 2
+    err = capsys.readouterr().err
+    assert '".[datasets]"' in err and err.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.fixture
+def minari(monkeypatch):
+    pytest.importorskip("h5py")
+    return pytest.importorskip("minari")
+
+
+@pytest.mark.slow
+def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, capsys):
+    words = ["dataset", "--out", str(tmp_path), "--level", "mixed", "--episodes", "3", "--seed", "4"]
+    assert main(words) == 0
+    assert "3 episodes" in capsys.readouterr().out
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    name = DatasetConfig(level="mixed").name
+    assert list(minari.list_local_datasets()) == [name]
+    dataset = minari.load_dataset(name)
+    policies = LEVELS["mixed"]
+    for place, (policy, found) in enumerate(zip(policies, dataset, strict=True)):
+        (expected,) = record(load_policy(policy), "nominal", 1, 4 + place, 0.02)
+        assert_array_equal(found.observations, expected.observations)
+        assert_array_equal(found.actions, expected.actions)
+        assert_array_equal(found.rewards, expected.rewards)
+        assert_array_equal(found.infos["intended_action"], expected.intended)
+        assert (found.truncations[-1], found.terminations[-1]) == (expected.completed, not expected.completed)
+    best = mean_return(load_policy(EXPERT), "nominal", 1, 0)  # all nominal episodes without noise are alike
+    assert minari.get_normalized_score(dataset, np.array([best])) == pytest.approx(1.0)
+    assert dataset.recover_environment().observation_space == dataset.observation_space
+    own = provenance_of(open_dataset(tmp_path / name))
+    assert own["settings"]["seed"] == 4 and list(own["policies"]) == list(policies)
+    assert main(words) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["fuzzyarm"]
+
+
+@pytest.mark.slow
+def test_a_data_set_that_does_not_fit_is_refused_in_one_line(minari, tmp_path):
+    with pytest.raises(DatasetError, match="is no data set"):
+        open_dataset(tmp_path)
+    folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
+    path = folder / "data" / "metadata.json"
+    metadata = json.loads(path.read_text())
+    own = json.loads(metadata["fuzzyarm"])
+    for content, message in (
+        (metadata | {"fuzzyarm": json.dumps(own | {"schema": "fuzzyarm-dataset/9"})}, "of another version, "),
+        (metadata | {"fuzzyarm": "[1]"}, "does not say where it comes from"),
+        (metadata | {"minari_version": "9.9"}, "no data set that Minari can read"),
+        ({name: value for name, value in metadata.items() if name != "fuzzyarm"}, "not written by fuzzyarm dataset"),
+    ):
+        path.write_text(json.dumps(content))
+        with pytest.raises(DatasetError, match=message) as caught:
+            open_dataset(folder)
+        assert "\n" not in str(caught.value)
+    path.write_text("{")
+    with pytest.raises(DatasetError, match="no data set that Minari can read"):
+        open_dataset(folder)

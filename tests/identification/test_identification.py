@@ -1,0 +1,250 @@
+"""A log tells the arm: regressor against the equations, exact fits without noise, what is refused, what is kept."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.disturbances import EncoderNoise
+from fuzzyarm.identification import excitation
+from fuzzyarm.identification.excitation import SHARE, Excitation, condition_of, motion_csv, suggested, use_of
+from fuzzyarm.identification.fit import noise_of
+from fuzzyarm.identification.log import COLUMNS, Log, read_log, write_log
+from fuzzyarm.identification.motion import Motion, smoothed
+from fuzzyarm.identification.rehearsal import rehearsed
+from fuzzyarm.identification.result import identify
+from fuzzyarm.identification.rigid import base_of, fit_rigid, regressor, rigid_arm
+from fuzzyarm.identification.unknowns import UNKNOWNS, arm_of, bounds_of, constants_of, names, start_of
+
+TRUTH = ArmParameters()
+QUIET = EncoderNoise(1e-8, 1e-6)
+
+
+def motion_of(duration=2.5):
+    rng = np.random.default_rng(5)
+    sine, cosine = rng.normal(size=(2, 4, 2)) / np.arange(1, 5)[:, np.newaxis]
+    return Excitation(np.array([0.0, 0.5]), 0.3 * sine, 0.3 * cosine, 0.4, duration, TRUTH)
+
+
+def wrong(factor=1.1):
+    """An arm that is off by a factor in what a log may tell, up and down in turns."""
+    factors = np.where(np.arange(len(UNKNOWNS)) % 2, factor, 1.0 / factor)
+    return arm_of(start_of(TRUTH) * factors, TRUTH)
+
+
+@pytest.fixture(scope="module")
+def log():
+    return rehearsed(motion_of(), TRUTH, wrong(), seed=1, noise=QUIET)
+
+
+@pytest.fixture(scope="module")
+def found(log):
+    return identify(log, wrong())
+
+
+def test_the_regressor_is_linear_in_what_the_equations_say():
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.normal(size=(3, 50, 2))
+    arm = wrong(1.3)
+    first, second = regressor(q, dq, ddq, arm.length[0], arm.gravity)
+    torque = np.stack([first @ base_of(arm), second @ base_of(arm)], axis=-1)
+    links = rigid_inverse_dynamics(q, dq, ddq, arm_constants(arm))
+    motors = np.array(arm.motor_inertia) * ddq + np.array(arm.viscous_friction) * dq
+    dry = np.array(arm.coulomb_friction) * np.sign(dq)
+    np.testing.assert_allclose(torque, links + motors + dry, rtol=1e-12, atol=1e-12)
+
+
+def test_theta_and_the_arm_are_the_same_numbers():
+    arm = wrong(1.2)
+    assert arm_of(start_of(arm), TRUTH) == arm
+    np.testing.assert_array_equal(constants_of(start_of(arm)[:, np.newaxis], TRUTH)[:, 0], np.array(arm_constants(arm)))
+    low, high = bounds_of(TRUTH, start_of(TRUTH))
+    assert (low < start_of(TRUTH)).all() and (start_of(TRUTH) < high).all()
+
+
+def test_least_squares_find_a_rigid_arm_exactly():
+    sample = motion_of(8.0).sample(np.linspace(0.0, 8.0, 4000))
+    rows = regressor(*sample, TRUTH.length[0], TRUTH.gravity)
+    torque = np.stack([row @ base_of(TRUTH) for row in rows], axis=-1)
+    motion = Motion(*sample, torque, slice(0, 4000), 4000.0)
+    fit = fit_rigid(motion, wrong())
+    np.testing.assert_allclose(fit.base, base_of(TRUTH), rtol=1e-9)
+    assert fit.untold == ()
+    np.testing.assert_allclose(base_of(rigid_arm(fit.base, wrong())), fit.base, rtol=1e-9)
+
+
+def test_the_filter_shifts_nothing_and_derives():
+    time = np.arange(4000) * 1e-3
+    angle = np.stack([np.sin(3.0 * time), np.cos(2.0 * time)], axis=-1)
+    motion = smoothed(Log(1e-3, angle, np.ones((4000, 2))))
+    inner = slice(1000, 3000)
+    assert motion.settled == slice(300, 3700)
+    np.testing.assert_allclose(motion.q[inner], angle[inner], atol=1e-5)
+    np.testing.assert_allclose(motion.dq[inner, 0], 3.0 * np.cos(3.0 * time[inner]), atol=2e-4)
+    np.testing.assert_allclose(motion.ddq[inner, 0], -9.0 * np.sin(3.0 * time[inner]), atol=2e-3)
+
+
+def test_the_noise_is_read_off_a_moving_signal():
+    rng = np.random.default_rng(3)
+    angle = np.sin(np.arange(5000)[:, np.newaxis] * 2e-3) + rng.normal(scale=1e-5, size=(5000, 2))
+    assert noise_of(Log(1e-3, angle, angle)) == pytest.approx([1e-5, 1e-5], rel=0.1)
+
+
+def test_a_quiet_log_gives_the_arm_back(found):
+    np.testing.assert_allclose(found.fit.theta, start_of(TRUTH), rtol=2e-3)
+    assert found.fit.told.all() and not found.fit.at_bound.any()
+    assert abs(found.fit.correlation) < 0.1
+    assert found.arm.mass == TRUTH.mass and found.arm.length == TRUTH.length
+    assert found.fit.noise == pytest.approx([1e-8, 1e-8, 1e-6, 1e-6], rel=0.2)
+
+
+@pytest.mark.slow
+def test_velocities_may_be_missing(log, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(write_log(dataclasses.replace(log, velocity=None)))
+    found = identify(read_log(path), wrong())
+    np.testing.assert_allclose(found.fit.theta, start_of(TRUTH), rtol=5e-3)
+    assert len(found.fit.noise) == 2
+
+
+def test_a_log_that_does_not_move_names_what_it_does_not_tell():
+    angle = np.full((1000, 2), 0.3) + np.random.default_rng(0).normal(scale=1e-5, size=(1000, 2))
+    with pytest.raises(ValueError, match=r"does not tell inertia\[0\], .*coulomb_friction\[1\] .*--suggest"):
+        identify(Log(1e-3, angle, np.full((1000, 2), 3.0)), TRUTH)
+
+
+def test_one_joint_at_rest_is_named(log):
+    still = dataclasses.replace(
+        log, angle=log.angle * [1.0, 0.0] + [0.0, 0.5], velocity=np.array(log.velocity) * [1.0, 0.0]
+    )
+    with pytest.raises(ValueError, match=r"motor_inertia\[1\]"):
+        identify(still, TRUTH)
+
+
+def test_a_motion_is_smooth_and_rests_at_its_ends():
+    motion, h = motion_of(), 1e-5
+    t = np.linspace(0.05, 2.45, 200)
+    ahead, behind, here = motion.sample(t + h), motion.sample(t - h), motion.sample(t)
+    np.testing.assert_allclose((ahead.q - behind.q) / (2.0 * h), here.dq, atol=1e-6)
+    np.testing.assert_allclose((ahead.dq - behind.dq) / (2.0 * h), here.ddq, atol=1e-4)
+    tip = (motion.tip(t + h).position - motion.tip(t - h).position) / (2.0 * h)
+    np.testing.assert_allclose(tip, motion.tip(t).velocity, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(motion.normals(np.linspace(0.0, 2.5, 50)), axis=-1), 1.0)
+    ends = motion.sample(np.array([0.0, 2.5]))
+    np.testing.assert_allclose(ends.q, [[0.0, 0.5]] * 2, atol=1e-12)
+    assert not ends.dq.any() and not ends.ddq.any()
+
+
+def test_a_suggestion_stays_within_the_limits_and_is_better_than_chance(monkeypatch):
+    monkeypatch.setattr(excitation, "_DRAWS", 8)
+    monkeypatch.setattr(excitation, "_REFINEMENTS", 60)
+    motion = suggested(TRUTH, 10.0)
+    limits = TRUTH.joint_limit, TRUTH.velocity_limit, TRUTH.torque_limit
+    for used, limit in zip(use_of(motion, TRUTH), limits, strict=True):
+        assert (used <= 1.01 * SHARE * np.array(limit)).all()
+    monkeypatch.setattr(excitation, "_DRAWS", 1)
+    monkeypatch.setattr(excitation, "_REFINEMENTS", 1)
+    chance = [condition_of(suggested(TRUTH, 10.0, seed), TRUTH) for seed in range(1, 6)]
+    assert condition_of(motion, TRUTH) < 0.8 * np.median(chance)
+    text = motion_csv(motion, TRUTH).splitlines()
+    assert text[0].startswith("time,q1,q2,dq1") and len(text) == 10_002
+
+
+def test_an_arm_that_cannot_hold_itself_is_refused():
+    weak = dataclasses.replace(TRUTH, torque_limit=(10.0, 5.0))
+    with pytest.raises(ValueError, match=r"to hold itself .*allowed: 0.6 times torque_limit"):
+        suggested(weak)
+
+
+def lines(log):
+    return write_log(log).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda rows: [], "it is empty; needed: a heading time"),
+        (lambda rows: rows[:300], "the number of samples = 299 is out of range; allowed: 500"),
+        (lambda rows: [rows[0].replace("torque2", "current2"), *rows[1:]], "lacks torque2; needed: time,q_motor1"),
+        (lambda rows: [rows[0].replace("dq_motor2", "v2"), *rows[1:]], "may both be missing"),
+        (lambda rows: [rows[0].replace("torque2", "torque3"), *rows[1:]], "the log of 3 joints; allowed: two-joint"),
+        (lambda rows: [rows[0] + ",time", *rows[1:]], "has time twice"),
+        (lambda rows: rows[:700] + rows[702:], "from line 700 to line 701 is 0.003 s, the others 0.001 s"),
+        (lambda rows: [*rows[:9], rows[9].replace(rows[9].split(",")[2], "nan"), *rows[10:]], "line 10 has q_motor2"),
+        (lambda rows: [*rows[:9], "", rows[9][:9], *rows[10:]], "line 10 has "),
+        (lambda rows: [*rows[:9], rows[9] + "\x00", *rows[10:]], "line 10 has torque2"),
+    ],
+)
+def test_a_bad_log_is_refused_in_one_line(log, tmp_path, capsys, change, message):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(change(lines(log))))
+    assert main(["identify", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and err.startswith(f"fuzzyarm identify: {path}: ") and message in err
+
+
+def test_a_log_comes_back_from_its_file(log, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(write_log(log))
+    again = read_log(path)
+    assert path.read_text().splitlines()[0] == ",".join(COLUMNS)
+    np.testing.assert_array_equal(again.angle, log.angle)
+    np.testing.assert_array_equal(again.torque, log.torque)
+    assert again.period == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "give either a LOG or --suggest FILE"),
+        (["log.csv", "--suggest", "motion.csv"], "give either a LOG or --suggest FILE"),
+        (["log.csv", "--duration", "9"], "--duration is that of --suggest"),
+        (["log.csv", "--out", "arm.json"], "--out arm.json must be a file ending in .toml"),
+        (["log.csv", "--figure", "arm.svg"], "--figure arm.svg must be a file ending in .png"),
+        (["--suggest", "motion.csv", "--out", "arm.toml"], "leave them out beside --suggest"),
+        (["--suggest", "motion.csv", "--duration", "1"], "duration = 1.0 s is out of range; allowed: [4, 120] s"),
+        (["--suggest", "motion.csv", "--robot", "ur5"], "a robot of 6 joints"),
+        (["no.csv"], "no.csv: No such file or directory"),
+    ],
+)
+def test_bad_usage_is_one_line(words, message, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["identify", *words]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_writes_the_arm_the_picture_and_the_numbers(found, log, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("fuzzyarm.identification.result.identify", lambda *_: found)
+    path, out, figure = (tmp_path / name for name in ("log.csv", "arm.toml", "residuals.png"))
+    path.write_text(write_log(log))
+    assert main(["identify", str(path), "--out", str(out), "--figure", str(figure)]) == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in names()) and "Motors alone never tell length, mass" in printed
+    assert ArmParameters.from_toml(out) == found.arm
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert main(["identify", str(path), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in document["parameters"]] == list(names())
+    assert document["arm"] == found.arm.to_dict() and document["kept"][0] == "length"
+
+
+def test_torques_of_the_wrong_sign_are_not_believed(log):
+    with pytest.raises(ValueError, match=r"no arm: least squares give inertia\[0\], .* below 0; check signs and units"):
+        identify(dataclasses.replace(log, torque=-log.torque), TRUTH)
+
+
+@pytest.mark.slow
+def test_what_noise_hides_is_named_and_kept():
+    start = wrong()
+    loud = rehearsed(motion_of(4.0), TRUTH, start, seed=2, noise=EncoderNoise(3e-3, 0.1))
+    found = identify(loud, start)
+    hidden = ~found.fit.told
+    assert {"damping[0]", "damping[1]"} <= {name for name, untold in zip(names(), hidden, strict=True) if untold}
+    np.testing.assert_array_equal(found.fit.theta[hidden], start_of(start)[hidden])
+    assert any("This log does not tell" in remark and "damping[0]" in remark for remark in found.remarks())

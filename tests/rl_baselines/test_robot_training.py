@@ -1,0 +1,86 @@
+"""Training for any robot: its scales, what it starts from, and that what it ships acts on the robot."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+
+from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.definition import ArmDefinition
+from fuzzyarm.policies import load_policy
+from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
+from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, default_scale
+
+SHORT = [
+    word
+    for name, value in {
+        "total-timesteps": 256,
+        "lanes": 4,
+        "n-steps": 32,
+        "batch-size": 64,
+        "n-epochs": 1,
+        "hidden": 8,
+    }.items()
+    for word in (f"--{name}", str(value))
+]
+
+
+def test_default_scales_follow_from_the_arm():
+    ur5 = robot_named("ur5")
+    np.testing.assert_allclose(default_scale(ur5, base=False), 0.8 * ur5.drive("torque_limit"))
+    assert default_scale(ur5, base=True) == (0.01,) * 6
+    assert len(default_scale(ArmParameters(), base=True)) == 2
+
+
+def test_a_configuration_names_its_arm_only_if_it_is_another():
+    assert "robot" not in PPOConfig().to_dict() and arm_of(PPOConfig()) == ArmParameters()
+    config = PPOConfig(robot="ur5", scale=(1.0,) * 6)
+    assert PPOConfig.from_dict(config.to_dict()) == config and config.features.joints == 6
+    assert arm_definition(arm_of(config)) == ArmDefinition("ur5", robot_named("ur5").digest)
+    assert arm_definition(ArmParameters()) is None
+    with pytest.raises(ValueError, match="must be 6 numbers, one for each joint of the arm"):
+        arm_of(PPOConfig(robot="ur5"))
+    with pytest.raises(TypeError, match="robot"):
+        PPOConfig(robot=6)
+
+
+REFUSED = {
+    "no such robot": (["--robot", "ur55"], "unknown robot 'ur55'"),
+    "scales of another arm": (["--robot", "ur5", "--scale", "1", "2"], "must be 6 numbers"),
+    "a base of another arm": (["--robot", "ur5", "--base", "fuzzy-4"], "fuzzy-4"),
+    "no file": (["--robot", "missing.toml"], "missing.toml"),
+    "a resumed run of another robot": (["--resume", "--robot", "ur5"], "leave out --robot"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_does_not_fit_is_refused_in_one_line(name, tmp_path, capsys):
+    words, message = REFUSED[name]
+    assert main(["train", "ppo", *words, *SHORT, "--out", str(tmp_path / "run")]) == 2
+    errors = capsys.readouterr().err
+    assert message in errors and "Traceback" not in errors
+
+
+@pytest.mark.slow
+def test_a_training_ships_a_policy_of_the_robot_and_goes_on_with_the_same_bits(tmp_path):
+    words = ["train", "ppo", "--robot", "planar-3r", "--base", "computed-torque-tip", "--elastic-target"]
+    assert main([*words, *SHORT, "--out", str(tmp_path / "whole")]) == 0
+    assert main([*words, *SHORT, "--total-timesteps", "128", "--out", str(tmp_path / "parts")]) == 0
+    again = ["train", "ppo", "--resume", "--total-timesteps", "256", "--out", str(tmp_path / "parts")]
+    assert main(again) == 0
+    whole, parts = (PolicyBundle.load(tmp_path / name / "policy") for name in ("whole", "parts"))
+    assert whole.arm == ArmDefinition("planar-3r", robot_named("planar-3r").digest)
+    assert json.loads((tmp_path / "whole" / "policy" / "policy.json").read_text())["training"]["robot"] == "planar-3r"
+    assert [row["steps"] for row in parts.curve][-1] == 256
+    policy = load_policy(tmp_path / "whole" / "policy", robot="planar-3r")
+    torque, _ = policy.predict(np.zeros((5, 15)))
+    assert torque.shape == (5, 3) and np.isfinite(torque).all()
+    results = tmp_path / "evaluation"
+    command = ["evaluate", "--robot", "planar-3r", "--policy", str(tmp_path / "whole" / "policy")]
+    assert main([*command, "--case", "nominal", "--out", str(results)]) in (0, 1)
