@@ -1,6 +1,6 @@
 """Arms that are not the paper's, from their parameters to the comparison: tuned, with margins, evaluated.
 
-    python benchmarks/own_arms.py [--folder DIR] [--jobs N] [--json FILE]
+    python benchmarks/own_arms.py [--arms NAME...] [--folder DIR] [--jobs N] [--json FILE]
 
 Each arm is tuned into a folder of its own and evaluated in the three cases with its scaled loads. With --folder the
 folders are kept, and what is finished there is not done again. Two minutes an arm, on two cores.
@@ -64,10 +64,12 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     parser.add_argument("--folder", type=Path, metavar="DIR", help="keep the folders of the arms here")
     parser.add_argument("--jobs", type=int, metavar="N", help="number of processes (default: one per core)")
+    parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS), help="which (default: all)")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        rows = [tuned(arm, (options.folder or Path(name)) / arm, options.jobs) for arm in ARMS]
-    document = {"command": "python benchmarks/own_arms.py", **current_provenance(), "rows": rows}
+        rows = [tuned(arm, (options.folder or Path(name)) / arm, options.jobs) for arm in options.arms]
+    chosen = "" if options.arms == list(ARMS) else f" --arms {' '.join(options.arms)}"
+    document = {"command": f"python benchmarks/own_arms.py{chosen}", **current_provenance(), "rows": rows}
     print(json.dumps(rows, indent=1))
     if options.json:
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
