@@ -8,7 +8,7 @@ circle. The torques of C and of Python are compared as 64 bits, and so is what b
 compiler that is there. The time of a tick is that of a call in a loop of 1000, for 300 such loops, beside that of
 `predict` of one arm. With float, a call from the same memory is compared, in the first 300 calls of the closed loops,
 and the nominal case is run with the float law in it.
-A minute or two.
+Twenty minutes, most of them for adaptive-observer.
 """
 
 from __future__ import annotations
@@ -34,7 +34,10 @@ from fuzzyarm.export.compiled_law import CompiledLaw, compilers
 from fuzzyarm.export.vectors import random_observations
 from fuzzyarm.fuzzy_policy.policy import Policy
 
-LAWS = ("fuzzy-4", "fuzzy-32", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer")
+LAWS = (
+    *("fuzzy-4", "fuzzy-32", "computed-torque", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer"),
+    *("adaptive-observer", "ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer"),
+)
 LANES, LOOP, LOOPS, FLOAT_CALLS = 250, 1000, 300, 300
 
 

@@ -56,11 +56,16 @@ def main() -> None:
             if seed not in [run["seed"] for run in runs[name]]:
                 runs[name].append(measured(script, seed, arguments.seconds))
                 print(name, runs[name][-1], flush=True)
-                command = "python benchmarks/plant_gradients.py --seconds {:g} --seeds {}".format(
-                    arguments.seconds, " ".join(map(str, arguments.seeds))
-                )
-                content = {"command": command, "seconds": arguments.seconds, "runs": runs, **current_provenance()}
-                write_atomically(RESULT, json.dumps(content, indent=1) + "\n")
+                write(arguments.seconds, runs)
+    write(arguments.seconds, runs)
+
+
+def write(seconds: float, runs: dict[str, list[dict[str, Any]]]) -> None:
+    """Write the result with the command that gives it."""
+    seeds = " ".join(str(run["seed"]) for run in next(iter(runs.values())))
+    command = f"python benchmarks/plant_gradients.py --seconds {seconds:g} --seeds {seeds}"
+    content = {"command": command, "seconds": seconds, "runs": runs, **current_provenance()}
+    write_atomically(RESULT, json.dumps(content, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -40,6 +40,7 @@ from readme_estimate import estimate_tables
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table
 from readme_markdown import made_with
+from readme_opponents import predictive_table, reward_table
 from readme_results import (
     accuracy_table,
     exported_table,
@@ -89,6 +90,8 @@ SCRIPTS: dict[str, list[str]] = {
     "tip_falsification": [],
     "tip_gamma": [],
     "tip_mutations": [],
+    "predictive": [],
+    "classical_on_reward": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
@@ -208,6 +211,8 @@ def sections() -> dict[str, str]:
         "tip-gamma": tip_gamma_table(stored["tip_gamma"]),
         "tip-falsification": falsification_table(stored["tip_falsification"]),
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
+        "predictive": predictive_table(stored["predictive"]),
+        "classical-on-reward": reward_table(stored["classical_on_reward"]),
         "abuse": abuse_table(stored["abuse"]),
         "adaptive-cases": adaptive_cases_table(stored["adaptive_cases"]),
         "adaptive-passes": adaptive_passes_table(stored["adaptive_cases"]),

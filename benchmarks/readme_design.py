@@ -93,7 +93,8 @@ def tip_bound_table(document: dict[str, Any]) -> str:
     headings = ["policy", "case", "set", "motion", "proven [mm]", "simulated [mm]", "largest ratio", "proof [s]"]
     rows = []
     for row in document["rows"]:
-        named = [row["policy"], row["case"], row["set"], f"{row['path']}, {row['duration']:g} s"]
+        plants = row["set"] if row.get("cells", 1) == 1 else f"{row['set']}, in {row['cells']} cells"
+        named = [row["policy"], row["case"], plants, f"{row['path']}, {row['duration']:g} s"]
         if row["proven"]:
             ratio = "" if row["largest_ratio"] is None else f"{row['largest_ratio']:.4f}"
             found = [at_most(row["bound_mm"], 4), f"{row['simulated_mm']:.4g}", ratio, f"{row['cpu_seconds']:.0f}"]

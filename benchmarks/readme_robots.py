@@ -63,18 +63,19 @@ def robot_learned_table(document: dict[str, Any]) -> str:
     headings = ("policy", "seed", "million steps", "processor time [s]", *(f"{case}, rms (max) [mm]" for case in cases))
     rows = []
     for row in document["rows"]:
-        errors = [
-            f"{row[f'{case}_rms_mm']:.3g} ({row[f'{case}_max_mm']:.3g})"
-            if row[f"{case}_share"] == 1.0
-            else "ended early"
-            for case in cases
-        ]
-        run = (
-            [f"{row['seed']}", f"{1e-6 * row['steps']:.1f}", f"{row['cpu_time_s']:.0f}"] if "seed" in row else 3 * ["-"]
-        )
+        run = ["-", "-", "-"]
+        if "seed" in row:
+            run = [f"{row['seed']}", f"{1e-6 * row['steps']:.1f}", f"{row['cpu_time_s']:.0f}"]
+        errors = [_error(row, case) for case in cases]
         rows.append((row["policy"], *run, *errors, _number(row.get("radius"), "{:.4f}")))
     note = f"`{document['command']}`; {made_with(document)}"
     return f"{table((*headings, 'radius, elastic'), rows)}\n\n{note}"
+
+
+def _error(row: dict[str, Any], case: str) -> str:
+    if row[f"{case}_share"] < 1.0:
+        return "ended early"
+    return f"{row[f'{case}_rms_mm']:.3g} ({row[f'{case}_max_mm']:.3g})"
 
 
 def _comparison(document: dict[str, Any]) -> str:

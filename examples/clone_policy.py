@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.dataset.recording import record
-from fuzzyarm.eval.dataset.store import DatasetError, open_dataset, provenance_of
+from fuzzyarm.eval.dataset.store import open_dataset, provenance_of
 
 PAST, WIDTH, BATCH, LEARNING_RATE, FINAL = 4, 128, 512, 1e-3, 0.02
 TESTED, TESTED_SEED = {"nominal": 1, "loads": 64}, 2_000_000_000  # episodes (nominal ones are alike), seeds in no data
@@ -84,7 +84,7 @@ def arguments_of(description: str) -> argparse.Namespace:
         parser.error(f"seconds = {arguments.seconds} is out of range; allowed: more than 0")
     try:
         arguments.dataset = open_dataset(arguments.dataset)
-    except DatasetError as error:
+    except ValueError as error:
         parser.error(str(error))
     torch.set_num_threads(1)  # for networks this small more threads are not faster
     torch.manual_seed(arguments.seed)

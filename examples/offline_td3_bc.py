@@ -3,8 +3,9 @@
 fuzzyarm dataset --out sets --level mixed && python examples/offline_td3_bc.py sets/fuzzyarm/mixed-nominal-v0
 
 Fujimoto and Gu, A Minimalist Approach to Offline Reinforcement Learning (2021): TD3 on a fixed data set, whose actor
-maximises Q / mean |Q| with a weight, less the squared distance from the data's actions. Features, test and score are
-those of clone_policy.py; docs/tutorials/datasets.md has the scores.
+maximises Q / mean |Q| with a weight, less the squared distance from the data's actions. Here that distance, and the
+noise of the target's action, count in units of the noise in the data: a hundredth of the largest torque matters to
+this arm. Features, test and score are those of clone_policy.py; docs/tutorials/datasets.md has the scores.
 """
 
 import copy
@@ -19,7 +20,8 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.dataset.store import provenance_of
 
 BATCH, LEARNING_RATE, GAMMA, TAU, WEIGHT = 256, 3e-4, 0.98, 5e-3, 2.5
-NOISE, LARGEST_NOISE, DELAY = 0.2, 0.5, 2  # of the target's action; critic updates between two of the actor
+NOISE, LARGEST_NOISE, DELAY = 1.0, 2.5, 2  # of the target's action, in units; critic updates between two of the actor
+SMALLEST_UNIT = 1e-3
 
 
 def transitions(dataset):
@@ -35,7 +37,8 @@ def transitions(dataset):
 def main() -> None:
     """Learn, and print the score."""
     arguments = arguments_of(__doc__.splitlines()[0])
-    data = transitions(arguments.dataset)
+    data, provenance = transitions(arguments.dataset), provenance_of(arguments.dataset)
+    unit = max(provenance["settings"]["noise"], SMALLEST_UNIT)
     mean, std = data[0].mean(0), data[0].std(0) + 1e-3
     data[0], data[3] = (data[0] - mean) / std, (data[3] - mean) / std
     size = data[0].shape[1]
@@ -48,7 +51,7 @@ def main() -> None:
         rows = torch.randint(len(data[0]), (BATCH,))
         seen, action, reward, after, went_on = (part[rows] for part in data)
         with torch.no_grad():
-            noise = (NOISE * torch.randn_like(action)).clip(-LARGEST_NOISE, LARGEST_NOISE)
+            noise = unit * (NOISE * torch.randn_like(action)).clip(-LARGEST_NOISE, LARGEST_NOISE)
             following = torch.cat([after, (torch.tanh(slow_actor(after)) + noise).clip(-1.0, 1.0)], dim=-1)
             target = reward + GAMMA * went_on * torch.min(*(critic(following)[:, 0] for critic in slow_critics))
         loss = sum(nn.functional.mse_loss(critic(torch.cat([seen, action], -1))[:, 0], target) for critic in critics)
@@ -60,7 +63,7 @@ def main() -> None:
             continue
         chosen = torch.tanh(actor(seen))
         value = critics[0](torch.cat([seen, chosen], dim=-1))
-        pull = nn.functional.mse_loss(chosen, action)
+        pull = nn.functional.mse_loss(chosen, action) / unit**2
         actor_optimizer.zero_grad()
         (pull - WEIGHT * value.mean() / value.abs().mean().detach()).backward()
         actor_optimizer.step()
@@ -70,7 +73,7 @@ def main() -> None:
                     old.lerp_(new, TAU)
     print(f"{len(data[0])} samples, {updates} updates")
     whole = nn.Sequential(Standardised(mean, std), actor)
-    print(f"TD3+BC: {scored(Cloned(whole), provenance_of(arguments.dataset))}")
+    print(f"TD3+BC: {scored(Cloned(whole), provenance)}")
 
 
 class Standardised(nn.Module):

@@ -70,7 +70,8 @@ def test_linked_files_exist():
 
 
 # Those that learn, and the one that loads what was learned, have tests of their own.
-EXAMPLES = [path for path in sorted((ROOT / "examples").glob("*.py")) if not path.name.startswith(("train_", "sb3_"))]
+LEARNING = ("train_", "sb3_", "clone_", "offline_")
+EXAMPLES = [path for path in sorted((ROOT / "examples").glob("*.py")) if not path.name.startswith(LEARNING)]
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.name)

@@ -1,4 +1,4 @@
-"""`fuzzyarm export`: a policy as C source for a controller board."""
+"""`fuzzyarm export`: a policy as C source for a controller board, a policy or the plant as an FMU."""
 
 from __future__ import annotations
 
@@ -12,46 +12,66 @@ from fuzzyarm.cli.usage import UsageError, claimed_folder
 
 __all__ = ["LANGUAGES", "Options", "run"]
 
-LANGUAGES = ("c",)
+LANGUAGES = ("c", "fmu")
 """What a policy can be written in."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Write a policy as C99 source: a header, a source file and test vectors.
+    """Write a policy as C99 source, with a header and test vectors, or a policy or the plant as an FMI 2.0 FMU.
 
     The source is made from the policy's own Python source and gives the same numbers, bit by bit. It allocates nothing,
-    calls no library and has no loop whose length depends on data.
+    calls no library and has no loop whose length depends on data. An FMU is for co-simulation; it holds the same
+    source, which the host compiles.
     """
 
-    arguments: ClassVar[str] = "c NAME|FILE"
+    arguments: ClassVar[str] = "c|fmu NAME|FILE"
 
-    what: Annotated[str, Parameter(name="", metavar="c")]
-    """Language of the source: c"""
+    what: Annotated[str, Parameter(name="", metavar="c|fmu")]
+    """What is written: c (source) or fmu (functional mock-up unit)"""
     policy: Annotated[str, Parameter(metavar="NAME|FILE")]
-    """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, or a controller file (.json,
-    .json-tip)"""
+    """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, a learned policy, or a controller
+    file (.json, .json-tip); after fmu also plant, the arm itself"""
     _: KW_ONLY
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder for the files, made if needed"""
     number: Literal["double", "float"] = "double"
-    """Type of the numbers; float is rounded, see the documentation for how much that changes"""
+    """Type of the numbers of C source; float is rounded, see the documentation for how much that changes"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Robot by name, or TOML file of another arm or robot, for policies without a file (default: Table 1 of the
-    paper)"""
+    """Robot by name, or TOML file of another arm or robot, for the plant and for policies without a file (default:
+    Table 1 of the paper)"""
 
 
 def run(options: Options) -> int:
     """Write the files and say which."""
-    from fuzzyarm.cli.show import loaded
     from fuzzyarm.common.console import escaped, say
-    from fuzzyarm.export.c_files import export_c
-    from fuzzyarm.policies import resolve
 
     if options.what not in LANGUAGES:
         raise UsageError(f"{options.what} is no language of an export; choose from: {', '.join(LANGUAGES)}")
-    policy = loaded(options.policy, options.robot)
-    with claimed_folder(options.out):
-        files = export_c(resolve(options.policy).label, policy, options.out, options.number)
+    if options.what == "fmu" and options.number != "double":
+        raise UsageError(f"--number {options.number} is for C source; an FMU computes in double")
+    files = _exported(options)
     say(escaped("\n".join(f"written to {file}" for file in files), lines=True))
     return 0
+
+
+def _exported(options: Options) -> list[Path]:
+    from fuzzyarm.cli.show import loaded
+    from fuzzyarm.policies import resolve
+
+    if options.what == "fmu":
+        from fuzzyarm.envs.physics.equations import chosen_arm
+        from fuzzyarm.export.fmu import PLANT, export_controller_fmu, export_plant_fmu
+
+        if options.policy == PLANT:
+            arm = chosen_arm(options.robot, None)
+            with claimed_folder(options.out):
+                return [export_plant_fmu(arm, options.out)]
+        policy = loaded(options.policy, options.robot)
+        with claimed_folder(options.out):
+            return [export_controller_fmu(resolve(options.policy).label, policy, options.out)]
+    from fuzzyarm.export.c_files import export_c
+
+    policy = loaded(options.policy, options.robot)
+    with claimed_folder(options.out):
+        return export_c(resolve(options.policy).label, policy, options.out, options.number)

@@ -6,6 +6,7 @@ import csv
 import io
 import re
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,21 +15,22 @@ from fuzzyarm import __version__
 from fuzzyarm.common.checks import choice
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.export.c_program import Program, program_of, source_text
+from fuzzyarm.export.c_program import Program, arguments_text, program_of, source_text
 from fuzzyarm.export.laws import certificate_of
+from fuzzyarm.export.refusals import Unsupported
 from fuzzyarm.export.sheet import certified_numbers
-from fuzzyarm.export.trace import Unsupported
 from fuzzyarm.export.vectors import CALLS, random_observations
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
-__all__ = ["NUMBERS", "c_name", "export_c"]
+__all__ = ["NUMBERS", "UNITS", "about_policy", "c_name", "export_c", "header_text", "sources_of"]
 
 NUMBERS = ("double", "float")
 """Number types of the C source."""
 
-_UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")
+UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2")
+"""Of the parts of an observation."""
 _WIDTH = 110
 SEED = 2022  # of the test vectors
 
@@ -50,20 +52,23 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
     """
     choice("number", number, NUMBERS)
     name = c_name(label)
-    try:
-        program = program_of(policy)
-    except Unsupported as error:
-        raise ValueError(
-            f"{label} cannot be written in C: {error}; fuzzy, computed-torque, -tip and elastic-observer policies can"
-        ) from None
-    texts = {
-        f"{name}.h": _header(name, label, policy, program, number),
-        f"{name}.c": source_text(program, name, number),
-        f"{name}_vectors.csv": _vectors(policy),
-    }
+    texts = sources_of(label, policy, number) | {f"{name}_vectors.csv": _vectors(policy)}
     for file, text in texts.items():
         write_atomically(Path(folder) / file, text)
     return [Path(folder) / file for file in texts]
+
+
+def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
+    """Return header and source of a policy by the names of their files; arguments and errors as for `export_c`."""
+    name = c_name(label)
+    try:
+        program = program_of(policy)
+    except Unsupported as error:
+        raise ValueError(f"{label} cannot be written in C: {error}; the documentation says which can") from None
+    return {
+        f"{name}.h": header_text(name, about_policy(name, label, policy, program), program, number),
+        f"{name}.c": source_text(program, name, number),
+    }
 
 
 def c_name(label: str) -> str:
@@ -72,24 +77,16 @@ def c_name(label: str) -> str:
     return name if name and name[0].isalpha() else f"law_{name}".rstrip("_")
 
 
-def _header(name: str, label: str, policy: Policy, program: Program, number: str) -> str:
-    joints, guard, inputs = policy.joints, f"{name.upper()}_H", program.inputs
-    parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, _UNITS, strict=True))
-    limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
-    about = [
-        f"Policy {_plain(label)} of {joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
-        f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
-        "torques in between.",
-        f"observation: {parts}; {joints} numbers each, in this order, measured and asked for at the same instant.",
-        f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
-        "Not a number in, not a number out: check the sensors before. Angles may be up to 1e6 rad.",
-        *_certificate_lines(certificate_of(policy)),
-        f"Made from: {', '.join(program.sources)}.",
-    ]
-    comment = "\n".join(
-        textwrap.fill(line, _WIDTH, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
-        for line in about
-    )
+def header_text(name: str, about: Sequence[str], program: Program, number: str) -> str:
+    """Return the C header of a program.
+
+    Args:
+        name: what its functions and its struct begin with.
+        about: paragraphs of its first lines.
+        program: of a policy or a plant.
+        number: of the type in `NUMBERS`.
+    """
+    comment, guard = "\n".join(map(_paragraph, about)), f"{name.upper()}_H"
     return f"""/*
 {comment}
  */
@@ -108,10 +105,31 @@ typedef struct {{
 
 void {name}_init({name}_state *state);
 
-void {name}_step({name}_state *state, const {number} observation[{inputs}], {number} torque[{joints}]);
+void {name}_step({arguments_text(program, name, number)});
 
 #endif
 """
+
+
+def about_policy(name: str, label: str, policy: Policy, program: Program) -> list[str]:
+    """Return what the header of a policy says: use, units, limits, and what is proven."""
+    joints = policy.joints
+    parts = ", ".join(f"{part} [{unit}]" for part, unit in zip(Observation._fields, UNITS, strict=True))
+    limits = ", ".join(f"{limit:g}" for limit in per_joint_of(policy.parameters, "torque_limit"))
+    return [
+        f"Policy {_plain(label)} of {joints} joints as C99, written by fuzzyarm {__version__} from its Python source.",
+        f"Call {name}_init when an episode begins, then {name}_step every {policy.control_period!r} s, and hold the "
+        "torques in between.",
+        f"observation: {parts}; {joints} numbers each, in this order, measured and asked for at the same instant.",
+        f"torque [N m], within the limits ({limits}). The observation and the torques are different arrays.",
+        "Not a number in, not a number out: check the sensors before. Angles may be up to 1e6 rad.",
+        *_certificate_lines(certificate_of(policy)),
+        f"Made from: {', '.join(program.sources)}.",
+    ]
+
+
+def _paragraph(line: str) -> str:
+    return textwrap.fill(line, _WIDTH, initial_indent=" * ", subsequent_indent=" *   ", break_on_hyphens=False)
 
 
 def _certificate_lines(certificate: PolicyCertificate | None) -> list[str]:

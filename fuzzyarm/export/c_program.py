@@ -3,42 +3,61 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzzyarm.envs.observation import PARTS, Observation
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import gaussian, sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip
-from fuzzyarm.export.c_text import HELPERS, Writer
+from fuzzyarm.envs.physics.integrator import step
+from fuzzyarm.export.c_helpers import HELPERS, helper_text
+from fuzzyarm.export.c_text import Writer, wrapped
+from fuzzyarm.export.loops import ROLLED, loops_text
 from fuzzyarm.export.partial import Interpreter
-from fuzzyarm.export.trace import UNKNOWN, Block, Scalar, Trace, Unsupported
+from fuzzyarm.export.refusals import Unsupported
+from fuzzyarm.export.trace import UNKNOWN, Block, Scalar, Trace
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.learned_policy.functions import area_sine, hyperbolic_tangent, logistic
 
-__all__ = ["Program", "program_of", "source_text"]
+__all__ = ["LAW", "MODEL", "Program", "Words", "arguments_text", "program_of", "recorded", "source_text"]
 
-APART = (sine_cosine, gaussian, stick_slip)  # functions of the program rather than part of its step
+APART = (sine_cosine, gaussian, stick_slip, hyperbolic_tangent, logistic, area_sine, step)
+"""What becomes functions of the program rather than part of its step."""
+
+
+class Words(NamedTuple):
+    """What the arrays of a program's step are called in C: the one that is given and the one that is filled."""
+
+    given: str
+    result: str
+
+
+LAW, MODEL = Words("observation", "torque"), Words("input", "output")
 
 
 @dataclasses.dataclass(frozen=True)
 class Program:
-    """What a policy does in a control step, recorded.
+    """What a policy or a plant does in a control step, recorded.
 
     Attributes:
         trace: with the functions and tables.
         block: the step.
         memory: what every number of the memory becomes.
-        torque: of every motor [N m].
-        inputs: how many numbers an observation has.
+        result: numbers that the step returns: torques of every motor [N m] of a policy.
+        inputs: how many numbers are given: those of an observation.
         sources: the functions of the package that it is made from, by name.
+        words: what the arrays are called.
     """
 
     trace: Trace
     block: Block
     memory: tuple[Scalar, ...]
-    torque: tuple[Scalar, ...]
+    result: tuple[Scalar, ...]
     inputs: int
     sources: tuple[str, ...]
+    words: Words
 
 
 def program_of(policy: Policy) -> Program:
@@ -47,17 +66,37 @@ def program_of(policy: Policy) -> Program:
     Raises:
         Unsupported: its source has something that cannot be written in C.
     """
-    own, joints = Interpreter(APART), policy.joints
+    joints = policy.joints
     names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
-    seen: list[Any] = [own.trace.input(f"observation[{k}]", name=name) for k, name in enumerate(names)]
-    held: list[Any] = [own.trace.input(f"state->memory[{k}]", name=f"memory{k}") for k in range(policy.memory_size)]
-    observation, memory = (own.array(_row(entries)) for entries in (seen, held))
-    torque = own.array(_row([UNKNOWN] * joints))
+    return recorded(policy.command, names, policy.memory_size, joints, LAW)
+
+
+def recorded(
+    command: Callable[..., Any], given: Sequence[str], memory_size: int, results: int, words: Words
+) -> Program:
+    """Return the program of ``command(given, memory, result)``, which takes arrays of one lane each.
+
+    Args:
+        command: reads `given` (1, numbers), changes `memory` (1, numbers) and fills `result` (1, numbers).
+        given: names of the numbers that are given.
+        memory_size: how many numbers are remembered.
+        results: how many are returned.
+        words: what the arrays are called in C.
+
+    Raises:
+        Unsupported: the source has something that cannot be written in C.
+    """
+    own = Interpreter(APART)
+    seen: list[Any] = [own.trace.input(f"{words.given}[{k}]", name=name) for k, name in enumerate(given)]
+    held: list[Any] = [own.trace.input(f"state->memory[{k}]", name=f"memory{k}") for k in range(memory_size)]
+    numbers, memory = (own.array(_row(entries)) for entries in (seen, held))
+    result = own.array(_row([UNKNOWN] * results))
     try:
-        own.call(policy.command, (observation, memory, torque))
+        own.call(command, (numbers, memory, result))
     except TypeError as error:  # a number that is not known, where Python needs a known one
-        raise Unsupported(f"{type(policy).__name__} uses a number that is not known as {error}") from error
-    return Program(own.trace, own.trace.block, tuple(memory[0]), tuple(torque[0]), PARTS * joints, tuple(own.called))
+        name = getattr(command, "__qualname__", "it").partition(".")[0]
+        raise Unsupported(f"{name} uses a number that is not known as {error}") from error
+    return Program(own.trace, own.trace.block, tuple(memory[0]), tuple(result[0]), len(given), tuple(own.called), words)
 
 
 def _row(entries: list[Any]) -> np.ndarray:
@@ -76,7 +115,7 @@ def source_text(program: Program, name: str, real: str) -> str:
     """
     functions, taken = program.trace.functions, set(program.trace.functions) | set(program.trace.tables)
     writer = Writer(real, taken)
-    outputs = [(f"torque[{k}] = {{}};", value) for k, value in enumerate(program.torque)]
+    outputs = [(f"{program.words.result}[{k}] = {{}};", value) for k, value in enumerate(program.result)]
     outputs += [(f"state->memory[{k}] = {{}};", value) for k, value in enumerate(program.memory)]
     lines = writer.body(program.block, outputs)
     used, texts = set(writer.used), list[str]()
@@ -85,26 +124,30 @@ def source_text(program: Program, name: str, real: str) -> str:
             inner = Writer(real, taken)
             texts.insert(0, inner.function(function))
             used |= inner.used
-    helpers = [HELPERS[operation].format(**_numbers(writer, real)) for operation in HELPERS if operation in used]
+    helpers = [helper_text(operation, real, writer.literal) for operation in HELPERS if operation in used]
+    helpers += [loops_text(function, real) for function in ROLLED if function.__name__ in used]
     tables = [_table(table, array, writer, real) for table, array in program.trace.tables.items()]
-    arguments = f"{name}_state *state, const {real} observation[{program.inputs}], {real} torque[{len(program.torque)}]"
-    step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *lines, "}", ""])
+    arguments = arguments_text(program, name, real)
+    unused = [] if program.memory else ["    (void)state;"]
+    step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *unused, *lines, "}", ""])
     return "\n".join([f'#include "{name}.h"', "", _init(program, name, writer), *helpers, *texts, step])
 
 
-def _numbers(writer: Writer, real: str) -> dict[str, str]:
-    large = {"double": 2.0**52, "float": 2.0**23}[real]
-    numbers = {"zero": 0.0, "one": 1.0, "large": large, "low": -32768.0, "high": 32768.0}
-    return {"real": real} | {name: writer.literal(number) for name, number in numbers.items()}
+def arguments_text(program: Program, name: str, real: str) -> str:
+    """Return the arguments of a program's step in C; name and real as for `source_text`."""
+    words, count = program.words, len(program.result)
+    return f"{name}_state *state, const {real} {words.given}[{program.inputs}], {real} {words.result}[{count}]"
 
 
 def _table(name: str, array: np.ndarray, writer: Writer, real: str) -> str:
-    rows = ["        {" + ", ".join(writer.literal(number).strip("()") for number in row) + "}" for row in array]
-    return f"    static const {real} {name}[{len(array)}][{array.shape[1]}] = {{\n" + ",\n".join(rows) + "\n    };"
+    lines = [f"    static const {real} {name}[{len(array)}][{array.shape[1]}] = {{"]
+    for row in array:
+        lines += ["        {", *wrapped((writer.literal(number).strip("()") for number in row), " " * 12), "        },"]
+    return "\n".join([*lines[:-1], "        }", "    };"])
 
 
 def _init(program: Program, name: str, writer: Writer) -> str:
-    count = len(program.memory)
+    count = max(len(program.memory), 1)
     lines = [
         f"void {name}_init({name}_state *state)",
         "{",

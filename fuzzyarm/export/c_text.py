@@ -7,15 +7,17 @@ brackets, which changes neither its operands nor its rounding.
 from __future__ import annotations
 
 import re
+import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from fuzzyarm.export.trace import Block, Branch, Function, Kind, Scalar, Step, Value, kind_of
+from fuzzyarm.export.c_helpers import HELPERS
+from fuzzyarm.export.trace import Block, Branch, Function, Kind, Loops, Matrix, Scalar, Step, Value, kind_of
 
-__all__ = ["HELPERS", "Writer", "pruned"]
+__all__ = ["Writer", "pruned", "wrapped"]
 
 LONGEST = 70  # characters of an operation that stands where it is used
-_INDENT = "    "
+_INDENT, _WIDTH = "    ", 110
 _INFIX = ("+", "-", "*", "/", "<", "<=", ">", ">=", "==", "!=", "&&", "||")
 _WORDS = frozenset(
     (
@@ -25,47 +27,6 @@ _WORDS = frozenset(
         *("state", "observation", "torque", "memory"),
     )
 )
-
-HELPERS = {
-    "rint": """/* The nearest whole number, the even one of two; exact. */
-static {real} rint_({real} x)
-{{
-    const {real} large = {large};
-    {real} result = x;
-    if ((x > -large) && (x < large)) {{
-        result = (x > {zero}) ? ((x + large) - large) : ((x - large) + large);
-        if (result == {zero}) {{
-            result = x * {zero};
-        }}
-    }}
-    return result;
-}}
-""",
-    "floor": """/* The largest whole number that is not above x; exact. */
-static {real} floor_({real} x)
-{{
-    const {real} nearest = rint_(x);
-    return (nearest > x) ? (nearest - {one}) : nearest;
-}}
-""",
-    "abs": """static {real} abs_({real} x)
-{{
-    return (x <= {zero}) ? ({zero} - x) : x;
-}}
-""",
-    "sign": """static {real} sign_({real} x)
-{{
-    return (x > {zero}) ? {one} : ((x < {zero}) ? -{one} : ((x == {zero}) ? {zero} : x));
-}}
-""",
-    "whole": """/* x without its fraction; what is no small number becomes -32767. */
-static int whole_({real} x)
-{{
-    return ((x > {low}) && (x < {high})) ? (int)x : -32767;
-}}
-""",
-}
-"""By operation, the C function that does it without a library; `floor` needs `rint`."""
 
 
 def pruned(block: Block, needed: set[Value]) -> Block:
@@ -102,7 +63,8 @@ class Writer:
             taken: names that mean something else in the program.
         """
         self.used: set[str] = set()
-        self._real, self._taken = real, _WORDS | set(taken)
+        self._real, self._taken = real, {*_WORDS, *taken}
+        self._numbers: dict[str, int] = {}  # of the last name made of a word
         self._texts: dict[Value, str] = {}
         self._uses: Counter[Value] = Counter()
 
@@ -114,7 +76,8 @@ class Writer:
         kind = "void" if several else self._type(kind_of(function.results[0]))
         outputs = [f"*result{k + 1} = {{}};" for k in range(len(function.results))] if several else ["return {};"]
         lines = self.body(function.body, list(zip(outputs, function.results, strict=True)))
-        return "\n".join([f"static {kind} {function.name}({', '.join(names)})", "{", *lines, "}", ""])
+        head = wrapped([f"static {kind} {function.name}({names[0]}", *names[1:]], "", _INDENT)
+        return "\n".join([*head[:-1], f"{head[-1]})", "{", *lines, "}", ""])
 
     def body(self, block: Block, outputs: Sequence[tuple[str, Scalar]]) -> list[str]:
         """Return the lines of a block, and then those of its outputs: a text with {} for the value, and the value."""
@@ -129,6 +92,8 @@ class Writer:
         """Return a known number."""
         if kind is not Kind.REAL:
             return str(int(number))
+        if number != number:  # what is no number; C99 has no literal for it
+            return f"({self.literal(0.0)} / {self.literal(0.0)})"
         text = repr(float(number)) + ("f" if self._real == "float" else "")
         return f"({text})" if text.startswith("-") else text
 
@@ -147,20 +112,27 @@ class Writer:
 
     def _named(self, value: Value) -> str:
         """Return a new name for a value, and let it mean the value from now on."""
-        name = base = re.sub(r"\W", "", value.name, flags=re.ASCII) or "v"
-        if base[0].isdigit():
-            name = base = f"v{base}"
-        number = 1
+        base = re.sub(r"\W", "", value.name, flags=re.ASCII) or "v"
+        self._texts[value] = name = self._free(f"v{base}" if base[0].isdigit() else base)
+        return name
+
+    def _free(self, base: str) -> str:
+        """Return a name that means nothing yet, `base` or one made of it."""
+        number = self._numbers.get(base, 1)
+        name = base
         while name in self._taken or name == "v":
             number += 1
             name = f"{base}_{number}" if base != "v" else f"v{number - 1}"
-        self._taken = self._taken | {name}
-        self._texts[value] = name
+        self._numbers[base] = number
+        self._taken.add(name)
         return name
 
     def _block(self, block: Block, indent: str) -> list[str]:
         lines: list[str] = []
         for step in block:
+            if isinstance(step, Loops):
+                lines += self._loops(step, indent)
+                continue
             lines += self._step(step, indent) if isinstance(step, Step) else self._branch(step, indent)
         return lines
 
@@ -178,6 +150,24 @@ class Writer:
             self._texts[result] = f"({text})" if " " in text and step.operation != "call" else text
             return []
         return [f"{indent}const {self._type(result.kind)} {self._named(result)} = {text};"]
+
+    def _loops(self, step: Loops, indent: str) -> list[str]:
+        """Return the call of a function of arrays: entries go into arrays of the program and are read from there."""
+        self.used.add(step.detail)
+        lines, arguments, results = list[str](), list[str](), iter(step.results)
+        for entries, changes in zip(step.arrays, step.changed, strict=True):
+            if isinstance(entries, Matrix):
+                arguments += [f"&{entries.name}[0][0]", str(entries.columns)]
+                continue
+            name, texts = self._free("sums" if changes else "given"), [self._text(e, Kind.REAL) for e in entries]
+            constant = "" if changes else "const "
+            lines += [f"{indent}{constant}{self._real} {name}[{len(entries)}] = {{", *wrapped(texts, indent + _INDENT)]
+            lines.append(f"{indent}}};")
+            arguments += [name, str(len(entries))]
+            if changes:
+                for place in range(len(entries)):
+                    self._texts[next(results)] = f"{name}[{place}]"
+        return [*lines, f"{indent}{step.detail}({', '.join(arguments)});"]
 
     def _branch(self, branch: Branch, indent: str) -> list[str]:
         condition = self._text(branch.condition, Kind.TRUTH)
@@ -241,6 +231,15 @@ class Writer:
         if scalar.kind is Kind.TRUTH:
             return f"({text} ? {self.literal(1, kind)} : {self.literal(0, kind)})"
         return f"({self._type(kind)}){text}"
+
+
+def wrapped(texts: Iterable[str], indent: str, further: str | None = None) -> list[str]:
+    """Return lines with these texts and commas between them; the second and later ones may have another indent."""
+    then = indent if further is None else further
+    form = textwrap.TextWrapper(
+        _WIDTH, initial_indent=indent, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
+    )
+    return form.wrap(", ".join(texts))
 
 
 def _bare(text: str) -> str:

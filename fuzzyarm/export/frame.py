@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzyarm.export.intrinsics import Row
-from fuzzyarm.export.trace import UNKNOWN, Unsupported, Value
+from fuzzyarm.export.intrinsics import Row, entry_of
+from fuzzyarm.export.refusals import TooLarge, Unsupported
+from fuzzyarm.export.trace import UNKNOWN, Value
 
 if TYPE_CHECKING:
     from fuzzyarm.export.partial import Interpreter
@@ -92,7 +93,7 @@ class Frame:
             try:
                 visit(statement)
             except Unsupported as error:
-                if " (in " in str(error):
+                if isinstance(error, TooLarge) or " (in " in str(error):
                     raise
                 raise self._unsupported(statement, str(error)) from None
 
@@ -206,6 +207,8 @@ class Frame:
         holder, place = self._value(node.value), self._value(node.slice)
         if isinstance(place, Value):
             return Row(self._own.trace, holder, place, _name_of(node.value, ()))
+        if isinstance(place, tuple) and any(isinstance(index, Value) for index in place):
+            return entry_of(self._own.trace, holder, place, _name_of(node.value, ()))
         return holder[place]
 
     def _of_binop(self, node: ast.BinOp) -> Any:

@@ -21,9 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.export.frame import Frame, Return
 from fuzzyarm.export.intrinsics import INTRINSICS, METHODS, holds_values
-from fuzzyarm.export.trace import UNKNOWN, Block, Branch, Function, Kind, Trace, Unsupported, Value
+from fuzzyarm.export.refusals import Unsupported
+from fuzzyarm.export.trace import UNKNOWN, Block, Branch, Function, Kind, Trace, Value
 
 __all__ = ["Interpreter"]
 
@@ -44,11 +46,12 @@ class Interpreter:
         """Begin with an empty program.
 
         Args:
-            kept_apart: functions of scalars that become functions of the program rather than part of it.
+            kept_apart: functions of numbers and records that become functions of the program rather than part of it.
         """
         self.trace, self.called = Trace(), dict[str, None]()
         self._apart = {function: function.__name__ for function in kept_apart}
         self._arrays: list[np.ndarray] = []  # that hold values, apart from views of them
+        self._shapes: dict[str, Any] = {}  # what the functions of the program return, as the law's source has it
         self.depth = 0  # of branches
 
     def array(self, like: np.ndarray) -> np.ndarray:
@@ -96,22 +99,28 @@ class Interpreter:
         return types.FunctionType(function.__code__, names, function.__name__, function.__defaults__)
 
     def _call_apart(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
+        """Return what a function of the program gives; its arguments and results are numbers, or records of them."""
         name = self._apart[function]
         if name not in self.trace.functions:
             outside, self.trace.block = self.trace.block, []
             names = list(inspect.signature(function).parameters)
-            parameters = tuple(Value(self.trace, Kind.REAL, name) for name in names)
+            given = [self._unknown(argument, own) for argument, own in zip(arguments, names, strict=True)]
             arrays, self._arrays = self._arrays, []
-            result = self._interpret(function, parameters, {})
+            result = self._interpret(function, given, {})
             self._arrays = arrays
-            results = result if isinstance(result, tuple) else (result,)
-            self.trace.functions[name] = Function(name, parameters, self.trace.block, results)
+            self._shapes[name] = result
+            self.trace.functions[name] = Function(name, tuple(flat(given)), self.trace.block, tuple(flat([result])))
             self.trace.block = outside
-        made = self.trace.functions[name]
-        if not any(isinstance(argument, Value) for argument in arguments):
+        numbers = flat(arguments)
+        if not any(isinstance(argument, Value) for argument in numbers):
             return function(*arguments)
-        results = self.trace.call(made, arguments)
-        return results if len(results) > 1 else results[0]
+        return _filled(self._shapes[name], iter(self.trace.call(self.trace.functions[name], numbers)))
+
+    def _unknown(self, like: Any, name: str) -> Any:
+        """Return values for a number, or for those of a record."""
+        if isinstance(like, tuple):
+            return type(like)(*(self._unknown(part, f"{name}_{own}") for own, part in like._asdict().items()))  # type: ignore[attr-defined]
+        return Value(self.trace, Kind.REAL, name)
 
     def _interpret(self, function: Any, arguments: Sequence[Any], keywords: dict[str, Any]) -> Any:
         code = function.__code__
@@ -177,3 +186,11 @@ class Interpreter:
 def _is_law(thing: Any) -> bool:
     """Return whether a function or a class may be part of a law: whether it is none of Python's or of a library's."""
     return (getattr(thing, "__module__", None) or "").partition(".")[0] not in _LIBRARIES
+
+
+def _filled(like: Any, numbers: Iterator[Any]) -> Any:
+    """Return a number, or a tuple or record that has these numbers in the places of those that it has."""
+    if not isinstance(like, tuple):
+        return next(numbers)
+    parts = [_filled(part, numbers) for part in like]
+    return type(like)(*parts) if hasattr(like, "_fields") else tuple(parts)

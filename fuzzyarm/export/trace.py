@@ -10,28 +10,31 @@ from __future__ import annotations
 import dataclasses
 import enum
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from fuzzyarm.export.refusals import TooLarge, Unsupported
+
 __all__ = [
+    "LARGEST",
     "UNKNOWN",
     "Block",
     "Branch",
     "Function",
     "Kind",
+    "Loops",
+    "Matrix",
     "Scalar",
     "Step",
     "Trace",
-    "Unsupported",
     "Value",
     "is_number",
     "kind_of",
 ]
 
-
-class Unsupported(ValueError):
-    """A law is written with something that cannot be exported; the message says what, and where."""
+LARGEST = 2**18
+"""Numbers that all tables of a program may have: 2 MiB in double precision."""
 
 
 class Kind(enum.StrEnum):
@@ -59,14 +62,33 @@ class Step:
     detail: str = ""
 
 
+class Matrix(NamedTuple):
+    """A table of the program by its name, and how many numbers a row has."""
+
+    name: str
+    columns: int
+
+
+@dataclasses.dataclass(eq=False)
+class Loops(Step):
+    """A call of a function of arrays, whose loops stay loops: the results are the entries of what it changes.
+
+    Attributes:
+        arrays: its arguments: a matrix, or the entries of a vector.
+        changed: of each argument, whether the function changes it.
+    """
+
+    arrays: tuple[Matrix | list[Scalar], ...] = ()
+    changed: tuple[bool, ...] = ()
+
+
 @dataclasses.dataclass(eq=False)
 class Branch:
     """Two blocks of which one is executed, and the values that both define.
 
     Attributes:
         condition: the truth value.
-        then: the block if it is true.
-        otherwise: the block if it is not.
+        then, otherwise: the block if it is true, and the one if it is not.
         merged: of each value defined after the branch, it and what it is after either block.
     """
 
@@ -203,6 +225,22 @@ class Trace:
         self.block.append(Step("call", tuple(operands), results, function.name))
         return results
 
+    def rolled(self, function: Callable[..., None], arrays: Sequence[np.ndarray], written: Sequence[bool]) -> None:
+        """Record the call of a function of arrays that keeps its loops, and fill what it writes with values.
+
+        Constant matrices (rows, columns) become tables, other arrays (size,) are given entry by entry.
+        """
+        given: list[Matrix | list[Scalar]] = []
+        results: list[Value] = []
+        for array, changes in zip(arrays, written, strict=True):
+            given.append(list(array) if array.ndim == 1 else Matrix(self.table(array, "weights"), array.shape[1]))
+            if changes:
+                array[:] = [Value(self, Kind.REAL) for _ in array]
+                results.extend(array)
+        operands = tuple(entry for entries in given if isinstance(entries, list) for entry in entries)
+        name = function.__name__
+        self.block.append(Loops("loops", operands, tuple(results), name, tuple(given), tuple(written)))
+
     def input(self, place: str, kind: Kind = Kind.REAL, name: str = "") -> Value:
         """Record that a number is read, from a place in the program's own text, and return it."""
         value = self.operation("input", kind=kind, detail=place)
@@ -210,11 +248,14 @@ class Trace:
         return value
 
     def table(self, array: np.ndarray, name: str) -> str:
-        """Return the name of a table with the rows of an array."""
+        """Return the name of a table with the rows of an array (rows, ...); Unsupported if there is too much in all."""
         rows = np.asarray(array, dtype=np.float64).reshape(len(array), -1)
         for known, held in self.tables.items():
             if held.shape == rows.shape and np.array_equal(held, rows):
                 return known
+        numbers = rows.size + sum(held.size for held in self.tables.values())
+        if numbers > LARGEST:
+            raise TooLarge(f"it has {numbers} numbers in its tables or layers; allowed: {LARGEST}")
         free = name if name not in self.tables else f"{name}{len(self.tables)}"
         self.tables[free] = rows
         return free

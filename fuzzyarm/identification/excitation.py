@@ -28,6 +28,7 @@ from fuzzyarm.identification.rigid import base_of, regressor
 __all__ = ["HARMONICS", "SHARE", "Excitation", "Use", "condition_of", "motion_csv", "suggested", "use_of"]
 
 HARMONICS = 6
+"""Of the series, at most."""
 SHARE = 0.6
 """Largest share of the limits of angles, velocities and torques that a suggested motion takes."""
 SHORTEST, LONGEST = 4.0, 120.0  # s

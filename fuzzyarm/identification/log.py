@@ -31,7 +31,10 @@ COLUMNS = ("time", *(f"{part}{joint}" for part in _PARTS for joint in (1, 2)))
 VELOCITIES = tuple(name for name in COLUMNS if name.startswith("dq_"))
 """Those that may be missing."""
 
-FEWEST_SAMPLES, MOST_SAMPLES = 500, 200_000
+FEWEST_SAMPLES = 500
+"""Of a log."""
+MOST_SAMPLES = 200_000
+"""Of a log: the fit then takes some gigabytes."""
 _LARGEST_FILE = 64 * 2**20
 _EVEN = 0.01  # share of a period by which a step in time may differ from the median step
 _SHORTEST, _LONGEST = 1e-5, 0.02  # s, of a sampling period

@@ -174,7 +174,7 @@ def segments_of(log: Log, length: float) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def starts_of(motion: Motion, beginnings: np.ndarray, arm: Arm) -> np.ndarray:
-    """Return first guesses of the states (8, S): the smooth motion, and links bent by the torque they need."""
+    """Return first guesses of the states (8, S) [rad, rad/s]: the smooth motion, links bent by the torque they need."""
     load = rigid_inverse_dynamics(motion.q, motion.dq, motion.ddq, arm)
     bending = load / np.array([arm.stiffness1, arm.stiffness2])
     parts = motion.q, motion.q - bending, motion.dq, motion.dq

@@ -31,6 +31,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.learned_policy.definition import FeatureDefinition
+from fuzzyarm.learned_policy.functions import area_sine
 
 __all__ = ["Features"]
 
@@ -165,15 +166,15 @@ def _fill(
     for lane in range(len(observation)):
         aim, past, out = target[lane], memory[lane], features[lane]
         for joint in range(joints):
-            out[joint] = np.arcsinh((aim[joint] - o.q_motor[lane, joint]) / error_scale)
-            out[joints + joint] = np.arcsinh((aim[joints + joint] - o.dq_motor[lane, joint]) / rate_scale)
+            out[joint] = area_sine((aim[joint] - o.q_motor[lane, joint]) / error_scale)
+            out[joints + joint] = area_sine((aim[joints + joint] - o.dq_motor[lane, joint]) / rate_scale)
             out[2 * joints + joint] = o.q_reference[lane, joint]
             out[3 * joints + joint] = o.dq_reference[lane, joint] / velocity_scale
             out[4 * joints + joint] = o.ddq_reference[lane, joint] / acceleration_scale
             if integral_scale > 0.0:
-                out[first + integral + joint] = np.arcsinh(past[integral + joint] / integral_scale)
+                out[first + integral + joint] = area_sine(past[integral + joint] / integral_scale)
         for k in range(actions):
-            out[first + k] = np.arcsinh(past[k] / error_scale)
+            out[first + k] = area_sine(past[k] / error_scale)
         for k in range(actions, integral):
             out[first + k] = past[k]
 

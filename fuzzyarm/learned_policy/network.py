@@ -15,6 +15,7 @@ import numpy as np
 
 from fuzzyarm.common.checks import choice, instance, real, shown
 from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
 
 __all__ = ["ACTIVATIONS", "OUTPUTS", "Network"]
 
@@ -128,23 +129,19 @@ def _forward(
         for layer in range(layers):
             inputs, outputs = sizes[layer], sizes[layer + 1]
             bias = place + inputs * outputs
-            for j in range(outputs):
-                after[j] = flat[bias + j]
-            for k in range(inputs):
-                x, row = before[k], place + k * outputs
-                for j in range(outputs):  # no sum over j: this loop is SIMD code
-                    after[j] += flat[row + j] * x
+            sums = after[:outputs]
+            sums[:] = flat[bias : bias + outputs]
+            add_product(before[:inputs], flat[place:bias].reshape((inputs, outputs)), sums)
             place = bias + outputs
-            last = layer == layers - 1
-            for j in range(outputs):
-                if last and not squashed:
-                    before[j] = min(max(after[j], -1.0), 1.0)
-                elif rectified and not last:
-                    before[j] = max(after[j], 0.0)
-                else:
-                    before[j] = np.tanh(after[j])
-        for j in range(sizes[-1]):
-            action[lane, j] = before[j]
+            if layer == layers - 1:
+                for j in range(outputs):
+                    action[lane, j] = hyperbolic_tangent(sums[j]) if squashed else min(max(sums[j], -1.0), 1.0)
+            elif rectified:
+                for j in range(outputs):
+                    before[j] = max(sums[j], 0.0)
+            else:
+                for j in range(outputs):
+                    before[j] = hyperbolic_tangent(sums[j])
 
 
 def _numbers(name: str, array: Any) -> None:

@@ -8,6 +8,7 @@ from fuzzyarm.envs.observation import starts
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.lanes import in_lanes
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.features import Features
@@ -87,14 +88,7 @@ class LearnedPolicy(Policy):
             memory: (lanes, memory_size), advanced in place.
             torque: (lanes, n) [N m], filled in place.
         """
-        due = _count_due(memory)
-        if due == len(memory):
-            self._choose(observation, memory)
-        elif due:  # the lanes began their episodes at different calls
-            which = memory[:, _PHASE] == 0.0
-            chosen = memory[which]
-            self._choose(observation[which], chosen)
-            memory[which] = chosen
+        in_lanes(memory[:, _PHASE], 0.0, self._choose, observation, memory)
         _hold(memory, self._scale, self.calls_per_action, torque)
         if self.base is not None:
             shifted = observation.copy()
@@ -110,15 +104,6 @@ class LearnedPolicy(Policy):
         self.bundle.network.act(features, output)
         action[:] = self._smoothing * action + (1.0 - self._smoothing) * output
         self._features.advance(observation, action, past)
-
-
-@kernel
-def _count_due(memory: np.ndarray) -> int:
-    """Return in how many lanes an action is due."""
-    count = 0
-    for lane in range(len(memory)):
-        count += memory[lane, _PHASE] == 0.0
-    return count
 
 
 @kernel

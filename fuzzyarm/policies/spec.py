@@ -102,7 +102,7 @@ class PolicySpec:
             control_period: time between two calls of `predict` [s].
             robot: the arm the policy is for, default that of the policy's folder if `fuzzyarm tune` wrote it, otherwise
                 Table 1: parameters of the two-joint arm, a `Robot`, the name of a shipped one, a TOML file, or such a
-                folder. A controller file must have been designed for it, and learned policies know none but Table 1.
+                folder. A controller file must have been designed for it, and a learned policy trained for it.
             allow_unproven: take a controller file whose inequalities are not all proven, for experiments.
 
         Raises:
@@ -227,7 +227,7 @@ def load_policy(
             A controller is proven again, as its file would be.
         control_period: time between two calls of `predict` [s].
         robot: the arm the policy is for, default Table 1, or what a controller was designed for. A controller file must
-            have been designed for it, and learned policies know none but Table 1.
+            have been designed for it, and a learned policy trained for it.
         allow_unproven: take a controller whose inequalities are not all proven, for experiments.
 
     Raises:

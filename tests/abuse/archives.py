@@ -1,7 +1,8 @@
-"""Archives of arrays, and checkpoints: their members, headers, tensors and bytes."""
+"""Archives of arrays, checkpoints and logs of motors: their members, headers, tensors and bytes."""
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import io
 import json
@@ -17,12 +18,13 @@ import torch
 
 from fuzzyarm.eval.episodes.rollout_file import digest, read_rollouts
 from fuzzyarm.eval.report.stored import read_evaluation
+from fuzzyarm.identification.log import Log, read_log, write_log
 from fuzzyarm.rl_baselines.training import Training
 
 from .damage import damaged_bytes
 from .documents import no_code_ran, prepared, read_changed, resumed_sweep
 from .samples import CANARY, evaluation, scratch, sweep, training
-from .surface import Surface, Try
+from .surface import Broken, Surface, Try
 
 __all__ = ["SURFACES"]
 
@@ -162,7 +164,28 @@ def _change_tensors(rng: np.random.Generator, content: Any) -> str:
     return f"{text}: {str(holder[key])[:30]}"
 
 
+@functools.cache
+def _good_log() -> bytes:
+    angle = 0.3 * np.sin(np.arange(1200)[:, np.newaxis] * [4e-3, 7e-3])
+    return write_log(Log(1e-3, angle, 40.0 * np.cos(angle), angle)).encode()
+
+
+def _log(rng: np.random.Generator) -> Try:
+    """A log of the motors: what is taken has finite numbers."""
+    content, text = damaged_bytes(rng, _good_log()[: int(rng.choice([2000, 60_000, 10**7]))])
+
+    def run() -> None:
+        path = scratch() / "log.csv"
+        path.write_bytes(content)
+        log = read_log(path)
+        if not all(np.isfinite(part).all() for part in (log.angle, log.torque, [log.period])):
+            raise Broken("a log with numbers that are not finite was taken")
+
+    return Try(f"log.csv: {text}", run)
+
+
 SURFACES = (
+    Surface("log.csv", "files", 400, _log),
     _archive("rollouts.npz", evaluation, "rollouts.npz", _read_evaluation, 500),
     _archive("chunk", sweep, "chunks/000000.npz", resumed_sweep, 500),
     Surface("checkpoint", "files", 300, _checkpoint, prepare=prepared),

@@ -51,6 +51,8 @@ COMPUTING = (
     "fuzzyarm.eval.tuning.run.tune",
     "fuzzyarm.export.laws.sheet_of",
     "fuzzyarm.export.c_files.export_c",
+    "fuzzyarm.export.fmu.export_controller_fmu",
+    "fuzzyarm.export.fmu.export_plant_fmu",
     "fuzzyarm.identification.excitation.suggested",
     "fuzzyarm.identification.result.identify",
 )

@@ -35,7 +35,7 @@ CONDITIONS: Mapping[Condition, Mapping[str, Any]] = {
 }
 """Arguments of ``FuzzyArm-v0``; in loads it draws plant, payload, force, start and reference of each episode."""
 
-_MOST_EPISODES = 100_000
+_MOST_EPISODES = 2_000  # half a gigabyte in memory while they are written
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class DatasetConfig:
     """What they act on: nominal (the paper's circle and arm) or loads (plants, payloads, forces, starts and
     references are drawn)."""
     episodes: int = 60
-    """Number of episodes, divided evenly among the policies (1 to 100000)."""
+    """Number of episodes, divided evenly among the policies (1 to 2000)."""
     noise: float = 0.02
     """Standard deviation of the noise on the torques, as a share of their limits (0 to 1); without it all episodes of
     the nominal condition are alike. The torques in the data set are those with noise."""

@@ -18,7 +18,7 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.robot import robot_named, shipped_robots
+from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.scenario.cases import PAPER_CASES, Case, case_for, find_case, with_loads
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
@@ -66,7 +66,7 @@ class EvaluationConfig:
     encoder_noise: tuple[float, float] = (0.0, 0.0)
     control_period: float = 1e-3
     parameters: ArmParameters = dataclasses.field(default_factory=ArmParameters)
-    robot: Any = None
+    robot: Robot | None = None  # as it is afterwards, and as files have it
     path: str = "circle"
     points: GivenPath | None = None
     force: tuple[float, float] | None = None
@@ -104,8 +104,7 @@ class EvaluationConfig:
     @property
     def arm(self) -> AnyArm:
         """The robot, or the two-joint arm."""
-        arm: AnyArm = self.parameters if self.robot is None else self.robot
-        return arm
+        return self.parameters if self.robot is None else self.robot
 
     @property
     def titles(self) -> dict[str, str]:

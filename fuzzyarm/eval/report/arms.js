@@ -5,7 +5,9 @@
  * the arm of one run of each case, the one that went farthest with the smallest error.
  */
 function viewOf(scenes) {
-  const size = report.robot?.reach ?? 1, low = [-0.1 * size, -0.06 * size], high = [0.1 * size, 0.06 * size];
+  const size = report.robot?.reach ?? 1, base = shape.seen(shape.points(Array(JOINTS).fill(0))[0]);
+  const around = [0.1 * size, report.robot ? 0.1 * size : 0.06], low = base.map((at, k) => at - around[k]);
+  const high = base.map((at, k) => at + around[k]);
   const include = (point, room) => shape.seen(point).forEach((value, axis) => {
     low[axis] = Math.min(low[axis], value - room);
     high[axis] = Math.max(high[axis], value + room);

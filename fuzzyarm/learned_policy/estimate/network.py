@@ -21,6 +21,7 @@ from numba.extending import register_jitable
 from fuzzyarm.common.checks import finite_array, instance, shown
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.learned_policy.estimate.signals import CONTEXT, UNEXPLAINED
+from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
 
 __all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "respond", "shapes_of"]
 
@@ -138,16 +139,17 @@ def respond(
     """
     hidden, modulation, gates = len(h), len(W), GATES * len(h)
     from_z, from_h, from_c, w = np.zeros(of_z.shape[1]), np.zeros(of_h.shape[1]), bias.copy(), np.ones(hidden)
-    _add(z, of_z, from_z)
-    _add(h, of_h, from_h)
-    _add(c, of_c, from_c)
+    add_product(z, of_z, from_z)
+    add_product(h, of_h, from_h)
+    add_product(c, of_c, from_c)
     for k in range(modulation):
-        from_c[gates + hidden + k] = np.tanh(from_c[gates + hidden + k])
-    _add(from_c[gates + hidden :], W, w)
+        from_c[gates + hidden + k] = hyperbolic_tangent(from_c[gates + hidden + k])
+    add_product(from_c[gates + hidden :], W, w)
     for i in range(hidden):
-        s = 1.0 / (1.0 + np.exp(-(from_z[i] + from_h[i] + from_c[i])))
-        r = 1.0 / (1.0 + np.exp(-(from_z[hidden + i] + from_h[hidden + i] + from_c[hidden + i])))
-        n = np.tanh(from_z[gates + i] + from_c[gates + i] * from_z[gates + hidden + i] + r * from_h[gates + i])
+        s = logistic(from_z[i] + from_h[i] + from_c[i])
+        r = logistic(from_z[hidden + i] + from_h[hidden + i] + from_c[hidden + i])
+        candidate = from_z[gates + i] + from_c[gates + i] * from_z[gates + hidden + i] + r * from_h[gates + i]
+        n = hyperbolic_tangent(candidate)
         h[i] += s * (n - h[i])
     for joint in range(len(rho)):
         total = 0.0
@@ -156,11 +158,3 @@ def respond(
         for k in range(len(z)):
             total += D[joint, k] * z[k]
         rho[joint] = min(max(total, -1.0), 1.0)
-
-
-@register_jitable
-def _add(x: np.ndarray, transposed: np.ndarray, y: np.ndarray) -> None:
-    """Add G x to y (rows,), G given as `transposed` (columns, rows)."""
-    for k in range(len(x)):
-        for j in range(len(y)):
-            y[j] += transposed[k, j] * x[k]

@@ -22,6 +22,8 @@ from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS, Observation
+from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.learned_policy.functions import area_sine
 
 __all__ = [
     "COARSE",
@@ -74,9 +76,9 @@ _Z_FINE, _Z_COARSE, _Z_LOAD, _Z_RESIDUAL = UNEXPLAINED_PARTS
 def see_unexplained(innovation: np.ndarray, load: np.ndarray, residual: np.ndarray, z: np.ndarray) -> None:
     """Fill z (`UNEXPLAINED`,) from ν (2 n,) [rad, rad/s], d̂ (n,) [N m] and the last ρ (n,)."""
     for k in range(2 * JOINTS):
-        z[_Z_FINE][k] = np.arcsinh(innovation[k] / FINE[k])
+        z[_Z_FINE][k] = area_sine(innovation[k] / FINE[k])
         square = innovation[k] * innovation[k]
-        z[_Z_COARSE][k] = np.arcsinh(innovation[k] / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
+        z[_Z_COARSE][k] = area_sine(innovation[k] / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
     for i in range(JOINTS):
         z[_Z_LOAD][i] = load[i] / TORQUES[i]
         z[_Z_RESIDUAL][i] = residual[i]
@@ -89,7 +91,7 @@ def see_context(
     """Fill c (`CONTEXT`,) from the observation (10,) of a lane, u_ff (2,) [N m], its limit (2,) and L (2,) [m]."""
     q, dq, ddq = o.q_motor[lane], o.dq_reference[lane], o.ddq_reference[lane]
     turned = q[0] + q[1]
-    c1, s1, c12, s12 = np.cos(q[0]), np.sin(q[0]), np.cos(turned), np.sin(turned)
+    (s1, c1), (s12, c12) = sine_cosine(q[0]), sine_cosine(turned)
     angles = c[_ANGLES]
     angles[0], angles[1] = c1, s1
     angles[2:][0], angles[2:][1] = c12, s12

@@ -1,7 +1,10 @@
 """Data sets: what is recorded is what the arm does under it, and Minari reads what was written."""
 
 import json
+import re
+import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -15,6 +18,7 @@ from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, LEVELS, DatasetConf
 from fuzzyarm.eval.dataset.recording import RandomTorques, mean_return, record
 from fuzzyarm.eval.dataset.store import DatasetError, open_dataset, provenance_of
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 LIMIT = np.array([500.0, 250.0])
 
 
@@ -126,3 +130,17 @@ def test_a_data_set_that_does_not_fit_is_refused_in_one_line(minari, tmp_path):
     path.write_text("{")
     with pytest.raises(DatasetError, match="no data set that Minari can read"):
         open_dataset(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", ["clone_policy.py", "offline_td3_bc.py"])
+def test_the_examples_learn_from_a_data_set(script, minari, tmp_path):
+    folder = store.write_dataset(DatasetConfig(level="medium", episodes=1), tmp_path)
+    for path, code in ((folder, 0), (tmp_path, 2)):
+        command = [sys.executable, "-W", "error", str(EXAMPLES / script), str(path), "--seconds", "0.5"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+        if code == 0:
+            assert re.search(r"score \S+, mean tip error \S+ mm, [01] of 1 episodes to the end", done.stdout)
+        else:
+            assert done.stderr.splitlines()[-1].endswith("is no data set; fuzzyarm dataset --out DIR writes one")

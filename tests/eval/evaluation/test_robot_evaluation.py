@@ -96,5 +96,6 @@ def test_a_robot_without_a_name_of_its_own_has_no_command():
     import dataclasses
 
     assert EvaluationConfig(robot=dataclasses.replace(ROBOT, name="mine")).command() is None
+    assert EvaluationConfig(robot="planar-3r").robot == ROBOT
     with pytest.raises(TypeError, match="robot"):
-        EvaluationConfig(robot="planar-3r")
+        EvaluationConfig(robot=3)

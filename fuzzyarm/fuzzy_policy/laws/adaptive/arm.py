@@ -10,6 +10,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.dynamics import arm_in, coriolis_torque, gravity_torque, mass_matrix, tip_force_torque
+from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.hold import force_line, hold_of
 from fuzzyarm.envs.physics.records import size
@@ -29,9 +30,9 @@ def link_torque(
 ) -> None:
     """Fill `torque` (n,) with M q̈ + C q̇ + g - Jᵀ F [N m], the torque of the joints under a tip force F [N]."""
     arm = arm_in(constants, 0)
-    sin1, cos1, sin12, cos12 = np.sin(q[0]), np.cos(q[0]), np.sin(q[0] + q[1]), np.cos(q[0] + q[1])
-    m11, m12, m22 = mass_matrix(np.cos(q[1]), arm)
-    coriolis = coriolis_torque(np.sin(q[1]), dq[0], dq[1], arm)
+    (sin1, cos1), (sin12, cos12), (sin2, cos2) = sine_cosine(q[0]), sine_cosine(q[0] + q[1]), sine_cosine(q[1])
+    m11, m12, m22 = mass_matrix(cos2, arm)
+    coriolis = coriolis_torque(sin2, dq[0], dq[1], arm)
     gravity = gravity_torque(sin1, sin12, arm)
     outer = tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
     torque[0] = m11 * ddq[0] + m12 * ddq[1] + coriolis[0] + gravity[0] - outer[0]
@@ -43,8 +44,8 @@ def tip_direction(q: np.ndarray, dq: np.ndarray, constants: np.ndarray, directio
     """Fill `direction` (2,) with v/|v| of the tip at q (n,) [rad] and q̇ (n,) [rad/s], zeros at rest."""
     arm = arm_in(constants, 0)
     first, second = arm.length1 * dq[0], arm.length2 * (dq[0] + dq[1])
-    x = -np.sin(q[0]) * first - np.sin(q[0] + q[1]) * second
-    y = np.cos(q[0]) * first + np.cos(q[0] + q[1]) * second
+    (sin1, cos1), (sin12, cos12) = sine_cosine(q[0]), sine_cosine(q[0] + q[1])
+    x, y = -sin1 * first - sin12 * second, cos1 * first + cos12 * second
     speed = np.sqrt(x * x + y * y)
     scale = 1.0 / speed if speed > REST else 0.0
     direction[0], direction[1] = x * scale, y * scale
@@ -74,5 +75,6 @@ def dry_friction(velocity: float, constants: np.ndarray, joint: int) -> float:
 @register_jitable
 def schedule(q: np.ndarray) -> float:
     """Return what the regulator is tabulated over, cos q2, for joint angles (n,) [rad]."""
-    cosine: float = np.cos(q[1])
+    cosine: float
+    _, cosine = sine_cosine(q[1])
     return cosine

@@ -7,6 +7,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.observation import Observation, observed
 from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.envs.physics.elementwise import select
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import (
     FORCE_ROWS,
     drive_constants,
@@ -107,13 +108,10 @@ def _begin(m: Memory, s: Settings, room: Room) -> None:
     for k in range(1, KEPT):
         m.references[k] = m.references[0]
     # What an earlier pass has taught is kept, but for the loads, which begin anew.
-    known = states + FORCES if m.flags[FLAG.taught] != 0.0 else len(m.z)
-    m.P[:known], m.P[:, :known] = 0.0, 0.0
-    for i in range(known):
-        m.P[i, i] = s.spread[i] * s.spread[i]
-        for j in range(known):
-            m.P[i, j] += s.shared[i] * s.shared[j]
-    m.z[states:known] = s.guess[: known - states]
+    if m.flags[FLAG.taught] != 0.0:
+        _forget(m, s, states + FORCES)
+    else:
+        _forget(m, s, len(m.z))
     still, bent, link, force = room.joints[0], room.joints[1], m.z[joints : 2 * joints], room.travel[0]
     still[:], force[:] = 0.0, 0.0
     for j in range(joints):
@@ -127,6 +125,18 @@ def _begin(m: Memory, s: Settings, room: Room) -> None:
             link[j] = room.measured[j] - bent[j] / drive_constants(s.base, j)[2]
     for k in range(len(m.commands)):
         m.commands[k] = bent
+
+
+@register_jitable
+def _forget(m: Memory, s: Settings, count: int) -> None:
+    """Let the first `count` numbers of z be as uncertain as at the first sample, and those of p among them p_0."""
+    states = len(m.z) - len(s.guess)
+    m.P[:count], m.P[:, :count] = 0.0, 0.0
+    for i in range(count):
+        m.P[i, i] = s.spread[i] * s.spread[i]
+        for j in range(count):
+            m.P[i, j] += s.shared[i] * s.shared[j]
+    m.z[states:count] = s.guess[: count - states]
 
 
 @register_jitable
@@ -209,11 +219,12 @@ def _advance(m: Memory, s: Settings, room: Room, lateness: float) -> None:
             line[i, 0] += room.directions[i, j] * m.z[len(state) + j]
     whole = int(lateness)
     rest = lateness - whole
-    for step in range(whole):
-        for j in range(joints):
-            sent = (1.0 - rest) * m.commands[whole - step - 1, j] + rest * m.commands[whole - step, j]
-            torque[j, 0] = sent + m.z[len(m.z) - 1 - joints + j]
-        hold(state, torque, line, constants, s.substep, s.substeps)
+    for step in range(LONGEST_LATENESS):
+        if step < whole:
+            for j in range(joints):
+                sent = (1.0 - rest) * _sent(m.commands, whole - step - 1, j) + rest * _sent(m.commands, whole - step, j)
+                torque[j, 0] = sent + m.z[len(m.z) - 1 - joints + j]
+            hold(state, torque, line, constants, s.substep, s.substeps)
     if rest > 0.0:
         torque[:, 0] = m.commands[0] + m.z[len(m.z) - 1 - joints : len(m.z) - 1]
         hold(state, torque, line, constants, rest * s.substep, s.substeps)
@@ -252,5 +263,14 @@ def _applied(commands: np.ndarray, lateness: float, joint: int) -> float:
     """Return the mean torque over the coming control period if commands act `lateness` periods late."""
     whole = int(lateness)
     rest = lateness - whole
-    torque: float = (1.0 - rest) * commands[whole, joint] + rest * commands[whole + 1, joint]
+    torque: float = (1.0 - rest) * _sent(commands, whole, joint) + rest * _sent(commands, whole + 1, joint)
+    return torque
+
+
+@register_jitable
+def _sent(commands: np.ndarray, place: int, joint: int) -> float:
+    """Return the torque [N m] at a place of the commands, without an index that depends on data."""
+    torque: float = commands[0, joint]
+    for k in range(1, len(commands)):
+        torque = select(place == k, commands[k, joint], torque)
     return torque

@@ -25,6 +25,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.lanes import in_lanes
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     BELIEF,
     BELIEFS,
@@ -134,11 +135,10 @@ class AdaptiveObserverPolicy(Policy):
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
         """Do what `act` does where a part of the tip force is known beforehand, see `law.estimate_and_act`."""
         estimate_and_act(observation, memory, torque, known, self.settings)
-        lost = memory[:, FLAG.lost] != 0.0
-        if lost.any():
-            seen, kept, answer = observation[lost], memory[lost, _OWN:], torque[lost]
-            self.fallback.command(seen, kept, answer)
-            memory[lost, _OWN:], torque[lost] = kept, answer
+        in_lanes(memory[:, FLAG.lost], 1.0, self._fall_back, observation, memory, torque)
+
+    def _fall_back(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        self.fallback.command(observation, memory[:, _OWN:], torque)
 
     def repeated(self) -> AdaptivePasses:
         """Return this policy for passes over one path again and again."""

@@ -1,0 +1,220 @@
+"""A policy or a plant as an FMI 2.0 co-simulation FMU with source: the exported C, and what a host needs around it.
+
+A communication step of a controller is its control period: the law acts on the inputs at the beginning of the step, and
+its torques hold during it. A step of a plant is a whole number of control periods. A host that steps the controller,
+passes the torques on and then steps the plant does what the environment's loop does, to the bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import uuid
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from fuzzyarm import __version__
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.export.c_files import UNITS, c_name, header_text, sources_of
+from fuzzyarm.export.c_program import MODEL, Program, recorded, source_text
+from fuzzyarm.export.fmu_source import fmu_source
+from fuzzyarm.export.plant import Plant
+from fuzzyarm.fuzzy_policy.policy import Policy
+
+__all__ = ["PLANT", "export_controller_fmu", "export_plant_fmu"]
+
+PLANT = "plant"
+"""What the plant is called beside the names of policies."""
+
+_PARTS = (("q_motor", "rad"), ("q_link", "rad"), ("dq_motor", "rad/s"), ("dq_link", "rad/s"))  # in the order of `State`
+_UNITS = {
+    "rad": 'rad="1"',
+    "rad/s": 's="-1" rad="1"',
+    "rad/s^2": 's="-2" rad="1"',
+    "N": 'kg="1" m="1" s="-2"',
+    "N.m": 'kg="1" m="2" s="-2"',
+    "m": 'm="1"',
+    "kg": 'kg="1"',
+}
+_TIME = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same export gives the same bytes
+
+
+@dataclasses.dataclass(frozen=True)
+class _Variable:
+    """A real number of a model: name, unit, "input", "output" or "parameter", and its value at the start or None."""
+
+    name: str
+    unit: str
+    causality: str
+    start: float | None
+
+
+def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
+    """Write a policy as an FMU into a folder, which must exist; return the file.
+
+    Inputs are the numbers of an observation, q_motor1, ..., ddq_reference1, ... [rad, rad/s, rad/s²], outputs the
+    torques [N m].
+
+    Args:
+        label: of the policy, which gives the file its name.
+        policy: the law.
+        folder: where the file is written.
+
+    Raises:
+        ValueError: the policy's source has something that cannot be written in C.
+        OSError: the file cannot be written.
+    """
+    joints, name = range(1, policy.joints + 1), c_name(label)
+    variables = [
+        _Variable(f"{part}{joint}", unit, "input", 0.0)
+        for part, unit in zip(Observation._fields, UNITS, strict=True)
+        for joint in joints
+    ]
+    variables += [_Variable(f"torque{joint}", "N.m", "output", 0.0) for joint in joints]
+    code = {
+        "show": "    (void)own;",
+        **{"shown": "0", "given": str(len(variables) - len(joints)), "results": str(len(joints))},
+        **{"include": "", "start": "", "started": "", "single": " || (steps != 1)"},
+        **{"period": repr(policy.control_period), "allowed": f"the control period, {policy.control_period!r} s"},
+    }
+    return _write(name, sources_of(label, policy, "double"), variables, code, policy.control_period, folder)
+
+
+def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) -> Path:
+    """Write an arm as an FMU into a folder, which must exist; return the file.
+
+    Inputs are the motor torques [N m] and a force on the tip [N], outputs the 4 n numbers of the state [rad, rad/s] and
+    the place of the tip [m]; a parameter is the mass of a payload at the tip [kg]. The start is that of the
+    environment, or the hanging arm where its motion is out of reach; a host may set another one.
+
+    Args:
+        arm: the two-joint arm or a robot.
+        folder: where the file is written.
+        control_period: T [s].
+
+    Raises:
+        ValueError: the control period is out of range.
+        OSError: the file cannot be written.
+    """
+    plant, start = Plant(arm, control_period), _start(arm)
+    joints, axes = range(1, plant.joints + 1), "xyz"[: plant.axes]
+    inputs = [_Variable(f"torque{joint}", "N.m", "input", 0.0) for joint in joints]
+    inputs += [_Variable(f"force_{axis}", "N", "input", 0.0) for axis in axes]
+    names = [(f"{part}{joint}", unit) for part, unit in _PARTS for joint in joints]
+    shown = [_Variable(*named, "output", value) for named, value in zip(names, start, strict=True)]
+    shown.append(_Variable("payload", "kg", "parameter", 0.0))
+    results = [_Variable(f"tip_{axis}", "m", "output", None) for axis in axes]
+    step = recorded(plant.command, [one.name for one in inputs], plant.memory_size, plant.axes, MODEL)
+    tip = recorded(plant.place, [f"q_link{joint}" for joint in joints], 0, plant.axes, MODEL)
+    sources = _model_sources(PLANT, step, "Arm", control_period)
+    sources |= _model_sources("tip", tip, "Place of the tip of an arm", control_period)
+    lines = [f"    own->state.memory[{k}] = {value!r};" for k, value in enumerate(start)]
+    code = {
+        "show": "    tip_state none;\n    tip_init(&none);\n"
+        f"    tip_step(&none, &own->state.memory[{plant.joints}], own->result);",
+        **{"given": str(len(inputs)), "shown": str(len(shown)), "results": str(len(results))},
+        **{"include": '#include "tip.h"', "start": "", "started": "\n".join(lines), "single": ""},
+        **{"period": repr(control_period), "allowed": f"a whole number of control periods of {control_period!r} s"},
+    }
+    return _write(PLANT, sources, [*inputs, *shown, *results], code, control_period, folder)
+
+
+def _start(arm: AnyArm) -> list[float]:
+    """Return the state (4 n) with which an episode begins, in the order of `State`."""
+    try:
+        env = FuzzyArmEnv(parameters=arm) if isinstance(arm, ArmParameters) else FuzzyArmEnv(robot=arm)
+    except ValueError:  # the default motion is out of reach
+        return [0.0] * (len(_PARTS) * Plant(arm).joints)
+    _, info = env.reset(seed=0)
+    return [float(number) for part, _ in _PARTS for number in info[part]]
+
+
+def _model_sources(name: str, program: Program, what: str, period: float) -> dict[str, str]:
+    about = [
+        f"{what} as C99, written by fuzzyarm {__version__} from the functions that its environment steps.",
+        f"{name}_step is a control period of {period!r} s.",
+        f"Made from: {', '.join(program.sources)}.",
+    ]
+    return {f"{name}.h": header_text(name, about, program, "double"), f"{name}.c": source_text(program, name, "double")}
+
+
+def _write(
+    name: str,
+    sources: dict[str, str],
+    variables: Sequence[_Variable],
+    code: dict[str, str],
+    period: float,
+    folder: Path,
+) -> Path:
+    """Write the archive, whose GUID follows from its content."""
+    whole = "\n".join([*sources.values(), *map(repr, variables), *code.values()])
+    guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, whole)) + "}"
+    files = {f"sources/{file}": text for file, text in sources.items()}
+    files["sources/fmu.c"] = fmu_source(name, {**code, "guid": guid})
+    compiled = [file.removeprefix("sources/") for file in files if file.endswith(".c")]
+    files["modelDescription.xml"] = _description(name, guid, variables, compiled, period, bool(code["single"]))
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in sorted(files):
+            archive.writestr(zipfile.ZipInfo(file, _TIME), files[file], zipfile.ZIP_DEFLATED)
+    path = folder / f"{name}.fmu"
+    write_atomically(path, content.getvalue())
+    return path
+
+
+def _description(
+    name: str, guid: str, variables: Sequence[_Variable], files: Sequence[str], period: float, fixed: bool
+) -> str:
+    """Return modelDescription.xml; a step is the period [s] if it is `fixed`."""
+    used = {variable.unit for variable in variables}
+    units = [f'    <Unit name="{unit}"><BaseUnit {base}/></Unit>' for unit, base in _UNITS.items() if unit in used]
+    outputs = [k for k, variable in enumerate(variables, start=1) if variable.causality == "output"]
+    unknown = [k for k in outputs if variables[k - 1].start is None]
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(name)} guid="{guid}" '
+        f'generationTool="fuzzyarm {__version__}" variableNamingConvention="flat" numberOfEventIndicators="0">',
+        f'  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="{str(not fixed).lower()}">',
+        "    <SourceFiles>",
+        *(f'      <File name="{file}"/>' for file in files),
+        "    </SourceFiles>",
+        "  </CoSimulation>",
+        "  <UnitDefinitions>",
+        *units,
+        "  </UnitDefinitions>",
+        f'  <DefaultExperiment startTime="0" stepSize="{period!r}"/>',
+        "  <ModelVariables>",
+        *(_variable(k, variable) for k, variable in enumerate(variables)),
+        "  </ModelVariables>",
+        "  <ModelStructure>",
+        "    <Outputs>",
+        *(f'      <Unknown index="{k}"/>' for k in outputs),
+        "    </Outputs>",
+        *(["    <InitialUnknowns>"] if unknown else []),
+        *(f'      <Unknown index="{k}"/>' for k in unknown),
+        *(["    </InitialUnknowns>"] if unknown else []),
+        "  </ModelStructure>",
+        "</fmiModelDescription>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _variable(reference: int, one: _Variable) -> str:
+    """Return the element of a variable."""
+    start = "" if one.start is None else f' start="{np.float64(one.start).item()!r}"'
+    initial = {"input": "", "output": "exact" if start else "calculated", "parameter": "exact"}[one.causality]
+    kind = f' initial="{initial}"' if initial else ""
+    held = one.causality == "output" and one.unit == "N.m"
+    variability = "fixed" if one.causality == "parameter" else "discrete" if held else "continuous"
+    return (
+        f'    <ScalarVariable name="{one.name}" valueReference="{reference}" causality="{one.causality}" '
+        f'variability="{variability}"{kind}><Real unit="{one.unit}"{start}/></ScalarVariable>'
+    )

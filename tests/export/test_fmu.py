@@ -1,0 +1,245 @@
+"""FMUs of controller and plant: driven as an FMI 2.0 host drives them, they are the environment's loop, bit by bit."""
+
+import ctypes
+import re
+import subprocess
+import xml.etree.ElementTree as ET
+import zipfile
+
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.export.compiled_law import FLAGS, compilers
+
+COMPILERS = compilers()
+needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc, clang) on this machine")
+CO_SIMULATION, MODEL_EXCHANGE, OK, ERROR = 1, 0, 0, 3
+PERIOD = 1e-3
+LOG = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_char_p
+)
+ALLOCATE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t)
+RELEASE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+
+
+class Callbacks(ctypes.Structure):
+    _fields_ = (
+        ("logger", LOG),
+        ("allocate", ALLOCATE),
+        ("release", RELEASE),
+        ("finished", ctypes.c_void_p),
+        ("environment", ctypes.c_void_p),
+    )
+
+
+class Host:
+    """A small FMI 2.0 host: compiles the sources of an FMU, reads its description and drives an instance."""
+
+    def __init__(self, file, compiler=None):
+        folder = file.with_suffix("")
+        with zipfile.ZipFile(file) as archive:
+            archive.extractall(folder)
+        root = ET.parse(folder / "modelDescription.xml").getroot()
+        self.references = {one.get("name"): int(one.get("valueReference")) for one in root.iter("ScalarVariable")}
+        self.causality = {one.get("name"): one.get("causality") for one in root.iter("ScalarVariable")}
+        self.guid, self.messages = root.get("guid").encode(), []
+        sources = [str(folder / "sources" / one.get("name")) for one in root.iter("File")]
+        library = folder / "model.so"
+        words = [compiler or COMPILERS[0], *FLAGS, "-shared", "-fPIC", *sources, "-o", str(library)]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        self.library = ctypes.CDLL(str(library))
+        self.library.fmi2Instantiate.restype = ctypes.c_void_p
+        c = ctypes.CDLL(None)
+        c.calloc.restype = ctypes.c_void_p
+        log = LOG(lambda *words: self.messages.append(words[-1].decode()))
+        allocate = ALLOCATE(lambda n, size: c.calloc(ctypes.c_size_t(n), ctypes.c_size_t(size)))
+        self.callbacks = Callbacks(log, allocate, RELEASE(lambda p: c.free(ctypes.c_void_p(p))), None, None)
+        self.instance = None
+
+    def instantiate(self, kind=CO_SIMULATION, guid=None):
+        guid = self.guid if guid is None else guid
+        found = self.library.fmi2Instantiate(b"it", kind, guid, None, ctypes.byref(self.callbacks), 0, 0)
+        self.instance = ctypes.c_void_p(found)
+        return found
+
+    def begin(self):
+        assert self.instantiate()
+        assert self.library.fmi2EnterInitializationMode(self.instance) == OK
+        assert self.library.fmi2ExitInitializationMode(self.instance) == OK
+
+    def _reals(self, names, values, function):
+        references = (ctypes.c_uint * len(names))(*(self.references[name] for name in names))
+        numbers = (ctypes.c_double * len(names))(*values)
+        status = function(self.instance, references, ctypes.c_size_t(len(names)), numbers)
+        return status, np.array(numbers)
+
+    def set(self, names, values):
+        return self._reals(names, values, self.library.fmi2SetReal)[0]
+
+    def get(self, names):
+        status, numbers = self._reals(names, [0.0] * len(names), self.library.fmi2GetReal)
+        assert status == OK
+        return numbers
+
+    def step(self, time, size=PERIOD):
+        return self.library.fmi2DoStep(self.instance, ctypes.c_double(time), ctypes.c_double(size), 1)
+
+
+def numbered(*parts, joints=2):
+    return [f"{part}{k + 1}" for part in parts for k in range(joints)]
+
+
+def exported(folder, name, *more):
+    assert main(["export", "fmu", name, *more, "--out", str(folder)]) == 0
+    return folder / f"{re.sub(r'-', '_', name)}.fmu"
+
+
+OBSERVED = ("q_motor", "dq_motor", "q_reference", "dq_reference", "ddq_reference")
+
+
+def loop_of_hosts(controller, plant, env, joints, steps, payload=0.0):
+    """Both FMUs in a loop beside the environment and its policy; the largest difference of any number."""
+    seen, info = env.reset(seed=0)
+    torques, states = (
+        numbered("torque", joints=joints),
+        numbered("q_motor", "q_link", "dq_motor", "dq_link", joints=joints),
+    )
+    tip = [name for name in plant.references if name.startswith("tip_")]
+    assert plant.instantiate() and plant.set(["payload"], [payload]) == OK
+    plant.library.fmi2ExitInitializationMode(plant.instance)
+    controller.begin()
+    largest = np.abs(plant.get(tip) - info["tip"]).max()
+    policy, state = env.policy, None
+    for k in range(steps):
+        assert controller.set(numbered(*OBSERVED, joints=joints), seen) == OK
+        measured = plant.get(numbered("q_motor", "dq_motor", joints=joints))
+        assert controller.set(numbered("q_motor", "dq_motor", joints=joints), measured) == OK
+        assert controller.step(k * PERIOD) == OK
+        torque = controller.get(torques)
+        assert plant.set(torques, torque) == OK and plant.step(k * PERIOD) == OK
+        wanted, state = policy.predict(seen, state)
+        seen, _, _, _, info = env.step(wanted)
+        true = np.concatenate([wanted, *(info[part] for part in ("q_motor", "q_link", "dq_motor", "dq_link", "tip"))])
+        largest = max(largest, np.abs(np.concatenate([torque, plant.get(states), plant.get(tip)]) - true).max())
+    return largest
+
+
+@needs_compiler
+def test_controller_and_plant_are_the_loop_of_the_environment(tmp_path):
+    env = FuzzyArmEnv("nominal")
+    env.policy = load_policy("fuzzy-4-tip")
+    controller, plant = Host(exported(tmp_path, "fuzzy-4-tip")), Host(exported(tmp_path, "plant"))
+    assert loop_of_hosts(controller, plant, env, 2, 400) == 0.0
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", COMPILERS or ["none"])
+@pytest.mark.parametrize(
+    ("name", "robot", "case", "payload"),
+    [("learned-observer", None, "payload", 5.0), ("elastic-observer", "ur5", "nominal", 0.0)],
+)
+def test_so_they_are_with_a_payload_and_other_robots(name, robot, case, payload, compiler, tmp_path):
+    env = FuzzyArmEnv(case, robot=robot)
+    env.policy = load_policy(name, robot=robot)
+    more = ["--robot", robot] if robot else []
+    controller, plant = exported(tmp_path, name, *more), exported(tmp_path, "plant", *more)
+    found = loop_of_hosts(Host(controller, compiler), Host(plant, compiler), env, env.policy.joints, 1000, payload)
+    assert found == 0.0
+
+
+@needs_compiler
+def test_a_force_on_the_tip_and_several_periods_at_once(tmp_path):
+    plant = Host(exported(tmp_path, "plant"))
+    states = numbered("q_motor", "q_link", "dq_motor", "dq_link")
+    found = []
+    for sizes in ([2, 1], [1, 1, 1]):
+        plant.begin()
+        assert plant.set(["torque1", "force_x", "force_y"], [200.0, 3.0, -4.0]) == OK
+        assert all(plant.step(0.0, size * PERIOD) == OK for size in sizes)
+        found.append(plant.get(states))
+    np.testing.assert_array_equal(*found)
+    plant.begin()
+    plant.set(["torque1"], [200.0])
+    assert plant.step(0.0, 3 * PERIOD) == OK and (plant.get(states) != found[0]).any()
+
+
+@needs_compiler
+def test_a_host_that_does_wrong_reads_one_line(tmp_path):
+    plant, controller = Host(exported(tmp_path, "plant")), Host(exported(tmp_path, "fuzzy-1"))
+    assert not plant.instantiate(MODEL_EXCHANGE) and not plant.instantiate(guid=b"{another}")
+    controller.begin()
+    assert controller.step(0.0, 2 * PERIOD) == ERROR and controller.set(["torque1"], [1.0]) == ERROR
+    assert controller.set(["q_motor1"], [np.nan]) == OK and controller.step(0.0) == ERROR
+    plant.begin()
+    assert plant.step(0.0, 0.4 * PERIOD) == ERROR and plant.set(["q_link1"], [0.1]) == ERROR
+    for messages, parts in (
+        (plant.messages, ("choose co-simulation", "GUID", "whole number of control periods", "after the init")),
+        (controller.messages, ("must be the control period, 0.001 s", "output", "an input of fuzzy_1 is not finite")),
+    ):
+        assert len(messages) == len(parts)
+        assert all(part in message and "\n" not in message for part, message in zip(parts, messages, strict=True))
+
+
+def test_the_same_export_gives_the_same_bytes(tmp_path):
+    first, second = exported(tmp_path / "one", "fuzzy-1"), exported(tmp_path / "two", "fuzzy-1")
+    assert first.read_bytes() == second.read_bytes()
+
+
+@pytest.mark.slow
+def test_fmpy_finds_nothing_wrong_and_runs_the_loop(tmp_path):
+    """Another host, which compiles with options of its own: torques and tip of 300 periods are those of Python."""
+    fmpy = pytest.importorskip("fmpy")
+    from fmpy.build import build_platform_binary
+    from fmpy.validation import validate_fmu
+
+    models, references = [], []
+    for name in ("fuzzy-4", "plant"):
+        file = exported(tmp_path, name)
+        assert validate_fmu(str(file)) == []
+        folder = fmpy.extract(str(file), str(tmp_path / f"{name}-open"))
+        build = tmp_path / f"{name}-build"
+        build.mkdir()
+        build_platform_binary(folder, build)
+        description = fmpy.read_model_description(folder)
+        references.append({variable.name: variable.valueReference for variable in description.modelVariables})
+        models.append(fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation"))
+    (controller, plant), (own, arm) = models, references
+    for model in models:
+        model.setupExperiment()
+        model.enterInitializationMode()
+        model.exitInitializationMode()
+    env, policy, state = FuzzyArmEnv("nominal"), load_policy("fuzzy-4"), None
+    seen, info = env.reset(seed=0)
+    for k in range(300):
+        seen[:4] = plant.getReal([arm[name] for name in numbered("q_motor", "dq_motor")])
+        controller.setReal([own[name] for name in numbered(*OBSERVED)], seen)
+        controller.doStep(k * PERIOD, PERIOD)
+        torque = controller.getReal([own[name] for name in numbered("torque")])
+        plant.setReal([arm[name] for name in numbered("torque")], torque)
+        plant.doStep(k * PERIOD, PERIOD)
+        wanted, state = policy.predict(seen, state)
+        seen, _, _, _, info = env.step(wanted)
+        assert torque == wanted.tolist()
+        assert plant.getReal([arm["tip_x"], arm["tip_y"]]) == info["tip"].tolist()
+    for model in models:
+        model.terminate()
+        model.freeInstance()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["fmu", "plant", "--robot", "nobody"], "unknown robot 'nobody'"),
+        (["fmu", "plant", "--number", "float"], "--number float is for C source; an FMU computes in double"),
+        (["c", "plant"], "unknown policy 'plant'"),
+    ],
+)
+def test_bad_usage_of_fmus_is_one_line(words, message, tmp_path, capsys):
+    assert main(["export", *words, "--out", str(tmp_path / "new")]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and message in err and err.count("\n") == 1 and not (tmp_path / "new").exists()
