@@ -56,7 +56,7 @@ def test_wrong_numbers_of_steps_are_refused(script, wrong, run, capsys):
 
 @pytest.mark.slow
 def test_gradients_through_the_arm_lift_it(run, tmp_path):
-    """The untrained arm falls, by a metre; fifty windows bring it to its path. Measured: 8 to 15 mm."""
+    """The untrained arm falls, by a metre; fifty windows bring it to its path."""
     errors = run("train_gradients.py", "12000", "--eager")
     assert errors[0] > 100.0
     assert errors[-1] < 50.0
