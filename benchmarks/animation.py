@@ -20,7 +20,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.canvas import FOOTER, HEADER
 from fuzzyarm.eval.episodes.loop import episodes
 
-POLICIES = ("fuzzy-4", "ppo-residual", "elastic-observer")
+POLICIES = ("fuzzy-4", "learned-observer", "adaptive-observer")
 SIZE, TITLE, COLOURS = 300, 44, 48  # px, px, palette entries: below 1 MB
 FRAME, LAST = 40, 1500  # ms for which a picture and the last one are shown: 1.5 s of motion in 4 s
 STEPS = 15  # control steps between pictures

@@ -32,8 +32,8 @@ UNSTABLE = 400.0  # rad/s, upper end of the search for the stability limit
 BANDWIDTH_TOLERANCE = 0.05  # rad/s
 RULE = (
     "smallest rms motor-side joint error in the nominal case among the bandwidths with an upper gain margin of at "
-    f"least {LEAST_GAIN_MARGIN:g} and stability with one extra sample of delay, another loop gain, other stiffness and "
-    "the payload"
+    f"least {LEAST_GAIN_MARGIN:g}, and with which deviations halve within the movement with one extra sample of delay, "
+    "another loop gain, other stiffness or the payload"
 )
 COLUMNS = {
     "tip_error_max_mm": ("tip max [mm]", "{:.2f}"),

@@ -8,7 +8,7 @@ circle. The torques of C and of Python are compared as 64 bits, and so is what b
 compiler that is there. The time of a tick is that of a call in a loop of 1000, for 300 such loops, beside that of
 `predict` of one arm. With float, a call from the same memory is compared, in the first 300 calls of the closed loops,
 and the nominal case is run with the float law in it.
-Ten minutes.
+Twenty minutes, most of them for adaptive-observer.
 """
 
 from __future__ import annotations

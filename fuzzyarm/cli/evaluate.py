@@ -22,10 +22,10 @@ class Options:
 
     policy: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """Policy: fuzzy-32, -16, -8, -4, -2, -1, computed-torque or a controller file (.json), each with the ending -tip
-    to bring the tip to the reference instead of the motors; elastic-observer, adaptive-observer; ppo-nominal,
-    -robust, -residual or a learned policy's folder; or code of your own as package.module:factory. May be repeated
-    (default: fuzzy-4 and computed-torque, both with and without -tip, elastic-observer and the learned ones; for
-    another arm computed-torque, with and without -tip, and elastic-observer)"""
+    to bring the tip to the reference instead of the motors; elastic-observer, adaptive-observer, learned-observer;
+    ppo-nominal, -robust, -residual or a learned policy's folder; or code of your own as package.module:factory. May
+    be repeated (default: fuzzy-4 and computed-torque, both with and without -tip, the three observers, ppo-robust and
+    ppo-residual; for another arm computed-torque, with and without -tip, and elastic-observer)"""
     case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
     seeds: Annotated[int | None, Parameter(metavar="N")] = None

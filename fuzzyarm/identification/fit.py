@@ -1,7 +1,7 @@
 """Output error of the elastic arm: θ that brings the simulated motors closest to the logged ones, with intervals.
 
-The residuals of `shooting` are weighted by the noise of each measured quantity, estimated twice: from the log's fourth
-differences, then from what the first fit leaves. With white noise the estimate is normal with covariance
+The residuals of `shooting` are weighted by the noise of each measured quantity, estimated from the log's fourth
+differences at first, then from what each fit leaves. With white noise the estimate is normal with covariance
 
     cov θ = s² (Jᵀ J)⁻¹,    s² = |r|² / (rows - states - |θ|)
 

@@ -133,16 +133,15 @@ def _forward(
             sums[:] = flat[bias : bias + outputs]
             add_product(before[:inputs], flat[place:bias].reshape((inputs, outputs)), sums)
             place = bias + outputs
-            last = layer == layers - 1
-            for j in range(outputs):
-                if rectified and not last:
+            if layer == layers - 1:
+                for j in range(outputs):
+                    action[lane, j] = hyperbolic_tangent(sums[j]) if squashed else min(max(sums[j], -1.0), 1.0)
+            elif rectified:
+                for j in range(outputs):
                     before[j] = max(sums[j], 0.0)
-                elif squashed or not last:
+            else:
+                for j in range(outputs):
                     before[j] = hyperbolic_tangent(sums[j])
-                else:
-                    before[j] = min(max(sums[j], -1.0), 1.0)
-        for j in range(sizes[-1]):
-            action[lane, j] = before[j]
 
 
 def _numbers(name: str, array: Any) -> None:

@@ -122,6 +122,8 @@ COMPARED = (
     "fuzzy-4-tip",
     "computed-torque-tip",
     "elastic-observer",
+    "adaptive-observer",
+    "learned-observer",
     "ppo-robust",
     "ppo-residual",
 )

@@ -146,8 +146,9 @@ def _bandwidth(context: Context) -> Finding:
     """Choose ω."""
     arm = context.arm
     rule = (
-        "Smallest motor error in the nominal case among the bandwidths whose loop bears twice its gain, and is stable "
-        "with a sample of delay, softer or stiffer joints, another loop gain and the payload."
+        "Smallest motor error in the nominal case among the bandwidths whose loop bears twice its gain, and in which "
+        "deviations halve within the movement with a sample of delay, softer or stiffer joints, another loop gain or "
+        "the payload."
     )
     omegas = bandwidth.BANDWIDTHS
     row = bandwidth.choice_of(context.run(functools.partial(_assess_bandwidth, arm), len(omegas)))

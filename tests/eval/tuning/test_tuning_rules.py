@@ -51,7 +51,7 @@ def loop(omega, error, **changes):
         "joint_error_rms_mrad": error,
         "gain_margin_upper": 2.5,
         "radius_delayed": 0.99,
-        "stable_throughout": True,
+        "decays_throughout": True,
     } | changes
 
 
@@ -59,7 +59,7 @@ def test_the_bandwidth_with_the_smallest_error_within_margins_is_chosen():
     rows = [
         loop(100.0, 0.1, gain_margin_upper=1.9),
         loop(90.0, 0.2, radius_delayed=1.0),
-        loop(80.0, 0.3, stable_throughout=False),
+        loop(80.0, 0.3, decays_throughout=False),
         loop(70.0, None),
         loop(60.0, 0.5),
         loop(50.0, 0.4),
