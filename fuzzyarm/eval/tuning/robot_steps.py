@@ -93,7 +93,7 @@ def _worst(radii: dict[str, float | None]) -> float:
 
 def _adaptive(context: Context) -> Finding:
     rule = "None: its filter knows the equations of the two-joint arm alone."
-    return nothing_found(context.arm, ADAPTIVE_OBSERVER, rule, 0, "It is for two-joint arms; it is left out.")
+    return nothing_found(context.arm, ADAPTIVE_OBSERVER, rule, 0, "It is for two-joint arms.")
 
 
 ROBOT_STEPS = (

@@ -101,7 +101,7 @@ def found(
     """Return a finding; without numbers where the loop is unstable in its nominal condition."""
     nominal = radii.get("nominal")
     if nominal is None or nominal >= 1.0:
-        return nothing_found(arm, policy, rule, tried, "With the best numbers the loop is unstable; it is left out.")
+        return nothing_found(arm, policy, rule, tried, "With the best numbers its loop is unstable.")
     return Finding(SCHEMA, robot_of(arm).digest, policy, chosen, finite(measured), radii, tried, rule, notes)
 
 
