@@ -6,8 +6,8 @@ differences at first, then from what each fit leaves. With white noise the estim
     cov θ = s² (Jᵀ J)⁻¹,    s² = |r|² / (rows - states - |θ|)
 
 Segments with a state that the search does not find, in a joint that sticks, are left out of the last search if they are
-few. A parameter whose 95 % interval would be wider than its value either way is not told by the log: it keeps its value of
-the start, the worst one first, and the others are found anew.
+few. A parameter whose 95 % interval would be wider than its value either way is not told by the log: it keeps its value
+of the start, the worst one first, and the others are found anew.
 """
 
 from __future__ import annotations
