@@ -5,8 +5,9 @@ differences at first, then from what each fit leaves. With white noise the estim
 
     cov θ = s² (Jᵀ J)⁻¹,    s² = |r|² / (rows - states - |θ|)
 
-A parameter whose 95 % interval would be wider than its value either way is not told by the log: it keeps its value of
-the start, the worst one first, and the others are found anew.
+Segments with a state that the search does not find, in a joint that sticks, are left out of the last search if they are
+few. A parameter whose 95 % interval would be wider than its value either way is not told by the log: it keeps its value
+of the start, the worst one first, and the others are found anew.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ SEGMENTS = (0.1, 0.4, 0.4)
 """Lengths of the segments [s], one search after the other: short ones stay with the log wherever the search begins."""
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40
+_WORSE, _MOST_LOST = 1.5, 0.1
 _NOTHING = 1e-100  # a singular value of 0
 _CLOSE = 1e-7
 _FOURTH = 70.0  # sum of squares of the coefficients 1, -4, 6, -4, 1
@@ -93,9 +95,12 @@ def fit_elastic(
     constants = functools.partial(constants_of, arm=start)
     bounds = bounds_of(start, scale)
     told = np.ones(len(theta), dtype=bool)
+    lost = None
     for length in SEGMENTS:
         theta = np.where(told, np.clip(theta, *bounds), known)
         beginnings, measured, torque = segments_of(log, length)
+        if lost is not None and len(lost) == len(beginnings):
+            beginnings, measured, torque = beginnings[~lost], measured[..., ~lost], torque[..., ~lost]
         states = starts_of(motion, beginnings, Arm(*constants(theta[:, np.newaxis])[:, 0]))
         shooting = Shooting(measured, torque, log.period, states, noise, constants)
         told[:] = True
@@ -107,9 +112,20 @@ def fit_elastic(
                 break
         if not told.any():
             raise ValueError("the log tells no parameter: the simulated arm does not follow it; check units and signs")
+        lost = _lost(line)
         left = line.residual.reshape(len(measured), measured.shape[1], -1) * noise[:, np.newaxis]
         noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-3 * noise)
     return _summary(line, left, theta, scale, told, bounds)
+
+
+def _lost(line: Linearised) -> np.ndarray:
+    """Return which segments (S,) fit far worse than the median: the search for their states ended in a wrong stick.
+
+    If they are many, the equations are wrong rather than the states, and none counts as lost.
+    """
+    cost = np.sum(line.residual**2, axis=0)
+    lost: np.ndarray = cost > _WORSE * np.median(cost)
+    return lost if np.mean(lost) <= _MOST_LOST else np.zeros_like(lost)
 
 
 def _searched(
