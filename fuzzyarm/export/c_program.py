@@ -34,7 +34,10 @@ class Words(NamedTuple):
     result: str
 
 
-LAW, MODEL = Words("observation", "torque"), Words("input", "output")
+LAW = Words("observation", "torque")
+"""The words of a law."""
+MODEL = Words("input", "output")
+"""The words of a model of a co-simulation."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -75,7 +75,7 @@ def record(policy: Predictor, condition: Condition, count: int, seed: int, noise
 
 
 def mean_return(policy: Predictor, condition: Condition, count: int, seed: int) -> float:
-    """Return the mean over episodes of the sum of their rewards; arguments as for `record`."""
+    """Return the mean over episodes of the sum of their rewards, a number without a unit; arguments as for `record`."""
     return float(np.mean([one.rewards.sum() for one in record(policy, condition, count, seed)]))
 
 
