@@ -142,7 +142,7 @@ def test_constants_and_drives_are_those_of_the_robot():
     [
         ("fuzzy-4", "ur5", ValueError, "was designed for the two-joint arm, not for ur5"),
         ("ppo-robust", "ur5", ValueError, "was trained on the arm of Table 1 and knows no other"),
-        ("computed-torque", "scara", ValueError, "unknown robot 'scara'; choose from: panda, paper"),
+        ("computed-torque", "scara", ValueError, "unknown robot 'scara'; choose from: cicese, manutec-r3"),
         ("computed-torque", 3, TypeError, "robot is int"),
     ],
 )
