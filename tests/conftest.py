@@ -10,7 +10,7 @@ import pytest
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-FAST, SLOW = 5.7, 9.0  # min of processor time on an Intel Xeon; the slow ones by the sum of their parts
+FAST, SLOW = 5.5, 9.0  # min of processor time on an Intel Xeon; the slow ones by the sum of their parts
 COMPILING = 1.4  # min more the first time
 
 _NO_SIMULATION = {"synthesis", "proof"}  # folders of tests
@@ -26,6 +26,11 @@ def pytest_report_header(config) -> str:
         f"fuzzyarm: all {which} tests take about {minutes:.0f} min with {workers} processes, "
         f"the first time {minutes + COMPILING / workers:.0f} min, since the simulation is compiled"
     )
+
+
+def pytest_ignore_collect(collection_path, config) -> bool | None:
+    """Leave out `tests/abuse`, whose tests are all slow, where slow tests are: its samples take seconds to import."""
+    return True if collection_path.name == "abuse" and config.getoption("markexpr") == "not slow" else None
 
 
 def pytest_collection_modifyitems(items) -> None:

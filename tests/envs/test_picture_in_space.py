@@ -157,6 +157,7 @@ def test_a_robot_without_gravity_and_one_below_its_base_are_drawn():
         assert place(picture(robot, Disturbance()), TRACE)[1] > 50
 
 
+@pytest.mark.slow
 def test_an_environment_of_a_robot_draws_copies_and_rewinds():
     env = FuzzyArmEnv(robot="planar-3r", render_mode="rgb_array")
     env.reset(seed=0)

@@ -254,7 +254,7 @@ def test_margins_of_a_robot() -> None:
 @pytest.mark.parametrize(
     "policies",
     [
-        ("fuzzy-4-tip", "elastic-observer", "adaptive-observer", "learned-observer", "ppo-robust"),
+        ("fuzzy-4-tip", "elastic-observer", "learned-observer", "ppo-robust"),
         pytest.param(None, marks=pytest.mark.slow),
     ],
     ids=["one of a kind", "all"],
