@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from slow_twins import slow_but
 
 pytest.importorskip("stable_baselines3")
 import torch
@@ -35,7 +36,9 @@ def test_there_are_four():
     assert SCRIPTS == ["train_batched.py", "train_gradients.py", "train_sb3.py", "train_torch.py"]
 
 
-@pytest.mark.parametrize("script", [script for script in SCRIPTS if script != "train_gradients.py"])
+@pytest.mark.parametrize(
+    "script", slow_but(["train_batched.py", "train_sb3.py"], ["train_batched.py", "train_sb3.py", "train_torch.py"])
+)
 def test_a_few_steps(script, run, tmp_path):
     errors = run(script, "1100")  # two rollouts of train_sb3.py, one of the others
     assert len(errors) == 2

@@ -1001,7 +1001,7 @@ EXTREME = {
 }
 
 
-@pytest.mark.parametrize("name", EXTREME)
+@pytest.mark.parametrize("name", slow_but(["arms", "heavy"], EXTREME))
 def test_extreme_arms_move_or_end_with_a_reason(name):
     lanes = 32
     envs, ends, moved = batch(lanes, case="machining", **EXTREME[name]), 0, np.zeros(lanes, dtype=bool)

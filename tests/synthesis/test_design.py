@@ -224,6 +224,7 @@ def test_the_description_names_the_fastest_pole(limited):
     assert "Phi_2,2,2 < 0" in [claim.name for claim in limited.certificate.claims]
 
 
+@pytest.mark.slow
 def test_a_fastest_pole_too_slow_says_what_would_do():
     asked = Specification(kept=(), fastest_pole=500.0)
     with pytest.raises(

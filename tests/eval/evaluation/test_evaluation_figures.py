@@ -83,6 +83,7 @@ def written(tmp_path_factory):
     return write_figures(rollouts, folder, lambda: calls.append(1)), folder, calls
 
 
+@pytest.mark.slow
 def test_every_figure_is_written_in_both_formats(written):
     paths, folder, calls = written
     names = {f"{case}-{name}" for case in ("nominal", "payload") for name in WITHOUT_FORCE}
@@ -92,6 +93,7 @@ def test_every_figure_is_written_in_both_formats(written):
     assert len(calls) == len(names)
 
 
+@pytest.mark.slow
 def test_files_are_pictures(written):
     for path in written[0]:
         if path.suffix == ".svg":

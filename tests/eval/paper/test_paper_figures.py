@@ -105,6 +105,7 @@ def test_curves_and_bands_are_told_apart_without_colour():
     assert all(len(set(band[1:3] + band[3:5] + band[5:7])) <= 2 for band in BANDS)  # grey
 
 
+@pytest.mark.slow
 def test_files(evidence, tmp_path):
     drawn = []
     paths = write_figures(evidence, tmp_path, lambda: drawn.append(None))
