@@ -95,6 +95,11 @@ SCRIPTS: dict[str, list[str]] = {
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
+WRITTEN_OTHERWISE = (
+    *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
+    *("learned_observer", "plant_gradients", "dataset_scores"),  # of trainings, which are run by hand
+)
+"""Results that commands write, or benchmarks with options of their own."""
 
 
 def main() -> None:
@@ -170,22 +175,7 @@ def readme_sections() -> dict[str, str]:
 
 def sections() -> dict[str, str]:
     """Return the tables of the documentation from the stored results, by the name that its directive gives them."""
-    stored = {
-        name: _stored(name)
-        for name in (
-            "evaluate",
-            "bench",
-            "margins",
-            "sweep",
-            "soak",
-            "mujoco_arm",
-            "abuse",
-            "learned_observer",
-            "plant_gradients",
-            "dataset_scores",
-            *SCRIPTS,
-        )
-    }
+    stored = {name: _stored(name) for name in (*WRITTEN_OTHERWISE, *SCRIPTS)}
     return {
         "results": f"{markdown_table(stored['evaluate']['results'])}\n\n"
         f"`fuzzyarm evaluate`, 1 kHz, seed 0 (nothing is random in these cases); {made_with(stored['evaluate'])}\n\n"

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from fuzzyarm.common.checks import choice, real, whole
 from fuzzyarm.rl_baselines.config import TrainingConfig
 
-__all__ = ["Activation", "OffPolicyConfig"]
+__all__ = ["RESIDUAL", "Activation", "OffPolicyConfig"]
 
 Activation = Literal["tanh", "relu"]
 """The function of the hidden layers."""
 
+RESIDUAL: dict[str, Any] = {
+    "distribution": "robust",
+    "base": "fuzzy-4-tip",
+    "scale": (0.01, 0.02),
+    "smoothing_time": 0.06,
+    "elastic_target": True,
+}
+"""The settings of the preset "residual", which shifts the target of a base [rad] through a low-pass [s]."""
 _LARGEST_BUFFER = 2**29  # bytes; it is part of every checkpoint
 
 

@@ -124,6 +124,9 @@ class Engine:
         from joblib import parallel_config
 
         if self.backend == "local":
+            # loky replaces a worker whose memory has grown, and warns of it in a thread of its own. Where warnings are
+            # errors, that would end the thread, and the work would never be done.
+            warnings.filterwarnings("ignore", "A worker stopped", UserWarning)
             with parallel_config(backend="loky", inner_max_num_threads=1):
                 yield
             return

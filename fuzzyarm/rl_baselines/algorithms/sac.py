@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.off_policy import COLUMNS, OffPolicyAlgorithm
-from fuzzyarm.rl_baselines.off_policy_config import OffPolicyConfig
+from fuzzyarm.rl_baselines.off_policy_config import RESIDUAL, OffPolicyConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
@@ -20,16 +20,7 @@ class SACConfig(OffPolicyConfig):
     """The settings of a training with SAC: see `OffPolicyConfig`."""
 
 
-PRESETS: dict[str, SACConfig] = {
-    "nominal": SACConfig(),
-    "residual": SACConfig(
-        distribution="robust",
-        base="fuzzy-4-tip",
-        scale=(0.01, 0.02),
-        smoothing_time=0.06,
-        elastic_target=True,
-    ),
-}
+PRESETS = {"nominal": SACConfig(), "residual": SACConfig(**RESIDUAL)}
 """Settings by name."""
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from fuzzyarm.common.checks import whole
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.off_policy import COLUMNS, OffPolicyAlgorithm
-from fuzzyarm.rl_baselines.off_policy_config import OffPolicyConfig
+from fuzzyarm.rl_baselines.off_policy_config import RESIDUAL, OffPolicyConfig
 
 if TYPE_CHECKING:
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
@@ -42,16 +42,7 @@ class TQCConfig(OffPolicyConfig):
         whole("top_quantiles_to_drop_per_net", self.top_quantiles_to_drop_per_net, high=self.n_quantiles - 1)
 
 
-PRESETS: dict[str, TQCConfig] = {
-    "nominal": TQCConfig(),
-    "residual": TQCConfig(
-        distribution="robust",
-        base="fuzzy-4-tip",
-        scale=(0.01, 0.02),
-        smoothing_time=0.06,
-        elastic_target=True,
-    ),
-}
+PRESETS = {"nominal": TQCConfig(), "residual": TQCConfig(**RESIDUAL)}
 """Settings by name."""
 
 

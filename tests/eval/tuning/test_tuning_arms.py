@@ -19,8 +19,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.policies import policies_of
 from fuzzyarm.policies.registry import POLICIES
 
-# A worker whose memory has grown, by what it compiled, makes room for a new one; an error would end joblib's thread.
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:A worker stopped:UserWarning")]
+pytestmark = pytest.mark.slow
 
 SOFT = ArmParameters(length=(0.5, 0.4), stiffness=(8e3, 5e3))
 LONG = ArmParameters(length=(0.6, 0.45), stiffness=(3e4, 6e3))
