@@ -6,14 +6,13 @@ checkpoint, so that a resumed training gives the same bits as one that never sto
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzyarm.rl_baselines.moments import moments_of, set_moments
 from fuzzyarm.rl_baselines.off_policy_config import OffPolicyConfig
+from fuzzyarm.rl_baselines.sb3_algorithm import Sb3Algorithm
 
 if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network
@@ -33,13 +32,8 @@ COLUMNS = tuple(_LOGGED)
 """What these algorithms add to the curve."""
 
 
-class OffPolicyAlgorithm:
-    """SAC or TQC in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`.
-
-    Attributes:
-        model: of stable-baselines3 or its contrib.
-        normaliser: `VecNormalize` around the arms; its moments of the features go into the network that is shipped.
-    """
+class OffPolicyAlgorithm(Sb3Algorithm):
+    """SAC or TQC in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`."""
 
     def __init__(
         self,
@@ -59,23 +53,14 @@ class OffPolicyAlgorithm:
             policy_more: arguments of its networks, likewise.
         """
         import torch
-        from stable_baselines3.common.logger import Logger
         from stable_baselines3.common.vec_env import VecNormalize
 
         torch.set_num_threads(config.threads)
         self._config = config
-        self.normaliser = VecNormalize(envs, gamma=config.gamma, norm_reward=False)
+        normaliser = VecNormalize(envs, gamma=config.gamma, norm_reward=False)
         arguments = _arguments(config)
         arguments["policy_kwargs"] |= policy_more
-        self.model = kind("MlpPolicy", self.normaliser, **arguments, **more)
-        self.model.set_logger(Logger(None, []))
-        # `learn` of stable-baselines3 cannot be left between two updates; `update` holds the body of its loop instead.
-        _, self._callback = self.model._setup_learn(config.total_timesteps)
-
-    @property
-    def steps(self) -> int:
-        """Environment steps done so far, of all lanes together."""
-        return int(self.model.num_timesteps)
+        super().__init__(config, normaliser, kind("MlpPolicy", normaliser, **arguments, **more))
 
     def update(self) -> dict[str, float]:
         """Collect `train_freq` steps in every lane, learn from the buffer, and return the numbers for the curve."""
@@ -88,54 +73,28 @@ class OffPolicyAlgorithm:
             replay_buffer=model.replay_buffer,
         )
         model._update_current_progress_remaining(model.num_timesteps, config.total_timesteps)
-        row = {}
-        episodes = list(model.ep_info_buffer or ())
-        if episodes:
-            row["episode_reward"] = float(np.mean([one["r"] for one in episodes]))
-            row["episode_length"] = float(np.mean([one["l"] for one in episodes]))
+        row = self._episode_row()
         if model.num_timesteps <= config.learning_starts:
             return row
         model.train(batch_size=config.batch_size, gradient_steps=config.gradient_steps)
-        return row | {name: float(model.logger.name_to_value[key]) for name, key in _LOGGED.items()}
+        return row | self._logged(_LOGGED)
 
     def network(self) -> Network:
         """Return tanh of the mean of the squashed Gaussian policy, with the normaliser of its features."""
-        import torch
-
-        from fuzzyarm.learned_policy.network import Network
-
-        actor, moments = self.model.actor, self.normaliser.obs_rms
-        layers = [*(part for part in actor.latent_pi if isinstance(part, torch.nn.Linear)), actor.mu]
-        return Network(
-            mean=moments.mean.copy(),
-            std=np.sqrt(moments.var + self.normaliser.epsilon),
-            clip=self.normaliser.clip_obs,
-            weights=tuple(layer.weight.detach().numpy().copy() for layer in layers),
-            biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
-            activation=self._config.activation,
-            output="tanh",
-        )
+        actor = self.model.actor
+        return self._network_of(actor.latent_pi, actor.mu, activation=self._config.activation, output="tanh")
 
     def state(self) -> dict[str, Any]:
         """Return networks, optimisers, replay buffer, normaliser, last features, counters and the latest episodes."""
         model, buffer = self.model, self.model.replay_buffer
         learned = {} if model.log_ent_coef is None else {"log_ent_coef": model.log_ent_coef.detach()}
-        return {
-            "policy": model.policy.state_dict(),
+        state = self._shared_state()
+        state["counters"] |= {"position": buffer.pos, "full": bool(buffer.full)}
+        return state | {
             "optimizers": {name: one.state_dict() for name, (one, _) in self._optimizers().items()},
             "entropy": learned,
             "buffer": {name: getattr(buffer, name) for name in _STORED},
-            "counters": {
-                "steps": model.num_timesteps,
-                "updates": model._n_updates,
-                "position": buffer.pos,
-                "full": bool(buffer.full),
-            },
-            "episodes": [{"r": float(one["r"]), "l": int(one["l"])} for one in model.ep_info_buffer or ()],
-            "last_features": np.asarray(model._last_obs),
             "last_original_features": np.asarray(model._last_original_obs),
-            "last_starts": np.asarray(model._last_episode_starts),
-            "normaliser": {"features": moments_of(self.normaliser.obs_rms), "discounted": self.normaliser.returns},
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
@@ -147,7 +106,7 @@ class OffPolicyAlgorithm:
         parameters = {name: chosen for name, (_, chosen) in self._optimizers().items()}
         check_off_policy_state(state, self.state(), parameters)
         model, buffer, counters = self.model, self.model.replay_buffer, state["counters"]
-        model.policy.load_state_dict(state["policy"])
+        self._set_shared_state(state)
         for name, (optimizer, _) in self._optimizers().items():
             optimizer.load_state_dict(state["optimizers"][name])
         if model.log_ent_coef is not None:
@@ -156,13 +115,7 @@ class OffPolicyAlgorithm:
         for name in _STORED:
             getattr(buffer, name)[:] = state["buffer"][name].numpy()
         buffer.pos, buffer.full = counters["position"], counters["full"]
-        model.num_timesteps, model._n_updates = counters["steps"], counters["updates"]
-        model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
-        model._last_obs = state["last_features"].numpy().copy()
         model._last_original_obs = state["last_original_features"].numpy().copy()
-        model._last_episode_starts = state["last_starts"].numpy().copy()
-        set_moments(self.normaliser.obs_rms, state["normaliser"]["features"])
-        self.normaliser.returns = state["normaliser"]["discounted"].numpy().copy()
 
     def _optimizers(self) -> dict[str, tuple[Any, list[Any]]]:
         """Return the optimisers, each with its parameters."""

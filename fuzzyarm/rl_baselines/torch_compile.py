@@ -7,6 +7,7 @@ import re
 import sys
 import threading
 import types
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
@@ -57,6 +58,8 @@ def announced_compilation() -> Iterator[None]:
     if sys.stderr.isatty():
         timer.start()
     try:
-        yield
+        with warnings.catch_warnings():  # the compiler looks at the gradient of whatever comes in
+            warnings.filterwarnings("ignore", r"The \.grad attribute of a Tensor that is not a leaf", UserWarning)
+            yield
     finally:
         timer.cancel()

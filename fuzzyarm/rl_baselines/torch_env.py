@@ -182,7 +182,7 @@ class TorchFuzzyArm:
                 self._lanes.key.copy_(torch.from_numpy(keys.view(np.int64)))
             new, reference = begin(self._shared, self._lanes.key)
             if self.differentiable:  # the old tensors may be part of a graph
-                self._lanes = _copied(self._lanes)
+                self.detach()
             write(self._lanes, new)
             self._begun = True
             rows = observed(self._shared, self._lanes, reference)
@@ -222,7 +222,8 @@ class TorchFuzzyArm:
 
     def detach(self) -> None:
         """Cut the graph: gradients of what comes reach no further back. The state keeps its values."""
-        self._lanes = _copied(self._lanes)
+        numbers, key, step = self._lanes
+        self._lanes = Lanes(tuple(number.detach().clone() for number in numbers), key.clone(), step.clone())
 
     def _advance(self, torque: Tensor) -> Outcome:
         """Hold torques (joints, n) for one control period."""
@@ -230,10 +231,14 @@ class TorchFuzzyArm:
             with torch.no_grad():
                 outcome: Outcome = self._take(self._shared, self._lanes, torque.detach().contiguous())
             return outcome
-        # What was compiled holds for inputs of the kind that it saw: each of them has a gradient.
-        numbers = tuple(map(_tracked, self._lanes.numbers))
-        self._lanes, outcome = self._take(self._shared, self._lanes._replace(numbers=numbers), _tracked(torque))
-        return outcome
+        # What was compiled holds for inputs of the kind and in the mode that it saw: each of them has a gradient.
+        with torch.enable_grad():
+            numbers = tuple(map(_tracked, self._lanes.numbers))
+            self._lanes, outcome = self._take(self._shared, self._lanes._replace(numbers=numbers), _tracked(torque))
+        if torch.is_grad_enabled():
+            return outcome
+        self.detach()
+        return Outcome(*(one.detach() for one in outcome))
 
     def _build(self, disturbance: Disturbance, reference: Reference | None) -> Shared:
         """Tabulate all episodes that the lanes may run."""
@@ -259,11 +264,6 @@ class TorchFuzzyArm:
             # What acts in a step, beside what the arm is compared with after it.
             rows=Table(np.concatenate([by_step(one) for one in built]), like),
         )
-
-
-def _copied(lanes: Lanes) -> Lanes:
-    """Return lanes with the same values and without a graph."""
-    return Lanes(tuple(number.detach().clone() for number in lanes.numbers), lanes.key.clone(), lanes.step.clone())
 
 
 def _tracked(numbers: Tensor) -> Tensor:

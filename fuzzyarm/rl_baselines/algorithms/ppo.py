@@ -7,15 +7,12 @@ training begins, so that settings and presets can be read without them.
 from __future__ import annotations
 
 import dataclasses
-from collections import deque
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from fuzzyarm.common.checks import real, whole
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.moments import moments_of, set_moments
+from fuzzyarm.rl_baselines.sb3_algorithm import Sb3Algorithm, moments_of, set_moments
 
 if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network
@@ -121,33 +118,19 @@ PRESETS: dict[str, PPOConfig] = {
 """The settings of the shipped policies, by what follows ``ppo-`` in their names."""
 
 
-class PPOAlgorithm:
-    """PPO in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`.
-
-    Attributes:
-        model: `stable_baselines3.PPO`.
-        normaliser: `VecNormalize` around the arms; its moments of the features go into the network that is shipped.
-    """
+class PPOAlgorithm(Sb3Algorithm):
+    """PPO in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`."""
 
     def __init__(self, config: PPOConfig, envs: LearningEnvs) -> None:
         """Make the networks, seed everything that is random, and begin an episode in every lane."""
         import stable_baselines3
         import torch
-        from stable_baselines3.common.logger import Logger
         from stable_baselines3.common.vec_env import VecNormalize
 
         torch.set_num_threads(config.threads)
         self._config = config
-        self.normaliser = VecNormalize(envs, gamma=config.gamma)
-        self.model = stable_baselines3.PPO("MlpPolicy", self.normaliser, **_arguments(config))
-        self.model.set_logger(Logger(None, []))
-        # `learn` of stable-baselines3 cannot be left between two updates; `update` holds the body of its loop instead.
-        _, self._callback = self.model._setup_learn(config.total_timesteps)
-
-    @property
-    def steps(self) -> int:
-        """Environment steps done so far, of all lanes together."""
-        return int(self.model.num_timesteps)
+        normaliser = VecNormalize(envs, gamma=config.gamma)
+        super().__init__(config, normaliser, stable_baselines3.PPO("MlpPolicy", normaliser, **_arguments(config)))
 
     def update(self) -> dict[str, float]:
         """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve.
@@ -158,62 +141,28 @@ class PPOAlgorithm:
         model.collect_rollouts(model.env, self._callback, model.rollout_buffer, n_rollout_steps=self._config.n_steps)
         model._update_current_progress_remaining(model.num_timesteps, self._config.total_timesteps)
         model.train()
-        row = {}
-        episodes = list(model.ep_info_buffer or ())
-        if episodes:
-            row["episode_reward"] = float(np.mean([one["r"] for one in episodes]))
-            row["episode_length"] = float(np.mean([one["l"] for one in episodes]))
-        return row | {name: float(model.logger.name_to_value[key]) for name, key in _LOGGED.items()}
+        return self._episode_row() | self._logged(_LOGGED)
 
     def network(self) -> Network:
         """Return the mean of the Gaussian policy with the normaliser of its features."""
-        import torch
-
-        from fuzzyarm.learned_policy.network import Network
-
-        policy, moments = self.model.policy, self.normaliser.obs_rms
-        hidden = (part for part in policy.mlp_extractor.policy_net if isinstance(part, torch.nn.Linear))
-        layers = [*hidden, policy.action_net]
-        return Network(
-            mean=moments.mean.copy(),
-            std=np.sqrt(moments.var + self.normaliser.epsilon),
-            clip=self.normaliser.clip_obs,
-            weights=tuple(layer.weight.detach().numpy().copy() for layer in layers),
-            biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
-        )
+        policy = self.model.policy
+        return self._network_of(policy.mlp_extractor.policy_net, policy.action_net)
 
     def state(self) -> dict[str, Any]:
         """Return networks, optimiser, normaliser, last features, counters and the latest episodes."""
-        model = self.model
-        return {
-            "policy": model.policy.state_dict(),
-            "optimizer": model.policy.optimizer.state_dict(),
-            "counters": {"steps": model.num_timesteps, "updates": model._n_updates},
-            "episodes": [{"r": float(one["r"]), "l": int(one["l"])} for one in model.ep_info_buffer or ()],
-            "last_features": np.asarray(model._last_obs),
-            "last_starts": np.asarray(model._last_episode_starts),
-            "normaliser": {
-                "features": moments_of(self.normaliser.obs_rms),
-                "returns": moments_of(self.normaliser.ret_rms),
-                "discounted": self.normaliser.returns,
-            },
-        }
+        state = self._shared_state()
+        state["optimizer"] = self.model.policy.optimizer.state_dict()
+        state["normaliser"]["returns"] = moments_of(self.normaliser.ret_rms)
+        return state
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what `state` returned, see `Algorithm.set_state`."""
         from fuzzyarm.rl_baselines.learner_state import check_ppo_state
 
         check_ppo_state(state, self.state(), list(self.model.policy.parameters()))
-        model, moments = self.model, state["normaliser"]
-        model.policy.load_state_dict(state["policy"])
-        model.policy.optimizer.load_state_dict(state["optimizer"])
-        model.num_timesteps, model._n_updates = state["counters"]["steps"], state["counters"]["updates"]
-        model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
-        model._last_obs = state["last_features"].numpy().copy()
-        model._last_episode_starts = state["last_starts"].numpy().copy()
-        set_moments(self.normaliser.obs_rms, moments["features"])
-        set_moments(self.normaliser.ret_rms, moments["returns"])
-        self.normaliser.returns = moments["discounted"].numpy().copy()
+        self._set_shared_state(state)
+        self.model.policy.optimizer.load_state_dict(state["optimizer"])
+        set_moments(self.normaliser.ret_rms, state["normaliser"]["returns"])
 
 
 def _arguments(config: PPOConfig) -> dict[str, Any]:
