@@ -9,17 +9,18 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import link_torque
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import constants_at
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, layout
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 POLICY = AdaptiveObserverPolicy()
-MEMORY = layout(2, BELIEFS)
+MEMORY = POLICY.memory
+link_torque = arm_functions(two_joints()).link_torque
 
 
 def follow(policy, disturbances, steps=1499, arms=None, late=0):
@@ -68,7 +69,7 @@ def believed_torque(state):
     """Torque [N m] that the links need along the reference, as the policy believes, less the offsets."""
     p, s = state[MEMORY.z][8:], POLICY.settings
     constants, torque = np.empty(len(s.base)), np.empty(2)
-    constants_at(p, s.guess, s.base, s.slopes, constants)
+    numbers_at(p, s.guess, s.base, s.slopes, constants)
     link_torque(*wanted(state), POLICY.beliefs(state).force, constants, torque)
     return torque - POLICY.beliefs(state).offset
 
