@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from numba import njit
 
+from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.laws.adaptive import filter as parts
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, numbers_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers, belief_of, first_guess, forces_in
 
 ARM = ArmParameters()
@@ -161,3 +164,18 @@ def test_link_torque_is_the_rigid_arms_less_the_forces():
     np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), rtol=1e-12)
     njit(tip_direction)(q, np.zeros(2), constants, direction)
     np.testing.assert_array_equal(direction, 0.0)
+
+
+def test_functions_of_six_joints_are_those_of_the_robot_with_its_payload():
+    rng, robot = np.random.default_rng(9), robot_named("ur5")
+    physics, loaded = equations_of(robot), robot.with_payload(2.0)
+    functions, numbers = arm_functions(physics), numbers_of(robot, physics, 2.0)
+    (q, dq, ddq), force, torque, direction = rng.normal(size=(3, 6)), rng.normal(size=3), np.empty(6), np.empty(3)
+    functions.link_torque(q, dq, ddq, force, numbers, torque)
+    J = rigid_body.tip_jacobian(robot, q)
+    np.testing.assert_allclose(torque, rigid_body.inverse_dynamics(loaded, q, dq, ddq) - J.T @ force, atol=1e-10)
+    functions.tip_direction(q, dq, numbers, direction)
+    np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), atol=1e-12)
+    drives = [functions.drive(numbers, j) for j in range(6)]
+    for name in drives[0]._fields:
+        np.testing.assert_array_equal([getattr(drive, name) for drive in drives], robot.drive(name))
