@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.observation import PARTS, observed
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.forces import walk_share
@@ -90,9 +90,14 @@ class AdaptivePasses:
             state: None, or what the last call or `begin_pass` returned; it goes on in place.
             episode_start: ignored; a pass begins with its state.
             deterministic: ignored.
+
+        Raises:
+            ValueError: an argument has a wrong shape.
         """
         seen = np.array(observation, dtype=np.float64, ndmin=2)
-        lanes = len(seen)
+        lanes, size = len(seen), PARTS * self.policy.joints
+        if seen.ndim > 2 or seen.shape[1] != size:
+            raise ValueError(f"observation has shape {np.shape(observation)}; allowed: ({size},) or (lanes, {size})")
         if state is None:
             state = self._first(np.zeros((lanes, self.policy.memory_size)))
         if len(state.memory) != lanes:
