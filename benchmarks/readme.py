@@ -62,7 +62,6 @@ from readme_results import (
 from readme_robots import robot_comparison_tables, robot_learned_table, robot_speed_table, robots_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
-from fuzzyarm.policies import COMPARED
 
 ROOT = Path(__file__).parent.parent
 FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
@@ -71,6 +70,8 @@ SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "p
 """Policies of the sweep."""
 ADAPTIVE_SWEEPS = ("all", "loads")
 """Distributions of the sweeps of the adaptive observer."""
+RANKED = ("fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "adaptive-observer")
+"""Policies that are ranked over random plants."""
 COMPARED_ROBOTS = ("cicese", "manutec-r3", "planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
@@ -136,7 +137,7 @@ def measure() -> None:
             own = ("--policy", "adaptive-observer", "--distribution", drawn, "--seed", "200000")
             _fuzzyarm("sweep", *own, "--plants", "10000", "--out", folder / drawn)
             shutil.copy(folder / drawn / "sweep.json", RESULTS / f"adaptive_{drawn}.json")
-        ranked = [word for policy in COMPARED for word in ("--policy", policy)]
+        ranked = [word for policy in RANKED for word in ("--policy", policy)]
         _fuzzyarm("sweep", *ranked, "--plants", "300", "--seed", "300000", "--chunk", "100", "--out", folder / "ranked")
         shutil.copy(folder / "ranked" / "sweep.json", RESULTS / "plant_ranking.json")
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
