@@ -91,7 +91,7 @@ def adaptive_noise_table(document: dict[str, Any]) -> str:
     names = "max_mean_mm", "max_mm", "rms_mm"
     rows = [[row["fixed"].replace("_", " "), *(_text(row[name]) for name in names)] for row in document["beliefs"]]
     words = "; ".join(
-        f"{row['group']} ({row['plants']}): largest tip error {_text(row['median_max_mm'])} mm in the middle, "
+        f"{row['group']} ({row['plants']}): median of the largest tip error {_text(row['median_max_mm'])} mm, "
         f"{100 * row['late']:.0f} % late, noise read beyond that of the encoders {row['read_beyond_noise_rad']:.1g} rad"
         for row in document["plants"]
     )
