@@ -191,3 +191,5 @@ def test_six_joints():
     assert adaptive.beliefs(state).diverged and adaptive.beliefs(state).factors["mass"].shape == (6,)
     fallback = load_policy("computed-torque-tip", robot=robot)
     np.testing.assert_array_equal(torque, fallback.predict(observation)[0])
+    frozen = adaptive.without_dry_friction()
+    np.testing.assert_allclose(frozen.predict(observation)[0], torque, atol=0.2 * np.abs(torque).max())
