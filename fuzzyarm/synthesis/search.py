@@ -25,6 +25,8 @@ __all__ = [
     "scaled_gain",
     "scaled_problem",
     "slowest_tried",
+    "smallest_feasible_gain_bound",
+    "smallest_feasible_gamma",
     "smallest_feasible_pole",
 ]
 
@@ -186,6 +188,29 @@ def smallest_feasible_pole(model: TSModel, specification: Specification, resolut
     return _nearest_that_works(
         works, specified, factor=2.0, limit=min(1e3 * specified, RATES[1]), resolution=resolution
     )
+
+
+def smallest_feasible_gain_bound(model: TSModel, specification: Specification) -> float | None:
+    """Return the smallest gain bound [N m/rad] with which the rest of a specification is feasible.
+
+    None if none is specified, if another limit is left open too, or if the rest is not feasible with any.
+    """
+    if specification.gain_bound is None or None in (specification.alpha, specification.gamma):
+        return None
+    best = best_solution(model, dataclasses.replace(specification, gain_bound=None))
+    return None if best is None else best[1].largest_gain * _stiffness(best[0])
+
+
+def smallest_feasible_gamma(model: TSModel, specification: Specification, resolution: float = 0.3) -> float | None:
+    """Return the smallest feasible γ, in its unit, from the specified one up to its millionfold, by bisection; or None."""
+    specified = specification.gamma
+
+    def works(gamma: float) -> bool:
+        return best_solution(model, dataclasses.replace(specification, gamma=gamma)) is not None
+
+    if specified is None:
+        return None
+    return _nearest_that_works(works, specified, factor=10.0, limit=min(1e6 * specified, GAINS[1]), resolution=resolution)
 
 
 def largest_feasible_alpha(model: TSModel, specification: Specification, resolution: float = 0.02) -> float | None:
