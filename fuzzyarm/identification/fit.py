@@ -33,9 +33,9 @@ DEVIATIONS = 1.959963984540054
 SEGMENTS = (0.1, 0.4, 0.8, 0.8)
 """Lengths of the segments [s], one search after the other.
 
-Short ones stay with the log wherever the search begins. Long ones have fewer states to find, which narrows the intervals
-and removes a bias: the noise of the encoders reaches the torques through the controller, so that the errors of a
-segment's state and the slopes of what follows are correlated.
+Short ones stay with the log wherever the search begins. Long ones have fewer states to find, which narrows the
+intervals and removes a bias: the noise of the encoders reaches the torques through the controller, so that the errors
+of a segment's state and the slopes of what follows are correlated.
 """
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40

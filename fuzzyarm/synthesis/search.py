@@ -202,7 +202,7 @@ def smallest_feasible_gain_bound(model: TSModel, specification: Specification) -
 
 
 def smallest_feasible_gamma(model: TSModel, specification: Specification, resolution: float = 0.3) -> float | None:
-    """Return the smallest feasible γ, in its unit, from the specified one up to its millionfold, by bisection; or None."""
+    """Return the smallest feasible γ, in its unit, from the specified one to its millionfold, by bisection; or None."""
     specified = specification.gamma
 
     def works(gamma: float) -> bool:
@@ -210,7 +210,8 @@ def smallest_feasible_gamma(model: TSModel, specification: Specification, resolu
 
     if specified is None:
         return None
-    return _nearest_that_works(works, specified, factor=10.0, limit=min(1e6 * specified, GAINS[1]), resolution=resolution)
+    limit = min(1e6 * specified, GAINS[1])
+    return _nearest_that_works(works, specified, factor=10.0, limit=limit, resolution=resolution)
 
 
 def largest_feasible_alpha(model: TSModel, specification: Specification, resolution: float = 0.02) -> float | None:

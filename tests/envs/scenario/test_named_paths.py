@@ -110,7 +110,7 @@ def test_a_bad_file_is_named(name, text, message, tmp_path):
 
 
 def test_a_path_out_of_reach_says_by_how_much():
-    with pytest.raises(ValueError, match=r"--path: .* 1.5 m from .*; allowed: 0 to 1 m, the reach of the arm: .* 0.5 m"):
+    with pytest.raises(ValueError, match=r"--path: .* 1.5 m from .*: 0 to 1 m, the reach of the arm: .* 0.5 m"):
         GivenPath(((1.5, 0.0), (0.5, 0.5))).reference(ArmParameters())
     uneven = ArmParameters(length=(0.5, 0.2), mass_center=(0.25, 0.1))
     with pytest.raises(ValueError, match=r"allowed: 0.3 to 0.7 m, the reach of the arm: move the points by 0.3 m"):
