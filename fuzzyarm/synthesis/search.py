@@ -190,15 +190,22 @@ def smallest_feasible_pole(model: TSModel, specification: Specification, resolut
     )
 
 
-def smallest_feasible_gain_bound(model: TSModel, specification: Specification) -> float | None:
-    """Return the smallest gain bound [N m/rad] with which the rest of a specification is feasible.
+def smallest_feasible_gain_bound(model: TSModel, specification: Specification, resolution: float = 0.1) -> float | None:
+    """Return the smallest feasible gain bound [N m/rad], by bisection from the smallest gains on.
 
     None if none is specified, if another limit is left open too, or if the rest is not feasible with any.
     """
+
+    def works(bound: float) -> bool:
+        return best_solution(model, dataclasses.replace(specification, gain_bound=bound)) is not None
+
     if specification.gain_bound is None or None in (specification.alpha, specification.gamma):
         return None
     best = best_solution(model, dataclasses.replace(specification, gain_bound=None))
-    return None if best is None else best[1].largest_gain * _stiffness(best[0])
+    if best is None:
+        return None
+    least = best[1].largest_gain * _stiffness(best[0])
+    return _nearest_that_works(works, least, factor=1.5, limit=10.0 * least, resolution=resolution)
 
 
 def smallest_feasible_gamma(model: TSModel, specification: Specification, resolution: float = 0.3) -> float | None:
