@@ -16,7 +16,7 @@ from fuzzyarm.learned_policy.features import Features
 __all__ = ["LearnedPolicy"]
 
 # The memory of a lane: the number of calls since its last action, 0 if the next action is due; that action; then the
-# memory of the features and that of the base.
+# memories of the features, of the base and of the network.
 _PHASE = 0
 _ACTION = 1
 
@@ -27,7 +27,7 @@ class LearnedPolicy(Policy):
     From action instant k to the next the torque is u(t) = scale · a_k, with a_k smoothed as the definition says. With a
     base it is u(t) = u_base(t), where the base gets q_a - scale · a_k as the motor angles. The state holds everything
     that is remembered between calls: for how long the action has been held, the action, and the memories of the
-    features and of the base.
+    features, of the base and of a recurrent network.
 
     Attributes:
         bundle: the trained policy.
@@ -73,7 +73,8 @@ class LearnedPolicy(Policy):
         self._base_memory = self._past + self._features.memory_size
         self._smoothing = bundle.action.smoothing
         self._scale = np.array(bundle.action.scale)
-        self.memory_size = self._base_memory + (0 if base is None else base.memory_size)
+        self._network_memory = self._base_memory + (0 if base is None else base.memory_size)
+        self.memory_size = self._network_memory + bundle.network.memory_size
 
     def without_dry_friction(self) -> LearnedPolicy:
         """Return this policy for an arm without dry friction: base and features omit it, the network stays."""
@@ -93,7 +94,7 @@ class LearnedPolicy(Policy):
         if self.base is not None:
             shifted = observation.copy()
             shifted[:, self._motors] -= torque  # with a base `_hold` gives the shift of its target [rad]
-            self.base.command(shifted, memory[:, self._base_memory :], torque)
+            self.base.command(shifted, memory[:, self._base_memory : self._network_memory], torque)
         self._features.command(torque, memory[:, self._past : self._base_memory])
 
     def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:
@@ -101,7 +102,7 @@ class LearnedPolicy(Policy):
         features, output = np.empty((len(memory), self._features.size)), np.empty((len(memory), self.joints))
         action, past = memory[:, _ACTION : self._past], memory[:, self._past : self._base_memory]
         self._features.fill(observation, past, features)
-        self.bundle.network.act(features, output)
+        self.bundle.network.act(features, output, memory[:, self._network_memory :])
         action[:] = self._smoothing * action + (1.0 - self._smoothing) * output
         self._features.advance(observation, action, past)
 

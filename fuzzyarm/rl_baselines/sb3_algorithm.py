@@ -57,7 +57,7 @@ class Sb3Algorithm:
         """Return numbers that stable-baselines3 logged, by column of the curve, from their keys."""
         return {name: float(self.model.logger.name_to_value[key]) for name, key in keys.items()}
 
-    def _network_of(self, parts: Iterable[Any], last: Any, **kinds: str) -> Network:
+    def _network_of(self, parts: Iterable[Any], last: Any, **kinds: Any) -> Network:
         """Return the linear layers among parts of torch and a last one, with the normaliser of the features."""
         import torch
 

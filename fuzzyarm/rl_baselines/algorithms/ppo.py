@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fuzzyarm.learned_policy.network import Network
     from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
-__all__ = ["PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig"]
+__all__ = ["COLUMNS", "PRESETS", "SPEC", "PPOAlgorithm", "PPOConfig", "ppo_arguments"]
 
 _LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 logs them
     "learning_rate": "train/learning_rate",
@@ -28,6 +28,9 @@ _LOGGED = {  # columns of the curve, and the keys under which stable-baselines3 
     "explained_variance": "train/explained_variance",
     "action_std": "train/std",
 }
+
+COLUMNS = tuple(_LOGGED)
+"""What PPO adds to the curve."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -123,14 +126,19 @@ class PPOAlgorithm(Sb3Algorithm):
 
     def __init__(self, config: PPOConfig, envs: LearningEnvs) -> None:
         """Make the networks, seed everything that is random, and begin an episode in every lane."""
-        import stable_baselines3
         import torch
         from stable_baselines3.common.vec_env import VecNormalize
 
         torch.set_num_threads(config.threads)
         self._config = config
         normaliser = VecNormalize(envs, gamma=config.gamma)
-        super().__init__(config, normaliser, stable_baselines3.PPO("MlpPolicy", normaliser, **_arguments(config)))
+        super().__init__(config, normaliser, self._model(normaliser, ppo_arguments(config)))
+
+    def _model(self, normaliser: Any, arguments: dict[str, Any]) -> Any:
+        """Return the model of stable-baselines3."""
+        import stable_baselines3
+
+        return stable_baselines3.PPO("MlpPolicy", normaliser, **arguments)
 
     def update(self) -> dict[str, float]:
         """Collect `n_steps` steps in every lane and learn from them; return the numbers for the curve.
@@ -165,8 +173,8 @@ class PPOAlgorithm(Sb3Algorithm):
         set_moments(self.normaliser.ret_rms, state["normaliser"]["returns"])
 
 
-def _arguments(config: PPOConfig) -> dict[str, Any]:
-    """Return the arguments of `stable_baselines3.PPO`."""
+def ppo_arguments(config: PPOConfig) -> dict[str, Any]:
+    """Return the arguments of `stable_baselines3.PPO`, which the recurrent one shares."""
     import torch
 
     first, last = config.learning_rate, config.final_learning_rate
@@ -192,7 +200,7 @@ SPEC = AlgorithmSpec(
     config=PPOConfig,
     presets=PRESETS,
     create=PPOAlgorithm,
-    columns=tuple(_LOGGED),
+    columns=COLUMNS,
     libraries=("torch", "stable-baselines3"),
 )
 """PPO as it is registered."""
