@@ -15,12 +15,13 @@ import numpy as np
 
 from fuzzyarm.common.checks import finite_array, instance, shown
 from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
+from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
 
 __all__ = ["GATES", "LARGEST_MEMORY", "Cell", "remember"]
 
 GATES = 4
 """i, r, g and o."""
+_CONTENT = 2  # the number of g
 
 LARGEST_MEMORY = 1024
 """Numbers in h; a larger cell is refused before memory is allocated."""
@@ -106,9 +107,13 @@ def remember(
         sums[:] = bias
         add_product(x, of_x, sums)
         add_product(h, of_h, sums)
+        for gate in range(GATES):
+            # σ(a) = (1 + tanh(a/2))/2
+            scale, shift = (1.0, 0.0) if gate == _CONTENT else (0.5, 0.5)
+            for k in range(gate * hidden, (gate + 1) * hidden):
+                sums[k] = shift + scale * hyperbolic_tangent(scale * sums[k])
         for k in range(hidden):
-            kept = logistic(sums[hidden + k]) * memory[lane, hidden + k]
-            content = kept + logistic(sums[k]) * hyperbolic_tangent(sums[2 * hidden + k])
+            content = sums[hidden + k] * memory[lane, hidden + k] + sums[k] * sums[2 * hidden + k]
             memory[lane, hidden + k] = content
-            output[lane, k] = logistic(sums[3 * hidden + k]) * hyperbolic_tangent(content)
+            output[lane, k] = sums[3 * hidden + k] * hyperbolic_tangent(content)
             memory[lane, k] = output[lane, k]

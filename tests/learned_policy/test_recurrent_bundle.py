@@ -54,7 +54,7 @@ def test_it_is_the_textbooks_memory_before_the_layers_also_after_a_way_through_t
         found = [oracle(made.network, row, *past) for row, past in zip(features, expected, strict=True)]
         np.testing.assert_allclose(action, [a for a, _, _ in found], rtol=1e-12, atol=1e-13)
         expected = [(h, m) for _, h, m in found]
-    np.testing.assert_allclose(memory, [np.concatenate(pair) for pair in expected], rtol=1e-12)
+    np.testing.assert_allclose(memory, [np.concatenate(pair) for pair in expected], rtol=1e-12, atol=1e-13)
     assert np.ptp(action) > 0.05
 
 
