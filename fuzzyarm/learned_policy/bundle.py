@@ -14,7 +14,7 @@ import numpy as np
 from fuzzyarm.common.checks import choice, listed, whole
 from fuzzyarm.common.documents import record
 from fuzzyarm.learned_policy.cell import Cell
-from fuzzyarm.learned_policy.definition import ActionDefinition, ArmDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.definition import OBSERVER_BASE, ActionDefinition, ArmDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.folder import DESCRIPTION, WEIGHTS, BundleError, read_folder, tensors_in, write_folder
 from fuzzyarm.learned_policy.network import Network
 
@@ -63,6 +63,8 @@ class PolicyBundle:
             raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
         if self.arm is None and joints != _PAPERS_JOINTS:
             raise ValueError(f"it is for {joints} joints and does not say of which arm")
+        if self.features.innovation_times and self.action.base != OBSERVER_BASE:
+            raise ValueError(f"innovation_times needs the base {OBSERVER_BASE}, not {self.action.base}; otherwise ()")
         found = self.network.sizes[0], self.network.sizes[-1]
         needed = self.features.size, len(self.action.scale)
         if found != needed:

@@ -29,7 +29,7 @@ def test_the_first_preset_is_the_default():
 def test_settings_have_the_names_of_stable_baselines3():
     sb3 = pytest.importorskip("stable_baselines3")
     theirs = {*inspect.signature(sb3.PPO.__init__).parameters, "log_std_init"}  # the last is of its policies
-    assert OWN - theirs == {"final_learning_rate"}
+    assert OWN - theirs == {"final_learning_rate", "asymmetric_critic", "smoothness"}
     assert {"n_steps", "n_epochs", "ent_coef", "vf_coef", "max_grad_norm"} <= OWN
 
 

@@ -82,7 +82,7 @@ class ElasticObserverPolicy(Policy):
         self.weights = weights or weights_for(self.parameters, self.control_period)
         self._substeps = whole_substeps(control_period, None)
         self._schedule, self.feedback, self.observer = gain_tables(self.parameters, self.control_period, self.weights)
-        self._target_part, _, self._predicted = _memory_parts(self.joints)
+        self._target_part, self._started, self._predicted = _memory_parts(self.joints)
         self.memory_size = self._predicted.stop
         self._know(self.parameters)
 
@@ -102,6 +102,21 @@ class ElasticObserverPolicy(Policy):
         target = np.empty((len(observation), self._target.size))
         self._target.advance(observation, memory[:, self._target_part], target, torque)
         self._law(observation, target, memory, torque, *self._arguments)
+
+    def act_beside(self, observation: np.ndarray, memory: np.ndarray, extra: np.ndarray, torque: np.ndarray) -> None:
+        """Do what `act` does, with `extra` (lanes, n) [N m] added to u, of which the prediction knows."""
+        target = np.empty((len(observation), self._target.size))
+        self._target.advance(observation, memory[:, self._target_part], target, torque)
+        torque += extra
+        self._law(observation, target, memory, torque, *self._arguments)
+
+    def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""
+        part, measured = estimate_parts(self.joints), 2 * self.joints
+        predicted = memory[:, self._predicted]
+        expected = np.concatenate([predicted[:, part.q_motor], predicted[:, part.dq_motor]], axis=1)
+        started: np.ndarray = memory[:, self._started] != 0.0
+        return np.where(started, observation[:, :measured] - expected, 0.0)
 
     @functools.cached_property
     def _law(self) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from fuzzyarm.common.checks import real, whole
+from fuzzyarm.common.checks import real, truth, whole
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.sb3_algorithm import Sb3Algorithm, moments_of, set_moments
@@ -66,6 +66,11 @@ class PPOConfig(TrainingConfig):
     """Norm to which gradients are clipped."""
     target_kl: float = 0.0
     """An update ends early once the KL divergence exceeds 1.5 times this value; 0: never."""
+    asymmetric_critic: bool = False
+    """Show the value function what no sensor measures: errors of tip and links, force, plant and payload."""
+    smoothness: float = 0.0
+    """Coefficient of the smoothness of actions in the loss (CAPS): mean square of the difference of the policy's means
+    at normalised features and at these plus noise of 0.05."""
     log_std_init: float = -1.5
     """Logarithm of the action's standard deviation at the beginning (-20 to 2)."""
 
@@ -77,7 +82,12 @@ class PPOConfig(TrainingConfig):
         whole("n_epochs", self.n_epochs, low=1)
         for name in ("learning_rate", "clip_range", "max_grad_norm"):
             real(name, getattr(self, name), above=0.0)
-        for name in ("final_learning_rate", "ent_coef", "vf_coef", "target_kl"):
+        truth("asymmetric_critic", self.asymmetric_critic)
+        if self.smoothness and self.ent_coef:
+            raise ValueError(
+                f"smoothness = {self.smoothness:g} and ent_coef = {self.ent_coef:g}: one of them must be 0"
+            )
+        for name in ("final_learning_rate", "ent_coef", "vf_coef", "target_kl", "smoothness"):
             real(name, getattr(self, name), low=0.0)
         for name in ("gamma", "gae_lambda"):
             real(name, getattr(self, name), low=0.0, high=1.0)
@@ -131,6 +141,9 @@ class PPOAlgorithm(Sb3Algorithm):
 
         torch.set_num_threads(config.threads)
         self._config = config
+        if config.asymmetric_critic:
+            envs.show_plant()
+            self._policy_sees = config.features.size
         normaliser = VecNormalize(envs, gamma=config.gamma)
         super().__init__(config, normaliser, self._model(normaliser, ppo_arguments(config)))
 
@@ -138,6 +151,15 @@ class PPOAlgorithm(Sb3Algorithm):
         """Return the model of stable-baselines3."""
         import stable_baselines3
 
+        from fuzzyarm.rl_baselines.ppo_policy import GuidedPolicy
+
+        config = self._config
+        if config.asymmetric_critic or config.smoothness or config.gate:
+            unseen = normaliser.observation_space.shape[0] - config.features.size
+            settings = {"unseen": unseen, "smoothness": config.smoothness, "silent": config.gate > 0.0}
+            arguments["policy_kwargs"] |= settings
+            arguments["ent_coef"] = config.ent_coef or float(config.smoothness > 0.0)
+            return stable_baselines3.PPO(GuidedPolicy, normaliser, **arguments)
         return stable_baselines3.PPO("MlpPolicy", normaliser, **arguments)
 
     def update(self) -> dict[str, float]:

@@ -34,6 +34,8 @@ class RecurrentPPOConfig(PPOConfig):
     def __post_init__(self) -> None:
         """Check types, ranges and what must fit together."""
         super().__post_init__()
+        if self.asymmetric_critic or self.smoothness:
+            raise ValueError("asymmetric_critic and smoothness are of ppo; leave them out of recurrent-ppo")
         whole("lstm_hidden_size", self.lstm_hidden_size, low=1, high=_LARGEST_MEMORY)
 
 

@@ -29,5 +29,7 @@ def sampled_law(policy: Policy, references: np.ndarray) -> SampledLaw:
         if (network.activation, network.output, network.cell) != ("tanh", "clip", None):
             kind = "a recurrent network" if network.cell else f"layers of {network.activation} and {network.output}"
             raise NoBound(f"there is no bound for {kind}; choose a policy of PPO, whose layers are tanh and clip")
+        if policy.bundle.features.innovation_times or policy.bundle.action.gate > 0.0:
+            raise NoBound("there is no bound for a policy that sees the innovation of its base; prove the base instead")
         return NetworkLaw(policy, references)
     return FixedLaw(ball_law(policy), asked(policy, references), policy.control_period)
