@@ -12,7 +12,7 @@ from typing import Any, Literal, Self, get_args
 
 from fuzzyarm.common.checks import choice, instance, real, truth, whole
 from fuzzyarm.common.documents import record
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.definition import OBSERVER_BASE, ActionDefinition, FeatureDefinition
 
 __all__ = ["Distribution", "TrainingConfig"]
 
@@ -104,6 +104,8 @@ class TrainingConfig:
         truth("tensorboard", self.tensorboard)
         if self.robot is not None:
             instance("robot", self.robot, str)
+        if self.innovation_times and self.base != OBSERVER_BASE:
+            raise ValueError(f"innovation_times needs the base {OBSERVER_BASE}, not {self.base}; leave it out")
         # The definitions of features and action check the rest.
         _ = self.action, self.features
 

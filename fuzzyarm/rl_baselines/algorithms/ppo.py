@@ -127,6 +127,22 @@ PRESETS: dict[str, PPOConfig] = {
         batch_size=1024,
         n_epochs=10,
     ),
+    "observer": dataclasses.replace(
+        _ROBUST,
+        base="elastic-observer",
+        scale=(300.0, 150.0),
+        gate=1.0,
+        innovation_times=(0.005, 0.03),
+        action_period=0.001,
+        elastic_target=True,
+        tip_error_scale=0.02,
+        hidden=(64, 64),
+        total_timesteps=8_000_000,
+        n_epochs=6,
+        gamma=0.99,
+        log_std_init=-2.0,
+        asymmetric_critic=True,
+    ),
 }
 """The settings of the shipped policies, by what follows ``ppo-`` in their names."""
 
