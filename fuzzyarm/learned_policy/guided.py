@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fuzzyarm.envs.observation import starts
+from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
@@ -17,6 +18,8 @@ def guided(
 ) -> None:
     """Replace `torque`, which holds scale · a (lanes, n), by that of the guided base [N m], and advance its memory.
 
+    With a gate the torque is not clipped yet; the prediction of the base knows the limits.
+
     Args:
         base: the policy that ``action.base`` names.
         action: what the action means; [rad], or with a gate [N m].
@@ -28,7 +31,6 @@ def guided(
         assert isinstance(base, ElasticObserverPolicy)
         extra = gate(base.innovation(observation, memory), action.gate)[:, np.newaxis] * torque
         base.act_beside(observation, memory, extra, torque)
-        torque[:] = base.clipped(torque)
         return
     shifted, motors = observation.copy(), slice(starts(base.joints).q_motor, base.joints)
     shifted[:, motors] -= torque
@@ -37,11 +39,21 @@ def guided(
 
 def gate(innovation: np.ndarray, width: float) -> np.ndarray:
     """Return γ (lanes,) of `ActionDefinition` for ν (lanes, 2 n) [rad, rad/s] and G."""
-    units = width * np.repeat(INNOVATION_UNITS, innovation.shape[1] // 2)
-    ratio = innovation / units
-    size = (ratio * ratio).sum(axis=1) / innovation.shape[1]
-    share: np.ndarray = size / (1.0 + size)
+    share = np.empty(len(innovation))
+    _gate(innovation, width * INNOVATION_UNITS[0], width * INNOVATION_UNITS[1], share)
     return share
+
+
+@kernel
+def _gate(innovation: np.ndarray, angle: float, velocity: float, share: np.ndarray) -> None:
+    """Fill γ (lanes,), see `gate`, for the units of angles [rad] and of velocities [rad/s]."""
+    count = innovation.shape[1]
+    for lane in range(len(innovation)):
+        total = 0.0
+        for k in range(count):
+            ratio = innovation[lane, k] / (angle if k < count // 2 else velocity)
+            total += ratio * ratio
+        share[lane] = total / (count + total)
 
 
 def seen_by(
@@ -54,4 +66,4 @@ def seen_by(
     if not features.innovation_times:
         return None, None
     assert isinstance(base, ElasticObserverPolicy)
-    return base.innovation(observation, memory), base.estimate(memory)[1]
+    return base.innovation(observation, memory), memory[:, base.load]
