@@ -9,9 +9,9 @@ import pytest
 torch = pytest.importorskip("torch")
 sb3_contrib = pytest.importorskip("sb3_contrib")
 from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
-from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.recurrent_ppo import PRESETS, RecurrentPPOConfig  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
+from fuzzyarm.rl_baselines.on_policy import OnPolicyConfig  # noqa: E402
 from fuzzyarm.rl_baselines.training import CHECKPOINT, Training  # noqa: E402
 
 SMALL = RecurrentPPOConfig(
@@ -94,7 +94,7 @@ def test_a_crafted_memory_is_refused(trained, tmp_path):
 def test_settings_have_the_names_of_the_library_and_presets_stand():
     own = {field.name for field in dataclasses.fields(RecurrentPPOConfig)}
     theirs = inspect.signature(sb3_contrib.common.recurrent.policies.RecurrentActorCriticPolicy.__init__).parameters
-    assert own - {field.name for field in dataclasses.fields(PPOConfig)} == {"lstm_hidden_size"} <= set(theirs)
+    assert own - {field.name for field in dataclasses.fields(OnPolicyConfig)} == {"lstm_hidden_size"} <= set(theirs)
     assert list(PRESETS) == ["nominal", "robust"]
     with pytest.raises(ValueError, match="lstm_hidden_size = 0 is out of range; allowed: 1 to 512"):
         dataclasses.replace(SMALL, lstm_hidden_size=0)

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from fuzzyarm.common.checks import whole
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
-from fuzzyarm.rl_baselines.algorithms.ppo import COLUMNS, PPOAlgorithm, PPOConfig
+from fuzzyarm.rl_baselines.on_policy import COLUMNS, OnPolicyAlgorithm, OnPolicyConfig
 
 if TYPE_CHECKING:
     import torch
 
     from fuzzyarm.learned_policy.network import Network
+    from fuzzyarm.rl_baselines.learning_env import LearningEnvs
 
 __all__ = ["PRESETS", "SPEC", "RecurrentPPOAlgorithm", "RecurrentPPOConfig"]
 
@@ -20,7 +21,7 @@ _LARGEST_MEMORY = 512
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RecurrentPPOConfig(PPOConfig):
+class RecurrentPPOConfig(OnPolicyConfig):
     """The settings of a training with recurrent PPO: those of PPO, and the size of the memory.
 
     Raises:
@@ -34,8 +35,6 @@ class RecurrentPPOConfig(PPOConfig):
     def __post_init__(self) -> None:
         """Check types, ranges and what must fit together."""
         super().__post_init__()
-        if self.asymmetric_critic or self.smoothness:
-            raise ValueError("asymmetric_critic and smoothness are of ppo; leave them out of recurrent-ppo")
         whole("lstm_hidden_size", self.lstm_hidden_size, low=1, high=_LARGEST_MEMORY)
 
 
@@ -57,13 +56,18 @@ PRESETS = {
 """Settings by name."""
 
 
-class RecurrentPPOAlgorithm(PPOAlgorithm):
+class RecurrentPPOAlgorithm(OnPolicyAlgorithm):
     """Recurrent PPO in the middle of a training, see `fuzzyarm.rl_baselines.algorithm.Algorithm`.
 
     The memories of all lanes are part of the state, so that a resumed training gives the same bits.
     """
 
-    _config: RecurrentPPOConfig
+    def __init__(self, config: RecurrentPPOConfig, envs: LearningEnvs) -> None:
+        """Make the networks, seed everything that is random, and begin an episode in every lane."""
+        import sb3_contrib
+
+        size = config.lstm_hidden_size
+        super().__init__(config, envs, sb3_contrib.RecurrentPPO, "MlpLstmPolicy", lstm_hidden_size=size)
 
     def network(self) -> Network:
         """Return the LSTM and the layers that give the mean of the Gaussian policy, with the normaliser."""
@@ -84,13 +88,6 @@ class RecurrentPPOAlgorithm(PPOAlgorithm):
         super().set_state(state)
         for name, own in self._memories().items():
             own.copy_(state["memories"][name])
-
-    def _model(self, normaliser: Any, arguments: dict[str, Any]) -> Any:
-        import sb3_contrib
-
-        size = self._config.lstm_hidden_size
-        arguments["policy_kwargs"] |= {"lstm_hidden_size": size}
-        return sb3_contrib.RecurrentPPO("MlpLstmPolicy", normaliser, **arguments)
 
     def _memories(self) -> dict[str, torch.Tensor]:
         """Return output and content of the LSTM of the policy and of that of the value function, (1, lanes, hidden)."""
