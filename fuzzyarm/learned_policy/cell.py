@@ -95,7 +95,7 @@ def remember(
 ) -> None:
     """Advance the memory (lanes, 2 hidden) by features (lanes, inputs), and fill `output` (lanes, hidden) with h⁺.
 
-    Lane by lane, so that nothing depends on how many lanes there are.
+    h and m are pure numbers. Lane by lane, so that nothing depends on how many lanes there are.
     """
     inputs, hidden = len(mean), len(of_h)
     x, h, sums = np.empty(inputs), np.empty(hidden), np.empty(len(bias))
