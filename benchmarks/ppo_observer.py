@@ -1,6 +1,6 @@
 """PPO beside the elastic observer, and what each of its settings is worth, one at a time.
 
-python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer knobs robust]
+python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer knobs robust] [--figure FILE]
 
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
@@ -12,11 +12,15 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import io
 import json
 from pathlib import Path
 from typing import Any
 
+import matplotlib.style
 import numpy as np
+from learned_figures import BOUND
+from matplotlib.figure import Figure
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
@@ -37,6 +41,7 @@ from fuzzyarm.rl_baselines.training import Training
 RESULT = Path(__file__).parent / "results" / "ppo_observer.json"
 PERIOD = 1e-3  # s
 LANES, STEPS, SEED, REFERENCES = 128, 1500, 7777, 64  # of the development plants
+SHOWN = {"machining": "force (Case 2)", "payload": "payload (Case 3)"}
 DELAYS = (0.0, 0.5, 1.0)  # samples
 
 _OBSERVER = dataclasses.replace(PRESETS["observer"], tensorboard=False)
@@ -113,7 +118,7 @@ def measured(policy: Policy) -> dict[str, Any]:
     except ValueError:  # it does not hold still, or its torques are clipped there
         loops = []
     for delay in DELAYS:
-        row["radius"][f"{delay:g}"] = round(largest_radius(loops, delay=delay), 4) if loops else None
+        row["radius"][f"{delay:g}"] = round(largest_radius(loops, delay=delay), 6) if loops else None
     return row
 
 
@@ -133,11 +138,30 @@ def trained(config: PPOConfig, folder: Path) -> dict[str, Any]:
     return {**json.loads((folder / "run.json").read_text()), **measured(policy), "curve": curve}
 
 
+def draw(document: dict[str, Any], path: Path) -> None:
+    """Draw the errors of the seeds over the steps of the training, with those of the base."""
+    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
+        figure = Figure(figsize=(7.5, 3.0))
+        for axes, (case, title) in zip(figure.subplots(1, 2), SHOWN.items(), strict=True):
+            base = document["references"]["elastic-observer"]["cases"][case]["rms_mm"]
+            axes.axhline(base, label="elastic-observer", **BOUND)
+            for name, run in document["runs"]["observer"].items():
+                steps = [row["steps"] / 1e6 for row in run["curve"]]
+                axes.plot(steps, [row[case] for row in run["curve"]], label=name)
+            axes.set(title=title, xlabel="environment steps [million]", ylim=(0.0, None))
+        figure.axes[0].set_ylabel("rms tip error [mm]")
+        figure.axes[0].legend()
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png")
+    write_atomically(path, picture.getvalue())
+
+
 def main() -> None:
     """Train and measure what is asked for, and write the result."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("ppo-observer-runs"), help="folder of the trainings")
     parser.add_argument("--groups", nargs="+", choices=list(RUNS), default=list(RUNS))
+    parser.add_argument("--figure", type=Path, help="also draw the errors over the steps of the training")
     arguments = parser.parse_args()
     known = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {"runs": {}}
     if "references" not in known:
@@ -151,6 +175,8 @@ def main() -> None:
             print(group, name, {key: value for key, value in row.items() if key != "curve"}, flush=True)
             content = {"command": "python benchmarks/ppo_observer.py", **known, **current_provenance()}
             write_atomically(RESULT, json.dumps(content, indent=1) + "\n")
+    if arguments.figure:
+        draw(known, arguments.figure)
 
 
 if __name__ == "__main__":
