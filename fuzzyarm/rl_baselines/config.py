@@ -45,7 +45,7 @@ class TrainingConfig:
     base: str = "none"
     """Policy whose target the action shifts, such as fuzzy-4-tip; none: actions are torques."""
     robot: str | None = None
-    """Another arm: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
+    """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
     scale: tuple[float, ...] = (400.0, 180.0)
     """Largest action of each motor: torques [N m], or with a base and no gate angles [rad], of 0.5 at most. On the
     command line, a robot with more joints has 0.8 of its torque limits, or 0.01 rad."""
