@@ -36,7 +36,7 @@ from readme_design import (
     tip_bound_table,
     tip_gamma_table,
 )
-from readme_estimate import estimate_tables
+from readme_estimate import estimate_front, estimate_tables
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table
 from readme_markdown import made_with
@@ -97,7 +97,7 @@ SCRIPTS: dict[str, list[str]] = {
 """Benchmarks that write their result with ``--json``, and their other options."""
 WRITTEN_OTHERWISE = (
     *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
-    *("learned_observer", "plant_gradients", "dataset_scores"),  # of trainings, which are run by hand
+    *("learned_observer", "estimate_front", "plant_gradients", "dataset_scores"),  # of trainings, which are run by hand
 )
 """Results that commands write, or benchmarks with options of their own."""
 
@@ -188,6 +188,7 @@ def sections() -> dict[str, str]:
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
+        "estimate-front": estimate_front(stored["estimate_front"]),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
         "dataset-scores": dataset_table(stored["dataset_scores"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
