@@ -5,8 +5,8 @@
 
 Folders are grouped by their weight; those in the repository have the default. Of every training: tip errors in the
 paper's three cases and the spectral radius in every condition of `fuzzyarm margins`. Of the median seed of each weight,
-by the rms errors of Cases 2 and 3, and of `elastic-observer`: largest tip errors over the first held-out plants of `all`,
-with noise and late commands.
+by the rms errors of Cases 2 and 3, and of `elastic-observer`: largest tip errors over the first held-out plants of
+`all`, with noise and late commands.
 
 A network that bends within a millionth of a radian has other radii at equilibria that differ in the last digits. So the
 radius one sample later is also found for every network with its weights changed by 1e-9 of themselves, three times.
