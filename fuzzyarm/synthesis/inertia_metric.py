@@ -89,6 +89,7 @@ def fitted_metric(
     search.run()
     for number in range(1, len(premises) + 1):
         search, _ = _with_premise(search, robot, premises[:number], alpha)
+        search.fix_distal()  # they are fitted to the first premise, which changes most
     search.raise_floor([_slopes(premises, k, samples.q) for k in range(len(premises))])
     inertia, low, high, unit = search.found()
     ranges = widened(np.array([joint.angle_range for joint in robot.joints]))
@@ -156,7 +157,7 @@ def _with_premise(
         rates = [found.rate(slope) for slope in slopes]
         return smallest_pole(found.kappa, alpha + float(np.dot(rates, speeds)))
 
-    tried = [before.blended(after.inertia, share) for share in np.linspace(0.0, 1.0, BLENDS).tolist()]
+    tried = [before.blended(after, share) for share in np.linspace(0.0, 1.0, BLENDS).tolist()]
     poles = [pole(found) for found in tried]
     best = int(np.argmin(poles))
     return tried[best], poles[best]

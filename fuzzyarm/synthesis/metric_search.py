@@ -62,12 +62,13 @@ class MetricSearch:
         return other
 
     def schedule(self, weights: np.ndarray) -> None:
-        """Go on with one more premise, or several: rules of weights (B, N), each with the inertia that it had without.
-
-        D_low and D_high stay what they are.
-        """
+        """Go on with one more premise: rules of weights (B, N), each with the inertia that it had without."""
         copies = weights.shape[1] // len(self.inertia)
-        self.weights, self.inertia, self.far = weights, np.tile(self.inertia, (copies, 1, 1)), set()
+        self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
+
+    def fix_distal(self) -> None:
+        """Leave D_low and D_high what they are from now on, which makes the programs small."""
+        self.far = set()
 
     def run(self, rounds: int = ROUNDS) -> None:
         """Iterate until the samples in the program allow no smaller κ; what is found holds for all samples.
@@ -109,9 +110,9 @@ class MetricSearch:
         for _ in range(FLOOR_ROUNDS):
             self._floor_step(sorted(self.near), slopes, (1.0 + FLOOR_COST) * rates, largest)
             self._add_violated()
-            answer, start = self.inertia, best
+            start = best
             for share in SHARES:
-                found = start.blended(answer, share)
+                found = start.blended(self, share)
                 within = found.kappa <= largest and all(
                     found.rate(slope) <= (1.0 + FLOOR_COST) * rate for slope, rate in zip(slopes, rates, strict=True)
                 )
@@ -125,10 +126,12 @@ class MetricSearch:
         hat, change = (np.tensordot(weights, self.inertia, axes=1) for weights in (self.weights, slope))
         return 0.5 * float(np.abs(relative(change, hat)).max())
 
-    def blended(self, inertia: np.ndarray, share: float) -> MetricSearch:
-        """Return this search with S_r moved by a share towards those of another M̂ with the same D_low and D_high."""
+    def blended(self, end: MetricSearch, share: float) -> MetricSearch:
+        """Return this search with S_r, D_low and D_high moved by a share towards those of another one."""
         other = self.copy()
-        other.inertia = self.inertia + share * (inertia - self.inertia)
+        other.inertia, other.low, other.high = (
+            old + share * (new - old) for new, old in zip(end._proposal(), self._proposal(), strict=True)
+        )
         other._settle()
         other.kappa = other._kappa()
         return other
