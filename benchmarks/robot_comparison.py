@@ -4,8 +4,8 @@
 
 Controllers of the semidefinite form are designed with 1, 2 and 4 rules (two joints: 1 and 2, as they have one premise),
 at the default decay rate; γ is also given at the decay rate and the fastest pole of the first. The one with the
-smallest certified gain γ [rad/(N m)] joins computed-torque and elastic-observer in the three cases, in the table of margins and
-in a sweep of 1,000 plants drawn around the robot. Nothing is tuned on the cases.
+smallest certified gain γ [rad/(N m)] joins computed-torque and elastic-observer in the three cases, in the table of
+margins and in a sweep of 1,000 plants drawn around the robot. Nothing is tuned on the cases.
 """
 
 from __future__ import annotations
