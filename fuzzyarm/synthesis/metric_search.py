@@ -20,9 +20,11 @@ from fuzzyarm.synthesis.semidefinite_program import Family, minimise, symmetric_
 
 __all__ = ["ROUNDS", "MetricSearch", "relative"]
 
+ROUNDS = 20
+"""Programs that are solved for one schedule at most."""
+
 FIRST = 24  # samples to begin with
 ADDED = 5  # of each constraint and round
-ROUNDS = 20
 FLOOR_ROUNDS, FLOOR_COST = 4, 2e-3  # and the share by which κ and the rates may rise for a larger floor
 SHARES = (1.0, 0.6, 0.3, 0.1)  # of the way from the best M̂ so far to an answer of the program
 ACTIVE = 0.02  # smallest eigenvalue of a constraint in scaled coordinates that keeps its sample in the program
