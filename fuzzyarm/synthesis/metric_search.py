@@ -124,7 +124,7 @@ class MetricSearch:
             self.inertia, self.kappa = best.inertia, best.kappa
 
     def rate(self, slope: np.ndarray) -> float:
-        """Return μ_k [1/rad] of the samples: half the largest eigenvalue of ∂M̂/∂q_k, with weights `slope`, to M̂."""
+        """Return μ_k [1/rad]: half the largest eigenvalue of ∂M̂/∂q_k relative to M̂, from ∂h/∂q_k, shape (B, N)."""
         hat, change = (np.tensordot(weights, self.inertia, axes=1) for weights in (self.weights, slope))
         return 0.5 * float(np.abs(relative(change, hat)).max())
 
