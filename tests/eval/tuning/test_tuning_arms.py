@@ -52,11 +52,8 @@ def test_an_arm_of_ones_own_gets_policies_that_lose_no_case(tmp_path, arm):
     folder = tmp_path / "my-arm"
     found = tuned(arm, folder)
     assert {"fuzzy-4", "computed-torque", "elastic-observer"} <= set(found.laws.policies)
-    # The margins of the adaptive observer are those of its frozen loop; softer weights do not make the elastic observer
-    # of three joints bear every stiffness, which its page says.
-    excepted = {"adaptive-observer"} if isinstance(arm, ArmParameters) else {"elastic-observer"}
     for row in found.margins["rows"]:
-        if row["policy"] not in excepted:
+        if row["policy"] != "adaptive-observer":  # its margins are those of its frozen loop
             assert all(radius < 1.0 for radius in row["spectral_radius"].values()), row
     given = {"parameters": arm} if isinstance(arm, ArmParameters) else {"robot": arm}
     assert evaluate(EvaluationConfig(policies=policies_of(str(folder)), **given)).complete
