@@ -181,7 +181,7 @@ def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
         then = {name: instance(name, document[name], dict) for name in ("numbers", "policies", "made_with")}
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} cannot be used ({_line(error)}): begin anew in another folder") from None
-    if digest != digest_of_identity(then) or then["numbers"] != config.numbers():
+    if digest != digest_of_identity(then) or then["numbers"] != json.loads(json.dumps(config.numbers())):
         raise ValueError(f"{path} was changed after the sweep began: begin anew in another folder")
     return config, then, digest
 

@@ -5,9 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import fuzzyarm
+from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.identity import SOURCES, difference, digest_of_identity, made_with, sweep_identity
+from fuzzyarm.eval.sweep.store import Store
 from fuzzyarm.policies import resolve_all
 
 ROOT = Path(fuzzyarm.__file__).parent
@@ -53,3 +57,12 @@ def test_a_difference_names_the_entries_down_to_the_file():
     now = {"mine": {"a.py": "2" * 64, "b.py": "1"}, "fuzzy-4": {}}
     assert difference(then, now) == f"mine: a.py {20 * '0'} and {20 * '2'}"
     assert difference(then, then) == ""
+
+
+def test_the_sweep_of_a_robot_is_opened_again_and_another_robot_is_refused(tmp_path):
+    robot = robot_named("planar-3r")
+    config = SweepConfig(robot=robot, policies=("computed-torque",), plants=2)
+    Store.create(tmp_path, config)
+    assert Store.open(tmp_path, {"robot": robot}).config == config
+    with pytest.raises(ValueError, match="choose another --out"):
+        Store.open(tmp_path, {"robot": robot.with_payload(0.1)})
