@@ -40,8 +40,9 @@ class Options:
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """File of the bound to write (.json; default: none), which fuzzyarm verify checks again; by cells, the file of each
     lies beside it"""
-    cells: Annotated[tuple[str, int] | None, Parameter(metavar="FIELD N")] = None
-    """Divide the range of the payload or of the force into N cells, each with a tube of its own (default: one tube)"""
+    cells: Annotated[list[tuple[str, int]] | None, Parameter(metavar="FIELD N", negative="")] = None
+    """Divide the range of a field of the set into N parts, of each joint where it has its own; may be repeated. Each
+    cell has a tube of its own, and is halved where it has none (default: one tube)"""
     jobs: int = 1
     """Processes that work on the cells"""
     json: bool = False
@@ -82,31 +83,29 @@ def run(options: Options) -> int:
 
 
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
-    """Return the result by cells as plain data and as text; `NoBound` names the first cell without a bound."""
+    """Return the result by cells as plain data and as text; `NoBound` names the first cell without one."""
     from fuzzyarm.common.checks import whole
     from fuzzyarm.common.console import escaped, progress
     from fuzzyarm.common.rounding import at_most
     from fuzzyarm.eval.certified.tip.bound import problem_of
-    from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
+    from fuzzyarm.eval.certified.tip.cells import bounds_of_cells, cells
     from fuzzyarm.eval.certified.tip.cells_file import save_cells
-    from fuzzyarm.eval.certified.tip.enclosures import NoBound
 
-    field, number = options.cells or ("", 1)
-    count, jobs = whole("--cells", number, low=1, high=1000), whole("--jobs", options.jobs, low=1, high=64)
+    divisions, jobs = options.cells or [], whole("--jobs", options.jobs, low=1, high=64)
+    count = sum(1 for _ in cells(claim.plants, divisions))
     problem_of(claim)
     found = []
     with progress("cells", count) as advance:
-        for cell in bounds_of_cells(claim, field, count, jobs, options.out):
-            if cell.bound is None:
-                raise NoBound(f"{field} from {getattr(cell.plants, field)[0]:g}: {cell.reason}")
-            found.append(cell)
+        for parts in bounds_of_cells(claim, divisions, jobs, options.out):
+            found += parts
             advance()
-    most = max(cell.bound for cell in found if cell.bound is not None)
+    most = max(cell.bound for cell in found)
     if options.out is not None:
-        save_cells(claim, field, found, options.out)
-    rows = [{field: list(getattr(cell.plants, field)), "bound": cell.bound} for cell in found]
+        save_cells(claim, found, options.out)
+    names = [name for name, _ in divisions]
+    rows = [{**{name: cell.plants.to_dict()[name] for name in names}, "bound": cell.bound} for cell in found]
     named = {"policy": options.policy, "case": options.case, "set": options.set}
-    text = f"{options.policy}, {options.case}, set {options.set}, {count} cells of {field}"
+    text = f"{options.policy}, {options.case}, set {options.set}, {len(found)} cells of {', '.join(names)}"
     return (
         named | {"proven": True, "bound": most, "cells": rows},
         f"{escaped(text)}: the tip error is at most {at_most(1e3 * most, 4)} mm at every sample: PROVEN",

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.tip.bound import PATHS
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.chart import figure
@@ -55,7 +53,7 @@ def _episode(check: BoundCheck, rollouts: Sequence[Rollout]) -> Rollout:
     claim = check.claim
     for run in rollouts:
         if (run.policy, run.case) == (claim.policy, claim.case) and len(run.tip) >= len(check.tip):
-            wanted = JointReference(PATHS[claim.path], claim.duration).tip(run.time[: len(check.tip)]).position
+            wanted = check.reference().tip(run.time[: len(check.tip)]).position
             found = run.tip_reference[: len(check.tip)]
             if found.shape == wanted.shape and np.abs(found - wanted).max() < 1e-9:
                 return run
