@@ -148,6 +148,10 @@ MUTATIONS = (
         "np.array([0.5 * t, 0.25 * t * t, 0.0]), 0.0, 0.0)", "test_observer_law.py", "kick",
     ),
     Mutation(
+        "rounding of the predictor", "predictor.py", "ROUNDED = 2.0**-46", "ROUNDED = 0.0", "test_observer_law.py",
+        "rounding",
+    ),
+    Mutation(
         "gains of the observer between angles", "observer_law.py", "    return middle, rows, rest\n",
         "    return middle, rows, 0.0 * rest\n", "test_observer_law.py", "near",
     ),

@@ -73,7 +73,19 @@ def test_at_a_point_it_is_the_policy(policy, law, k):
     assert (allowed[:2] < 1e-8).all() and (allowed[2:6] < 1e-11).all() and (allowed[6:] < 1e-9).all()
 
 
-@pytest.mark.parametrize(("speed", "bend"), [(0.0, 1e-3), (1e-4, 1e-3), (0.3, 1e-3), (0.3, 0.5)])
+PREDICTED = [(0.0, 1e-3), (1e-4, 1e-3), (0.3, 1e-3), (0.3, 0.5)]
+CANCELLING = [
+    (0.016359278461708423, 1.547312100628414),
+    (0.4851069600567621, 0.7444842371838514),
+    (0.02686437826862913, 1.0062253504424241),
+    (3.0795848580468563, 2.103739622599942),
+    (0.527112884138033, 0.6814619396491903),
+    (4.3363032208852, 2.2681295390084615),
+]
+"""Speeds and bends for which floats err by more than a bit: without an allowance some of them are missed."""
+
+
+@pytest.mark.parametrize(("speed", "bend"), PREDICTED + CANCELLING)
 def test_the_predicted_steps_are_those_of_the_integrator_but_for_rounding(speed, bend):
     """Five sub-steps of `loaded_step` in floats: at rest, nearly at rest, slipping, and with torques that cancel."""
     torque, load = np.array([64000.0, 12000.0]) * bend, np.array([-64000.0, -12000.0]) * bend
