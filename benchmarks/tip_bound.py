@@ -95,8 +95,8 @@ CLAIMS = (
 
 CELLS: dict[str, list[Division]] = {
     "payload 0 to 5 kg": [("payload", 25)],
-    "masses ± 5 %": [("mass", 3)],
-    WIDE: [("stiffness", 3), ("mass", 3)],
+    "masses ± 5 %": [("mass-2", 3)],
+    WIDE: [("mass-2", 3), ("stiffness-1", 2), ("stiffness-2", 4)],
 }
 """Sets that are divided: the fields, and into how many parts; cells without a tube are halved."""
 
@@ -112,6 +112,7 @@ def bounded(claim: TipClaim) -> tuple[TipBound, np.ndarray, int]:
         for bound in bounds_of_cell(dataclasses.replace(claim, plants=part), claim.plants, fields):
             worst = bound if worst is None or bound.largest > worst.largest else worst
             tip, count = np.maximum(tip, bound.tip), count + 1
+            print(f"  cell {count}: {1e3 * bound.largest:.4g} mm", flush=True)
     assert worst is not None
     return worst, tip, count
 

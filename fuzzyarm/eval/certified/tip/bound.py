@@ -29,7 +29,7 @@ from fuzzyarm.eval.certified.tip.zonotope import SOURCES
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies import load_policy
 
-__all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "problem_of", "reference_of"]
+__all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "own_duration", "problem_of", "reference_of"]
 
 PATHS = ("circle", "lemniscate")
 """Paths of the tip by name: the paper's circle, and an eight of the same width."""
@@ -126,6 +126,11 @@ def reference_of(claim: TipClaim, arm: ArmParameters) -> JointReference:
     reference = default_reference(arm, choice("path", claim.path, PATHS))
     assert isinstance(reference, JointReference)
     return dataclasses.replace(reference, duration=claim.duration)
+
+
+def own_duration(policy: str) -> float:
+    """Return the duration [s] of the default circle of the arm that a policy is for; 1.5 s for that of Table 1."""
+    return default_reference(load_policy(policy, control_period=PERIOD).parameters).duration
 
 
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:

@@ -29,9 +29,18 @@ HALVINGS = 6
 """How often a cell is halved before it is given up."""
 
 Division = tuple[str, int]
-"""A field of `RANGES`, and into how many equal parts its range is divided."""
+"""A name of `DIVISIBLE`, and into how many equal parts its range is divided."""
+
+Axis = tuple[str, int]
+"""A field of `RANGES` and a joint; 0 where the range is not by joint."""
 
 _AXES = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
+
+DIVISIBLE: dict[str, list[Axis]] = {
+    **{name: [axis for axis in _AXES if axis[0] == name] for name in RANGES},
+    **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in _AXES if name in BY_JOINT},
+}
+"""What can be divided by name: the range of a field, of each joint where it has its own, or of one joint (mass-2)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,14 +67,16 @@ def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]
         ValueError: a field is unknown or named twice, or a number of parts is out of range.
     """
     distinct("cells", [name for name, _ in divisions])
-    axes = []
+    axes: list[list[tuple[Axis, tuple[float, float]]]] = []
     for name, parts in divisions:
-        choice("cells", name, RANGES)
+        choice("cells", name, tuple(DIVISIBLE))
         count = whole(f"cells of {name}", parts, low=1, high=1000)
-        for joint in range(JOINTS if name in BY_JOINT else 1):
-            low, high = plants.of_joint(name, joint)
+        for axis in DIVISIBLE[name]:
+            if axis in {known for known, _ in itertools.chain(*axes)}:
+                raise ValueError(f"cells = {name} divides a range that is divided already; leave out one")
+            low, high = plants.of_joint(*axis)
             ends = [low + (high - low) * k / count for k in range(count)] + [high]
-            axes.append([((name, joint), pair) for pair in itertools.pairwise(ends)])
+            axes.append([(axis, pair) for pair in itertools.pairwise(ends)])
     for chosen in itertools.product(*axes):
         cell = plants
         for axis, part in chosen:
@@ -84,15 +95,15 @@ def bounds_of_cells(
         NoBound: a cell has none; the message says which.
     """
     tasks = [dataclasses.replace(claim, plants=cell) for cell in cells(claim.plants, divisions)]
-    fields = [name for name, _ in divisions]
+    names = [name for name, _ in divisions]
     paths = [out and out.with_name(f"{out.stem}-{number:03}") for number in range(1, len(tasks) + 1)]
-    work = (delayed(_saved)(task, claim.plants, fields, path) for task, path in zip(tasks, paths, strict=True))
+    work = (delayed(_saved)(task, claim.plants, names, path) for task, path in zip(tasks, paths, strict=True))
     yield from Parallel(n_jobs=jobs, return_as="generator")(work)
 
 
-def _saved(claim: TipClaim, plants: PlantSet, fields: Sequence[str], stem: Path | None) -> list[CellBound]:
+def _saved(claim: TipClaim, plants: PlantSet, names: Sequence[str], stem: Path | None) -> list[CellBound]:
     found = []
-    for number, bound in enumerate(bounds_of_cell(claim, plants, fields)):
+    for number, bound in enumerate(bounds_of_cell(claim, plants, names)):
         path = None
         if stem is not None:
             path = stem.with_name(f"{stem.name}{chr(ord('a') + number) if number else ''}.json")
@@ -102,14 +113,14 @@ def _saved(claim: TipClaim, plants: PlantSet, fields: Sequence[str], stem: Path 
 
 
 def bounds_of_cell(
-    claim: TipClaim, plants: PlantSet, fields: Sequence[str], halvings: int = HALVINGS
+    claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = HALVINGS
 ) -> Iterator[TipBound]:
     """Yield the bound of a cell, or those of its parts.
 
     Args:
         claim: whose set is the cell.
         plants: the whole set.
-        fields: whose ranges may be halved.
+        names: of `DIVISIBLE`, whose ranges may be halved.
         halvings: how often that may be done.
 
     Raises:
@@ -119,28 +130,28 @@ def bounds_of_cell(
         yield find_bound(claim)
         return
     except NoBound as error:
-        axis = _widest(claim.plants, plants, fields)
+        axis = _widest(claim.plants, plants, names)
         if not halvings or axis is None:
             raise NoBound(f"{ranges_in_words(claim.plants, plants)}: {error}") from None
     low, high = claim.plants.of_joint(*axis)
     middle = 0.5 * (low + high)
     for part in ((low, middle), (middle, high)):
         half = dataclasses.replace(claim, plants=_narrowed(claim.plants, axis, part))
-        yield from bounds_of_cell(half, plants, fields, halvings - 1)
+        yield from bounds_of_cell(half, plants, names, halvings - 1)
 
 
-def _widest(cell: PlantSet, plants: PlantSet, fields: Sequence[str]) -> tuple[str, int] | None:
+def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
     """Return where a cell is widest, as a share of the whole range; None where it has no width."""
     shares = {}
-    for name, joint in _AXES:
-        low, high = plants.of_joint(name, joint)
-        if name in fields and low < high:
-            first, last = cell.of_joint(name, joint)
-            shares[name, joint] = (last - first) / (high - low)
+    for axis in itertools.chain(*(DIVISIBLE[name] for name in names)):
+        low, high = plants.of_joint(*axis)
+        if low < high:
+            first, last = cell.of_joint(*axis)
+            shares[axis] = (last - first) / (high - low)
     return max(shares, key=lambda axis: shares[axis], default=None)
 
 
-def _narrowed(plants: PlantSet, axis: tuple[str, int], part: tuple[float, float]) -> PlantSet:
+def _narrowed(plants: PlantSet, axis: Axis, part: tuple[float, float]) -> PlantSet:
     name, joint = axis
     given: Any = part
     if name in BY_JOINT:

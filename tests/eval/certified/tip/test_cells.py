@@ -25,6 +25,13 @@ def test_cells_cover_the_set_and_each_is_needed():
         assert missed(WIDE, parts[:gone] + parts[gone + 1 :]) == parts[gone]
 
 
+def test_the_range_of_one_joint_alone_can_be_divided():
+    parts = list(cells(WIDE, [("mass-2", 4)]))
+    assert [part.of_joint("mass", 0) for part in parts] == [(0.95, 1.05)] * 4 and missed(WIDE, parts) is None
+    with pytest.raises(ValueError, match="divided already"):
+        list(cells(WIDE, [("mass", 2), ("mass-2", 4)]))
+
+
 def test_every_plant_of_a_set_lies_in_a_cell():
     rng = np.random.default_rng(0)
     parts = list(cells(WIDE, DIVISIONS))
