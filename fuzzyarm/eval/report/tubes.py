@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
+from fuzzyarm.eval.certified.tip.cells_file import check_cells, is_cells
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.chart import figure
 
@@ -30,7 +31,7 @@ NOTE = (
 
 def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
     """Return what the check of each file of a bound found; ValueError names the first that is not proven."""
-    found = [check_bound(path) for path in paths]
+    found = [check_cells(path) if is_cells(path) else check_bound(path) for path in paths]
     for check in found:
         if not check.proven:
             raise ValueError(f"{check.path} is not proven: {check.reason}")

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fuzzyarm.common.checks import real
-from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.rounding import at_most
@@ -42,43 +43,24 @@ class _Document:
 
 
 @dataclasses.dataclass(frozen=True)
-class CellsCheck:
+class CellsCheck(BoundCheck):
     """What the check of a file and of all its cells found.
 
     Attributes:
         path: the file.
         claim: what it claims a bound for; its set is the whole one.
         bound: that it claims [m], or what was found now where that is larger by rounding.
-        cells: how many there are.
-        reason: why it is not proven; empty if it is.
+        reason: why it is not proven; empty if every cell was confirmed and they cover the set.
         seconds: that the check took.
+        tip: bound of the tip error at the end of each control step [m], the largest of the cells.
+        cells: how many there are.
     """
 
-    path: Path
-    claim: TipClaim
-    bound: float
-    cells: int
-    reason: str
-    seconds: float
-
-    @property
-    def proven(self) -> bool:
-        """Whether every cell was confirmed and they cover the set."""
-        return not self.reason
+    cells: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        c = self.claim
-        named = {"file": str(self.path), "policy": c.policy, "case": c.case, "set": c.set_name, "cells": self.cells}
-        return {**named, "proven": self.proven, "bound": self.bound, "reason": self.reason, "seconds": self.seconds}
-
-    def to_text(self) -> str:
-        """Return the result as text."""
-        c = self.claim
-        what = escaped(f"{c.policy}, case {c.case}, set {c.set_name}, {self.cells} cells")
-        said = f"the tip error of {what} is at most {at_most(1e3 * self.bound, 4)} mm"
-        head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
-        return f"{head}\n  {said}" if self.proven else f"{head}\n  claimed: {said}\n  {escaped(self.reason)}"
+        return {**super().to_dict(), "cells": self.cells}
 
 
 def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
@@ -120,7 +102,9 @@ def check_cells(path: Path) -> CellsCheck:
     found = [check_bound(path.with_name(name)) for name in document.cells]
     reason = _why_not(claim, document, found)
     bound = document.bound if reason else max(document.bound, *(cell.bound for cell in found))
-    return CellsCheck(path, claim, bound, len(found), reason, time.perf_counter() - begin)
+    samples = min(len(cell.tip) for cell in found)
+    tip = np.max([cell.tip[:samples] for cell in found], axis=0)
+    return CellsCheck(path, claim, bound, reason, time.perf_counter() - begin, tip, len(found))
 
 
 def _why_not(claim: TipClaim, document: _Document, found: Sequence[BoundCheck]) -> str:
