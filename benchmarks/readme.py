@@ -21,8 +21,10 @@ from readme_abuse import abuse_table
 from readme_adaptive import (
     adaptive_cases_table,
     adaptive_margins_table,
+    adaptive_noise_table,
     adaptive_passes_table,
     adaptive_plants_table,
+    adaptive_robot_table,
 )
 from readme_arms import own_arm_tables, tuned_arms_table
 from readme_design import (
@@ -49,6 +51,7 @@ from readme_results import (
     overview_table,
     paper_line,
     peer_line,
+    plants_leaderboard,
     saturation_table,
     soak_line,
     speed_lines,
@@ -67,6 +70,8 @@ SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "p
 """Policies of the sweep."""
 ADAPTIVE_SWEEPS = ("all", "loads")
 """Distributions of the sweeps of the adaptive observer."""
+RANKED = ("fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "adaptive-observer")
+"""Policies that are ranked over random plants."""
 COMPARED_ROBOTS = ("cicese", "manutec-r3", "planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
@@ -82,6 +87,7 @@ SCRIPTS: dict[str, list[str]] = {
     "adaptive_tuning": [],
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
+    "adaptive_noise": [],
     "own_arms": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
@@ -131,6 +137,9 @@ def measure() -> None:
             own = ("--policy", "adaptive-observer", "--distribution", drawn, "--seed", "200000")
             _fuzzyarm("sweep", *own, "--plants", "10000", "--out", folder / drawn)
             shutil.copy(folder / drawn / "sweep.json", RESULTS / f"adaptive_{drawn}.json")
+        ranked = [word for policy in RANKED for word in ("--policy", policy)]
+        _fuzzyarm("sweep", *ranked, "--plants", "300", "--seed", "300000", "--chunk", "100", "--out", folder / "ranked")
+        shutil.copy(folder / "ranked" / "sweep.json", RESULTS / "plant_ranking.json")
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
@@ -138,6 +147,7 @@ def measure() -> None:
     for name in COMPARED_ROBOTS:
         result = RESULTS / f"robot_comparison_{name}.json"
         _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
+    _python(BENCHMARKS / "adaptive_robot.py", "ur5", "--json", RESULTS / "adaptive_robot_ur5.json")
     learned = sorted(BENCHMARKS.glob("learned/ppo-ur5-*"))
     _python(BENCHMARKS / "robot_learned.py", "ur5", *learned, "--json", RESULTS / "robot_learned_ur5.json")
     _python(BENCHMARKS / "robot_speed.py", "--json", RESULTS / "robot_speed.json")
@@ -185,6 +195,7 @@ def sections() -> dict[str, str]:
         "identification": identification_table(stored["identification"]),
         "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
+        "leaderboard-plants": plants_leaderboard(RESULTS / "plant_ranking.json"),
         "sweep": sweep_table(stored["sweep"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
@@ -210,6 +221,8 @@ def sections() -> dict[str, str]:
             stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
         ),
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
+        "adaptive-noise": adaptive_noise_table(stored["adaptive_noise"]),
+        "adaptive-robot": adaptive_robot_table(_stored("adaptive_robot_ur5")),
         "own-arm": own_arm_tables(stored["own_arms"]),
         "own-arms": tuned_arms_table(stored["own_arms"]),
         "robots": robots_table(),

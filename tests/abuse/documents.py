@@ -23,13 +23,18 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.frozen import freeze, gain_at, pole_rate
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.verification import verify_file
-from fuzzyarm.eval.evaluation.ranking import rank_policies
+from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import read_results
 from fuzzyarm.eval.paper.drift import EXPECTED, load_expected
 from fuzzyarm.eval.report.stored import read_evaluation
+from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.identity import digest_of_identity
+from fuzzyarm.eval.sweep.quantities import plant_record
+from fuzzyarm.eval.sweep.ranking import rank_sweeps
+from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning.finding import read_finding, write_finding
 from fuzzyarm.eval.tuning.steps import found
 from fuzzyarm.fuzzy_policy.controller import Controller
@@ -263,6 +268,20 @@ def _read_step(folder: Path) -> None:
     read_finding(folder, LAWS[0], robot_of(ArmParameters()).digest)
 
 
+@functools.cache
+def _summary() -> Path:
+    folder, shape = Path(tempfile.mkdtemp(prefix="abuse-")), (1, 1, 4)
+    config = SweepConfig(policies=("fuzzy-1",), cases=("nominal",), plants=4)
+    errors, completed = np.arange(1.0, 5.0).reshape(shape), np.ones(shape, bool)
+    results = SweepResults(np.zeros(4, plant_record(2)), errors, errors, np.ones(shape), completed)
+    (folder / "sweep.json").write_text(json.dumps(summarise(config, results)), encoding="utf-8")
+    return folder
+
+
+def _ranked(folder: Path) -> None:
+    markdown(rank_sweeps([folder]))
+
+
 SURFACES = (
     file_of("laws.json", _tuned, NAME, _read_tuned, None, count=400),
     file_of("steps/computed-torque.json", _tuned, "steps/computed-torque.json", _read_step, None, count=400),
@@ -281,6 +300,7 @@ SURFACES = (
     file_of("policy.json", _bundle, "policy.json", _acted, None, count=800),
     Surface("weights.safetensors", "files", 600, _weights, prepare=prepared),
     file_of("results.json", evaluation, "results.json", _read_results, None, count=800),
+    file_of("sweep.json", _summary, "sweep.json", _ranked, None, count=400),
     file_of("run.json", sweep, "run.json", resumed_sweep, _signed_run, count=600),
     file_of(
         "expected.json",
