@@ -90,6 +90,7 @@ CLAIMS = (
     _named("elastic-observer", "table-1"),
     _named("elastic-observer", "any-friction"),
     _named("ppo-residual", "table-1"),
+    _own("payload 0 to 1 g", "ppo-residual", payload=(0.0, 0.001)),
 )
 """What is bounded."""
 

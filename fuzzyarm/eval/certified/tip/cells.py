@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT, RANGES, PlantSet
 
 __all__ = ["CellBound", "Division", "bounds_of_cell", "bounds_of_cells", "cells", "missed", "ranges_in_words"]
 
+MOST = 10_000
+"""Cells of a set."""
 HALVINGS = 6
 """How often a cell is halved before it is given up."""
 
@@ -77,6 +80,8 @@ def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]
             low, high = plants.of_joint(*axis)
             ends = [low + (high - low) * k / count for k in range(count)] + [high]
             axes.append([(axis, pair) for pair in itertools.pairwise(ends)])
+    if math.prod(map(len, axes)) > MOST:
+        raise ValueError(f"cells: {math.prod(map(len, axes))} cells; allowed: at most {MOST}, take fewer parts")
     for chosen in itertools.product(*axes):
         cell = plants
         for axis, part in chosen:
