@@ -8,8 +8,8 @@ Plants: N plants drawn around the robot ("plants": masses and motor inertias wit
 and friction within 50 %) in each case, without noise. A plant is lost if its episode ends early or its tip is once more
 than `LOST_MM` off.
 
-Nothing is tuned on the robot: both policies have the weights of the two-joint arm of Table 1, those of the elastic
-observer softened as `weights_for` does it for robots, those of the adaptive observer as they are.
+Nothing is tuned on the robot: both policies have the weights of the two-joint arm of Table 1, softened for robots as
+`weights_for` and `adaptive_weights_for` do it.
 """
 
 from __future__ import annotations

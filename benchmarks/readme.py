@@ -41,7 +41,7 @@ from readme_design import (
 )
 from readme_estimate import estimate_tables
 from readme_identification import identification_table
-from readme_learning import dataset_table, gradients_table
+from readme_learning import dataset_table, gradients_table, observer_tables
 from readme_markdown import made_with
 from readme_opponents import predictive_table, reward_table
 from readme_results import (
@@ -105,7 +105,7 @@ SCRIPTS: dict[str, list[str]] = {
 """Benchmarks that write their result with ``--json``, and their other options."""
 WRITTEN_OTHERWISE = (
     *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
-    *("learned_observer", "plant_gradients", "dataset_scores"),  # of trainings, which are run by hand
+    *("learned_observer", "plant_gradients", "dataset_scores", "ppo_observer"),  # of trainings, which are run by hand
 )
 """Results that commands write, or benchmarks with options of their own."""
 
@@ -202,6 +202,7 @@ def sections() -> dict[str, str]:
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
+        "ppo-observer": observer_tables(stored["ppo_observer"]),
         "dataset-scores": dataset_table(stored["dataset_scores"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
         "accuracy": accuracy_table(stored["accuracy"]),

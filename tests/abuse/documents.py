@@ -46,7 +46,7 @@ from fuzzyarm.rl_baselines.training import Training
 
 from .arguments import driven
 from .damage import copied, damaged_bytes, damaged_document, to_json
-from .samples import CANARY, evaluation, sweep, training
+from .samples import CANARY, evaluation, recurrent_bundle, sweep, training
 from .surface import Broken, Surface, Try
 
 __all__ = ["BUNDLES", "CONTROLLERS", "SURFACES", "no_code_ran", "prepared", "read_changed", "resumed_sweep"]
@@ -59,7 +59,7 @@ CLAIMED = ("fuzzy-1", "fuzzy-2", "paper-1", "paper-4")  # files that are quickly
 def prepared() -> None:
     """Make the samples, and use everything once."""
     evaluation(), sweep(), training(), read_evaluation(evaluation()), Training.resume(training()).algorithm.update()
-    verify_file(CONTROLLERS / "fuzzy-1.json"), _acted(_bundle()), driven(FuzzyArmEnv())
+    verify_file(CONTROLLERS / "fuzzy-1.json"), _acted(_bundle()), _acted(recurrent_bundle()), driven(FuzzyArmEnv())
 
 
 def no_code_ran() -> None:
@@ -182,9 +182,9 @@ def _acted(folder: Path) -> None:
         raise Broken(f"torque {torque}")
 
 
-def _weights(rng: np.random.Generator) -> Try:
+def _weights(source: Callable[[], Path], rng: np.random.Generator) -> Try:
     """Bytes of the weights, most of them with the digest put right; the header is text, which is changed more often."""
-    good, signed = (_bundle() / "weights.safetensors").read_bytes(), rng.random() < 0.8
+    good, signed = (source() / "weights.safetensors").read_bytes(), rng.random() < 0.8
     length = int.from_bytes(good[:8], "little")
     if rng.random() < 0.5:
         header, text = damaged_document(rng, json.loads(good[8 : 8 + length]))
@@ -195,7 +195,7 @@ def _weights(rng: np.random.Generator) -> Try:
         content, text = damaged_bytes(rng, good)
 
     def run() -> None:
-        folder = copied(_bundle(), "weights.safetensors", content)
+        folder = copied(source(), "weights.safetensors", content)
         if signed:
             document = json.loads((folder / "policy.json").read_text())
             document["weights_sha256"] = hashlib.sha256(content).hexdigest()
@@ -298,7 +298,9 @@ SURFACES = (
         for name in CLAIMED
     ),
     file_of("policy.json", _bundle, "policy.json", _acted, None, count=800),
-    Surface("weights.safetensors", "files", 600, _weights, prepare=prepared),
+    Surface("weights.safetensors", "files", 600, functools.partial(_weights, _bundle), prepare=prepared),
+    file_of("recurrent policy.json", recurrent_bundle, "policy.json", _acted, None, count=400),
+    Surface("recurrent weights", "files", 300, functools.partial(_weights, recurrent_bundle), prepare=prepared),
     file_of("results.json", evaluation, "results.json", _read_results, None, count=800),
     file_of("sweep.json", _summary, "sweep.json", _ranked, None, count=400),
     file_of("run.json", sweep, "run.json", resumed_sweep, _signed_run, count=600),

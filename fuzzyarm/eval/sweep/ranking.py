@@ -138,9 +138,15 @@ def _read(file: Path) -> _Read:
     if not file.is_file():
         raise ValueError(f"{file} is not there; {again}")
     try:
-        return _from_document(file, check_schema(read_json(file), SCHEMA))
+        document = read_json(file)
     except DocumentError as error:
         raise ValueError(f"{error}; {again}") from None
+    try:
+        check_schema(document, SCHEMA)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}; {again}") from None
+    try:
+        return _from_document(file, document)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise ValueError(f"{file} is damaged ({problem}); {again}") from None

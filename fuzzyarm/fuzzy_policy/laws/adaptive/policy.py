@@ -43,6 +43,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.law import law_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
+from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of, unit_force
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -113,7 +114,7 @@ class AdaptiveObserverPolicy(Policy):
         Args:
             parameters: the arm or the robot, as the controller knows it.
             control_period: T [s].
-            weights: of the filter and of the regulator.
+            weights: of the filter and of the regulator; None for those of `adaptive_weights_for`.
             fallback: what acts where the filter has diverged; computed torque at the tip, if not said otherwise.
 
         Raises:
@@ -123,7 +124,7 @@ class AdaptiveObserverPolicy(Policy):
         self.arm, physics = self.parameters, equations_of(self.parameters)
         self.belief = belief_of(physics)
         self.memory = layout(self.joints, self.belief)
-        self.weights = weights or AdaptiveWeights()
+        self.weights = weights or adaptive_weights_for(self.arm, self.control_period)
         self.fallback = fallback or TipPolicy(ComputedTorquePolicy(self.parameters, control_period))
         self.memory_size = self.memory.noise.stop + self.fallback.memory_size
         self.settings = self._arranged()

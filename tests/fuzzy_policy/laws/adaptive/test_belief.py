@@ -22,7 +22,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, unit_force
 
-ARM, UR5 = ArmParameters(), robot_named("ur5")
+ARM, ROBOT = ArmParameters(), robot_named("planar-3r")
 BELIEF = belief_of(two_joints())
 BELIEFS, FORCES = BELIEF.lateness.stop, forces_in(BELIEF)
 FIELDS = {
@@ -50,15 +50,15 @@ def test_constants_of_any_belief_are_those_of_the_arm_with_these_factors_and_pay
 
 
 def test_numbers_of_any_belief_are_those_of_the_robot_with_these_drives_masses_and_payload():
-    physics, rng = equations_of(UR5), np.random.default_rng(1)
-    belief, (base, slopes), p = belief_of(physics), affine_numbers(UR5), first_guess(UR5)
+    physics, rng = equations_of(ROBOT), np.random.default_rng(1)
+    belief, (base, slopes), p = belief_of(physics), affine_numbers(ROBOT), first_guess(ROBOT)
     p[belief.payload] = 1.5
-    factors = {name: rng.uniform(0.7, 1.4, 6) for name in FIELDS}
+    factors = {name: rng.uniform(0.7, 1.4, 3) for name in FIELDS}
     for name, values in factors.items():
         p[getattr(belief, name)] = values
-    friction = {name: factors["friction"] * UR5.drive(name) for name in FIELDS["friction"]}
+    friction = {name: factors["friction"] * ROBOT.drive(name) for name in FIELDS["friction"]}
     own = ("stiffness", "damping", "motor_inertia")
-    robot = with_drives(UR5, **{name: factors[name] * UR5.drive(name) for name in own}, **friction)
+    robot = with_drives(ROBOT, **{name: factors[name] * ROBOT.drive(name) for name in own}, **friction)
     joints = []
     for joint, factor in zip(robot.joints, factors["mass"].tolist(), strict=True):
         inertia = tuple(map(tuple, (factor * np.array(joint.link.inertia)).tolist()))
@@ -66,7 +66,7 @@ def test_numbers_of_any_belief_are_those_of_the_robot_with_these_drives_masses_a
         joints.append(dataclasses.replace(joint, link=link))
     robot = dataclasses.replace(robot, joints=tuple(joints))
     expected = [*physics.plant_of(robot), 1.5]
-    np.testing.assert_allclose(base + slopes @ (p - first_guess(UR5)), expected, rtol=1e-12)
+    np.testing.assert_allclose(base + slopes @ (p - first_guess(ROBOT)), expected, rtol=1e-12)
 
 
 def test_forces_come_first_and_change_no_constant():
