@@ -36,6 +36,7 @@ from readme_design import (
     margins_table,
     synthesis_table,
     tip_bound_table,
+    tip_gains_table,
     tip_gamma_table,
 )
 from readme_estimate import estimate_front, estimate_tables
@@ -94,6 +95,7 @@ SCRIPTS: dict[str, list[str]] = {
     "certified_bounds": [],
     "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
     "tip_falsification": [],
+    "tip_gains": [],
     "tip_gamma": [],
     "tip_mutations": [],
     "predictive": [],
@@ -212,6 +214,7 @@ def sections() -> dict[str, str]:
         "synthesis": synthesis_table(stored["synthesis"]),
         "bounds": bounds_table(stored["certified_bounds"]),
         "tip-bound": tip_bound_table(stored["tip_bound"]),
+        "tip-gains": tip_gains_table(stored["tip_gains"]),
         "tip-gamma": tip_gamma_table(stored["tip_gamma"]),
         "tip-falsification": falsification_table(stored["tip_falsification"]),
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),

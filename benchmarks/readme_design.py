@@ -19,6 +19,7 @@ __all__ = [
     "margins_table",
     "synthesis_table",
     "tip_bound_table",
+    "tip_gains_table",
     "tip_gamma_table",
 ]
 
@@ -142,6 +143,31 @@ def tip_gamma_table(document: dict[str, Any]) -> str:
     return (
         f"{table(['γ [rad/(N m)]', 'proven [mm]'], rows, left=0)}\n\nSet: stiffness ± 10 %; fastest pole "
         f"{document['fastest_pole']:g} 1/s. `{document['command']}`; {made_with(document)}"
+    )
+
+
+def tip_gains_table(document: dict[str, Any]) -> str:
+    """Return the table of gains that were found at vertices of the sampled elastic arm, and of arms of one's own."""
+    sets = list(document["rows"][0]["bounds_mm"])
+    headings = ["gains", "float part [mm]", "slowest rigid pole [1/s]", *(f"proven, {name} [mm]" for name in sets)]
+    rows = [
+        [
+            row["gains"],
+            at_most(row["linear_mm"], 3),
+            f"{row['slowest_rigid_pole']:.1f}",
+            *(bound if isinstance(bound, str) else at_most(bound, 4) for bound in row["bounds_mm"].values()),
+        ]
+        for row in document["rows"]
+    ]
+    arms = ", ".join(
+        f"{row['arm']} with {'no bound of the' if row['fastest_pole'] is None else 'a'} fastest pole"
+        f"{'' if row['fastest_pole'] is None else ' of ' + format(row['fastest_pole'], 'g') + ' 1/s'} "
+        f"{at_most(row['bounds_mm']['near'], 5)} mm"
+        for row in document["arms"]
+    )
+    return (
+        f"{table(headings, rows)}\n\nSet `near` for the [arms that were tuned](../controllers/tune.md): {arms}. "
+        f"`{document['command']}`; {made_with(document)}"
     )
 
 

@@ -34,7 +34,7 @@ PARENTS = 0.1  # share of the plants that are bred from
 MUTATED = 0.1  # share of the genes that are new
 SETS = {
     "any-friction", "near", "near-late", "stiffness ± 10 %", "masses ± 2 %", "dry friction ± 50 %",
-    "payload 0 to 0.2 kg", "force ± 10 %, any course",
+    "payload 0 to 0.2 kg", "payload 0 to 1 g", "force ± 10 %, any course",
 }  # fmt: skip
 OWN = (
     TipClaim("fuzzy-4-tip", "nominal", "force of any course to 3 N", PlantSet(force_course=3.0)),

@@ -148,6 +148,10 @@ MUTATIONS = (
         "np.array([0.5 * t, 0.25 * t * t, 0.0]), 0.0, 0.0)", "test_observer_law.py", "kick",
     ),
     Mutation(
+        "rounding of the predictor", "predictor.py", "ROUNDED = 2.0**-46", "ROUNDED = 0.0", "test_observer_law.py",
+        "rounding",
+    ),
+    Mutation(
         "gains of the observer between angles", "observer_law.py", "    return middle, rows, rest\n",
         "    return middle, rows, 0.0 * rest\n", "test_observer_law.py", "near",
     ),
@@ -165,8 +169,16 @@ MUTATIONS = (
         "middle, gain, rest = smooth_part(value, tube.slopes, 0.0 * spread)", "test_network_law.py", "near",
     ),
     Mutation(
-        "a network that is clipped", "network_law.py", "between(max(low, -most), min(high, most)), between(0.0, 1.0)",
-        "between(max(low, -most), min(high, most)), arb(1)", "test_network_law.py",
+        "a bent function beside its tangent", "bends.py", "taylor = (0.5 * self.bend * r * r", "taylor = (0.0 * r",
+        "test_network_law.py", "line",
+    ),
+    Mutation(
+        "a bent function between its ends", "bends.py", "return Line(arb(middle), least, radius_of(between, middle))",
+        "return Line(arb(middle), least, 0.0)", "test_network_law.py", "line",
+    ),
+    Mutation(
+        "a network that is clipped", "bends.py", "0.0, 0.5 * (high - low) * ROUND_UP)", "0.0, 0.0)",
+        "test_network_law.py", "clip",
     ),
     Mutation(
         "merging of columns", "zonotope.py", "    return Q * sizes,", "    return 0.9 * Q * sizes,",

@@ -17,6 +17,7 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, problem_of
+from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT
 
 __all__ = ["CONSTANTS", "GENES", "SUBSTEPS", "Plants", "random_genes"]
 
@@ -26,7 +27,6 @@ GENES = CONSTANTS + 5
 FASTEST = 80.0  # [Hz], of bang-bang friction, force and errors of the encoders
 SLOWEST = 2.0
 
-_FACTORS = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
 _hold = hold_of(two_joints())
 
 
@@ -50,7 +50,9 @@ class Plants:
         self.problem, self.claim, self.lanes = problem_of(claim), claim, genes.shape[1]
         self._genes, plants = iter(genes), claim.plants
         nominal = plant_of(self.problem.parameters)
-        factors = {name: PerJoint(*(self._drawn(getattr(plants, name)) for _ in range(JOINTS))) for name in _FACTORS}
+        factors = {
+            name: PerJoint(*(self._drawn(plants.of_joint(name, joint)) for joint in range(JOINTS))) for name in BY_JOINT
+        }
         zero = np.zeros(self.lanes)
         draw = draw_record(JOINTS)(**factors, payload=zero, force=zero, angle=PerJoint(zero, zero), reference=zero)
         self.plant: Plant = two_joints().varied(nominal, draw)

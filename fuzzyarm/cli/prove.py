@@ -26,22 +26,24 @@ class Options:
 
     policy: Annotated[str, Parameter(metavar="NAME")] = "fuzzy-4-tip"
     """Policy: fuzzy-4, computed-torque, ... with or without -tip, elastic-observer, ppo-residual or another learned
-    policy, or a controller file (.json, .json-tip)"""
+    policy, a controller file (.json, .json-tip), or one of a folder of fuzzyarm tune (DIR/fuzzy-4-tip), whose arm the
+    set is then about"""
     case: Annotated[str, Parameter(metavar="NAME")] = "nominal"
     """Case: nominal, machining or payload"""
     set: Annotated[str, Parameter(metavar="NAME|FILE")] = "table-1"
     """Set of plants: table-1, any-friction, near, near-late, or a TOML file with ranges of factors"""
     path: Literal["circle", "lemniscate"] = "circle"
     """Path of the tip"""
-    duration: float = 1.5
-    """Of the motion [s]"""
+    duration: float | None = None
+    """Of the motion [s] (default: 1.5, for the arm of a folder of fuzzyarm tune that of its circle)"""
     steps: Annotated[int | None, Parameter(metavar="N")] = None
     """Bound the first N control steps of the motion (default: all)"""
     out: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """File of the bound to write (.json; default: none), which fuzzyarm verify checks again; by cells, the file of each
     lies beside it"""
-    cells: Annotated[tuple[str, int] | None, Parameter(metavar="FIELD N")] = None
-    """Divide the range of the payload or of the force into N cells, each with a tube of its own (default: one tube)"""
+    cells: Annotated[list[tuple[str, int]] | None, Parameter(metavar="FIELD N", negative="")] = None
+    """Divide the range of a field of the set into N parts, of each joint where it has its own, or of one (mass-2); may
+    be repeated. Each cell has a tube of its own, and is halved where it has none (default: one tube)"""
     jobs: int = 1
     """Processes that work on the cells"""
     json: bool = False
@@ -53,7 +55,7 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import escaped, progress, say
-    from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, problem_of
+    from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, own_duration, problem_of
     from fuzzyarm.eval.certified.tip.bound_file import save_bound
     from fuzzyarm.eval.certified.tip.enclosures import NoBound
     from fuzzyarm.eval.certified.tip.plant_set import find_set
@@ -61,7 +63,8 @@ def run(options: Options) -> int:
     if options.out is not None:
         output_file(options.out, ".json")
     plants = find_set(options.set)
-    claim = TipClaim(options.policy, options.case, options.set, plants, options.path, options.duration, options.steps)
+    duration = own_duration(options.policy) if options.duration is None else options.duration
+    claim = TipClaim(options.policy, options.case, options.set, plants, options.path, duration, options.steps)
     try:
         if options.cells is not None:
             found, text = _by_cells(options, claim)
@@ -82,31 +85,30 @@ def run(options: Options) -> int:
 
 
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
-    """Return the result by cells as plain data and as text; `NoBound` names the first cell without a bound."""
+    """Return the result by cells as plain data and as text; `NoBound` names the first cell without one."""
     from fuzzyarm.common.checks import whole
     from fuzzyarm.common.console import escaped, progress
     from fuzzyarm.common.rounding import at_most
     from fuzzyarm.eval.certified.tip.bound import problem_of
-    from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
+    from fuzzyarm.eval.certified.tip.cells import bounds_of_cells, cells
     from fuzzyarm.eval.certified.tip.cells_file import save_cells
-    from fuzzyarm.eval.certified.tip.enclosures import NoBound
 
-    field, number = options.cells or ("", 1)
-    count, jobs = whole("--cells", number, low=1, high=1000), whole("--jobs", options.jobs, low=1, high=64)
+    divisions, jobs = options.cells or [], whole("--jobs", options.jobs, low=1, high=64)
+    count = sum(1 for _ in cells(claim.plants, divisions))
     problem_of(claim)
     found = []
     with progress("cells", count) as advance:
-        for cell in bounds_of_cells(claim, field, count, jobs, options.out):
-            if cell.bound is None:
-                raise NoBound(f"{field} from {getattr(cell.plants, field)[0]:g}: {cell.reason}")
-            found.append(cell)
+        for parts in bounds_of_cells(claim, divisions, jobs, options.out):
+            found += parts
             advance()
-    most = max(cell.bound for cell in found if cell.bound is not None)
+    most = max(cell.bound for cell in found)
     if options.out is not None:
-        save_cells(claim, field, found, options.out)
-    rows = [{field: list(getattr(cell.plants, field)), "bound": cell.bound} for cell in found]
+        save_cells(claim, found, options.out)
+    names = [name for name, _ in divisions]
+    fields = list(dict.fromkeys(name.partition("-")[0] for name in names))
+    rows = [{**{name: cell.plants.to_dict()[name] for name in fields}, "bound": cell.bound} for cell in found]
     named = {"policy": options.policy, "case": options.case, "set": options.set}
-    text = f"{options.policy}, {options.case}, set {options.set}, {count} cells of {field}"
+    text = f"{options.policy}, {options.case}, set {options.set}, {len(found)} cells of {', '.join(names)}"
     return (
         named | {"proven": True, "bound": most, "cells": rows},
         f"{escaped(text)}: the tip error is at most {at_most(1e3 * most, 4)} mm at every sample: PROVEN",

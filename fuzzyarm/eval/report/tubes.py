@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.tip.bound import PATHS
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
+from fuzzyarm.eval.certified.tip.cells_file import check_cells, is_cells
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.chart import figure
 
@@ -32,7 +31,7 @@ NOTE = (
 
 def checked_bounds(paths: Sequence[Path]) -> list[BoundCheck]:
     """Return what the check of each file of a bound found; ValueError names the first that is not proven."""
-    found = [check_bound(path) for path in paths]
+    found = [check_cells(path) if is_cells(path) else check_bound(path) for path in paths]
     for check in found:
         if not check.proven:
             raise ValueError(f"{check.path} is not proven: {check.reason}")
@@ -55,7 +54,7 @@ def _episode(check: BoundCheck, rollouts: Sequence[Rollout]) -> Rollout:
     claim = check.claim
     for run in rollouts:
         if (run.policy, run.case) == (claim.policy, claim.case) and len(run.tip) >= len(check.tip):
-            wanted = JointReference(PATHS[claim.path], claim.duration).tip(run.time[: len(check.tip)]).position
+            wanted = check.reference().tip(run.time[: len(check.tip)]).position
             found = run.tip_reference[: len(check.tip)]
             if found.shape == wanted.shape and np.abs(found - wanted).max() < 1e-9:
                 return run

@@ -17,6 +17,7 @@ from fuzzyarm.eval.tuning import adaptive_search, bandwidth, fuzzy_gains, observ
 from fuzzyarm.eval.tuning.conditions import PERIOD
 from fuzzyarm.eval.tuning.finding import SCHEMA, Finding, finite
 from fuzzyarm.eval.tuning.search import WORTH, Budget, found_weights, sobol_points
+from fuzzyarm.eval.tuning.tip_bounds import measured_bounds
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -134,8 +135,11 @@ def _fuzzy(context: Context) -> Finding:
     controller.save(context.folder / f"{FUZZY}.json")
     names = ("case_1_joint_error_rms_mrad", "radius_worst_condition", "gain_margin_upper")
     measured = {name: row[name] for name in (*names, "gain_margin_upper_1_sample_later")}
-    radii = measured_radii(FuzzyPolicy(controller, PERIOD), arm)
-    return found(arm, FUZZY, chosen, measured, radii, tried=tried, rule=rule, notes=tuple(notes))
+    policy = FuzzyPolicy(controller, PERIOD)
+    bounds, without = measured_bounds(TipPolicy(policy), arm)
+    radii = measured_radii(policy, arm)
+    measured |= bounds
+    return found(arm, FUZZY, chosen, measured, radii, tried=tried, rule=rule, notes=(*notes, *without))
 
 
 def _assess(arm: ArmParameters, points: list[Any], number: int) -> dict[str, Any] | None:

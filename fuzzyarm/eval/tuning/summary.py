@@ -13,8 +13,10 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.stability.margins import margin_cells, margin_notes
 from fuzzyarm.eval.tuning.conditions import PERIOD, heaviest
 from fuzzyarm.eval.tuning.finding import Finding
+from fuzzyarm.eval.tuning.tip_bounds import bounds_in_words
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, ELASTIC_OBSERVER
 
 __all__ = ["README", "decision", "summary"]
@@ -34,6 +36,8 @@ _UNITS = {
     "joint_error_rms_mrad": "mrad",
     "case_1_joint_error_rms_mrad": "mrad",
     "objective_mm": "mm",
+    "tip_bound_mm": "mm",
+    "tip_bound_near_mm": "mm",
     "objective_of_table_1_weights_mm": "mm",
 }
 _WORDS = {
@@ -44,6 +48,8 @@ _WORDS = {
     "gain_margin_upper_delayed": "one sample later up to",
     "radius_worst_condition": "largest spectral radius of all combinations",
     "objective_mm": "objective",
+    "tip_bound_mm": "proven bound of the tip error with -tip",
+    "tip_bound_near_mm": "for plants near the arm",
     "objective_of_table_1_weights_mm": "with the weights of Table 1",
 }
 
@@ -94,6 +100,8 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
             parts.append(f"Not stable, as it is measured: {', '.join(finding.unstable)}.")
     headings, cells = margin_cells(margins["rows"])
     parts += ["## Margins", _transposed(headings, cells), *margin_notes(margins), "## Proven", _proven(findings)]
+    parts += [bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
+    parts = [part for part in parts if part]
     return "\n\n".join(parts) + "\n"
 
 

@@ -130,5 +130,5 @@ def tip_statement(reference: Reference) -> str:
         "then also holds what the feedforward adds for the elastic joints, and friction only as far as the feedforward "
         f"misses it. Sampled at {CHECKED_INSTANTS} instants of this reference and not bounded between them, what it "
         f"adds reaches ({', '.join(at_most(torque, 2) for torque in known)}) N m, and theta_d takes "
-        f"{math.ceil(100.0 * elastic.box_use)} % of the box. That the tip then follows is measured, not proven."
+        f"{math.ceil(100.0 * elastic.box_use)} % of the box. That the tip then follows is no part of it."
     )

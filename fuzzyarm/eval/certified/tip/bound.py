@@ -15,9 +15,8 @@ from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.scenario.cases import find_case
-from fuzzyarm.envs.scenario.named_paths import PAPER_PATHS
-from fuzzyarm.envs.scenario.paths import TipPath
+from fuzzyarm.envs.scenario.cases import case_for
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.centre import Segment
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
@@ -27,11 +26,12 @@ from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
 from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES
+from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies import load_policy
 
-__all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "problem_of"]
+__all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "own_duration", "problem_of", "reference_of"]
 
-PATHS: dict[str, TipPath] = {name: PAPER_PATHS[name] for name in ("circle", "lemniscate")}
+PATHS = ("circle", "lemniscate")
 """Paths of the tip by name: the paper's circle, and an eight of the same width."""
 
 PLANAR = 2  # coordinates of the tip
@@ -121,21 +121,30 @@ class TipBound:
         )
 
 
-def problem_of(claim: TipClaim) -> Problem:
-    """Return the problem that a claim is about; ValueError for an unknown name, `NoBound` for a policy without law."""
-    case = find_case(claim.case)
-    parameters = ArmParameters()
-    path = PATHS[choice("path", claim.path, tuple(PATHS))]
-    reference = JointReference(path=path, duration=claim.duration, parameters=parameters)
-    try:
-        policy = load_policy(claim.policy, control_period=PERIOD, robot=parameters)
-    except ValueError as error:
-        if "another robot" not in str(error) and "another arm" not in str(error):
-            raise
-        raise ValueError(
-            f"bounds are of the arm of Table 1, and {claim.policy} is for another one, which is not bounded but "
-            "measured: fuzzyarm margins, fuzzyarm sweep"
-        ) from None
+def reference_of(claim: TipClaim, arm: ArmParameters) -> JointReference:
+    """Return the motion of a claim: the default one of the arm along the path, in the duration that is claimed."""
+    reference = default_reference(arm, choice("path", claim.path, PATHS))
+    assert isinstance(reference, JointReference)
+    return dataclasses.replace(reference, duration=claim.duration)
+
+
+def own_duration(policy: str) -> float:
+    """Return the duration [s] of the default circle of the arm that a policy is for; 1.5 s for that of Table 1."""
+    return default_reference(load_policy(policy, control_period=PERIOD).parameters).duration
+
+
+def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
+    """Return the problem that a claim is about; ValueError for an unknown name, `NoBound` for a policy without law.
+
+    Args:
+        claim: what is to be proven. The arm is the one that the policy is for.
+        policy: the policy itself, where it has no name yet.
+    """
+    policy = load_policy(claim.policy, control_period=PERIOD) if policy is None else policy
+    parameters = policy.parameters
+    if not isinstance(parameters, ArmParameters):
+        raise NoBound(f"there is no bound for a robot of {len(parameters)} joints; choose the two-joint arm")
+    case, reference = case_for(claim.case, parameters), reference_of(claim, parameters)
     schedule = Schedule.build(reference, case.disturbance, PERIOD, PLANAR)
     if claim.steps is not None:
         steps = whole("steps", claim.steps, low=1, high=schedule.steps)
@@ -144,25 +153,31 @@ def problem_of(claim: TipClaim) -> Problem:
         raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
     plant = ball_plant(parameters, case.disturbance, claim.plants)
     law = sampled_law(policy, schedule.references)
-    _, info = FuzzyArmEnv(claim.case, reference=reference).reset()
+    _, info = FuzzyArmEnv(claim.case, parameters=parameters, reference=reference).reset()
     start = np.concatenate([info[name] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
     return Problem(parameters, start, schedule, PERIOD, law, claim.plants, plant)
 
 
-def find_bound(claim: TipClaim, advance: Callable[[], object] = lambda: None, claims: Claims | None = None) -> TipBound:
+def find_bound(
+    claim: TipClaim,
+    advance: Callable[[], object] = lambda: None,
+    claims: Claims | None = None,
+    policy: Policy | None = None,
+) -> TipBound:
     """Return a proven bound for a claim.
 
     Args:
         claim: what is to be proven.
         advance: called after each control step.
         claims: tubes to be confirmed, as a file has them; None: they are searched.
+        policy: the policy itself, where it has no name yet; None: that of the claim's name.
 
     Raises:
         NoBound: there is none; the message says when and what stands in its way.
         ValueError: a name is unknown, or the case's tip force or payload does not go with the arm.
     """
     begin = time.perf_counter()
-    problem = problem_of(claim)
+    problem = problem_of(claim, policy)
     steps: list[Step] = []
     try:
         for step in Tube(problem, claims):

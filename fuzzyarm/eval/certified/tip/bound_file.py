@@ -19,14 +19,16 @@ from fuzzyarm.common.documents import DocumentError, check_schema, open_regular,
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.eval.certified.tip.bound import Claims, TipBound, TipClaim, find_bound
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.certified.tip.bound import Claims, TipBound, TipClaim, find_bound, reference_of
 from fuzzyarm.eval.certified.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.friction import Plan
 from fuzzyarm.eval.certified.tip.period import Claim
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
 from fuzzyarm.eval.certified.tip.transition import ROW_COUNT, STATES
-from fuzzyarm.policies import resolve
+from fuzzyarm.policies import load_policy, resolve
 
 __all__ = ["SCHEMA", "BoundCheck", "check_bound", "is_bound", "read_bound", "save_bound"]
 
@@ -99,6 +101,12 @@ class BoundCheck:
         most = at_most(1e3 * self.bound, 4)
         said = "claimed" if self.reason else "proven"
         return f"tip within {most} mm for set {c.set_name}, {said} (elastic arm, sampled control; {motion})"
+
+    def reference(self) -> JointReference:
+        """Return the motion that the bound is about."""
+        arm = load_policy(self.claim.policy).parameters
+        assert isinstance(arm, ArmParameters)
+        return reference_of(self.claim, arm)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""

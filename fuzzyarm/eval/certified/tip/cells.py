@@ -1,27 +1,49 @@
 """A set that is too large for one tube, divided into cells, each with a tube of its own, on several cores.
 
-A constant lies in the range of one of the cells, so the largest of their bounds holds for the whole set. Divided are
-ranges of one number; the factors of both joints share a range, although they are independent.
+The constants of any plant lie in the ranges of one of the cells, so the largest of their bounds holds for the whole
+set. The factors of both joints are independent, so each joint's range is divided. A cell without a tube is halved where
+it is widest, as a share of the whole range, until its parts have one.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import itertools
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from joblib import Parallel, delayed
 
-from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
+from fuzzyarm.common.checks import choice, distinct, whole
+from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.eval.certified.tip.bound import TipBound, TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT, RANGES, PlantSet
 
-__all__ = ["DIVISIBLE", "CellBound", "bounds_of_cells", "cells"]
+__all__ = ["CellBound", "Division", "bounds_of_cell", "bounds_of_cells", "cells", "missed", "ranges_in_words"]
 
-DIVISIBLE = ("payload", "force")
-"""What can be divided: ranges of one number."""
+MOST = 10_000
+"""Cells of a set."""
+HALVINGS = 6
+"""How often a cell is halved before it is given up."""
+
+Division = tuple[str, int]
+"""A name of `DIVISIBLE`, and into how many equal parts its range is divided."""
+
+Axis = tuple[str, int]
+"""A field of `RANGES` and a joint; 0 where the range is not by joint."""
+
+_AXES = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
+
+DIVISIBLE: dict[str, list[Axis]] = {
+    **{name: [axis for axis in _AXES if axis[0] == name] for name in RANGES},
+    **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in _AXES if name in BY_JOINT},
+}
+"""What can be divided by name: the range of a field, of each joint where it has its own, or of one joint (mass-2)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,46 +52,158 @@ class CellBound:
 
     Attributes:
         plants: the cell.
-        bound: of the tip error [m]; None where there is none.
-        reason: why there is none; empty where there is one.
+        bound: of the tip error [m].
         samples: of the motion that are bounded.
         path: file of the bound; None where none was written.
     """
 
     plants: PlantSet
-    bound: float | None
-    reason: str
+    bound: float
     samples: int
     path: Path | None
 
 
-def cells(plants: PlantSet, field: str, count: int) -> Iterator[PlantSet]:
-    """Yield the cells of a set, whose range of one field is divided into `count` equal parts that touch."""
-    if field not in DIVISIBLE:
-        raise ValueError(f"{field} cannot be divided; choose from: {', '.join(DIVISIBLE)}")
-    low, high = getattr(plants, field)
-    ends = [low + (high - low) * k / count for k in range(count)] + [high]
-    for k in range(count):
-        part: dict[str, Any] = {field: (ends[k], ends[k + 1])}
-        yield dataclasses.replace(plants, **part)
+def cells(plants: PlantSet, divisions: Sequence[Division]) -> Iterator[PlantSet]:
+    """Yield the cells of a set: the products of the parts of its divided ranges, which touch.
+
+    Raises:
+        ValueError: a field is unknown or named twice, or a number of parts is out of range.
+    """
+    distinct("cells", [name for name, _ in divisions])
+    axes: list[list[tuple[Axis, tuple[float, float]]]] = []
+    for name, parts in divisions:
+        choice("cells", name, tuple(DIVISIBLE))
+        count = whole(f"cells of {name}", parts, low=1, high=1000)
+        for axis in DIVISIBLE[name]:
+            if axis in {known for known, _ in itertools.chain(*axes)}:
+                raise ValueError(f"cells = {name} divides a range that is divided already; leave out one")
+            low, high = plants.of_joint(*axis)
+            ends = [low + (high - low) * k / count for k in range(count)] + [high]
+            axes.append([(axis, pair) for pair in itertools.pairwise(ends)])
+    if math.prod(map(len, axes)) > MOST:
+        raise ValueError(f"cells: {math.prod(map(len, axes))} cells; allowed: at most {MOST}, take fewer parts")
+    for chosen in itertools.product(*axes):
+        cell = plants
+        for axis, part in chosen:
+            cell = _narrowed(cell, axis, part)
+        yield cell
 
 
-def bounds_of_cells(claim: TipClaim, field: str, count: int, jobs: int, out: Path | None = None) -> Iterator[CellBound]:
-    """Yield what is found of each cell of the claim's set, computed in `jobs` processes.
+def bounds_of_cells(
+    claim: TipClaim, divisions: Sequence[Division], jobs: int, out: Path | None = None
+) -> Iterator[list[CellBound]]:
+    """Yield what is found of each cell of the claim's set, or of its parts, computed in `jobs` processes.
 
     With `out`, the file of each bound is written beside it: ``NAME-001.json`` and so on for ``NAME.json``.
+
+    Raises:
+        NoBound: a cell has none; the message says which.
     """
-    tasks = [dataclasses.replace(claim, plants=cell) for cell in cells(claim.plants, field, count)]
-    paths = [out and out.with_name(f"{out.stem}-{number:03}.json") for number in range(1, count + 1)]
-    work = (delayed(_bound)(task, path) for task, path in zip(tasks, paths, strict=True))
+    tasks = [dataclasses.replace(claim, plants=cell) for cell in cells(claim.plants, divisions)]
+    names = [name for name, _ in divisions]
+    paths = [out and out.with_name(f"{out.stem}-{number:03}") for number in range(1, len(tasks) + 1)]
+    work = (delayed(_saved)(task, claim.plants, names, path) for task, path in zip(tasks, paths, strict=True))
     yield from Parallel(n_jobs=jobs, return_as="generator")(work)
 
 
-def _bound(claim: TipClaim, path: Path | None) -> CellBound:
+def _saved(claim: TipClaim, plants: PlantSet, names: Sequence[str], stem: Path | None) -> list[CellBound]:
+    found = []
+    for number, bound in enumerate(bounds_of_cell(claim, plants, names)):
+        path = None
+        if stem is not None:
+            path = stem.with_name(f"{stem.name}{chr(ord('a') + number) if number else ''}.json")
+            save_bound(bound, path)
+        found.append(CellBound(bound.claim.plants, bound.largest, len(bound.tip), path))
+    return found
+
+
+def bounds_of_cell(
+    claim: TipClaim, plants: PlantSet, names: Sequence[str], halvings: int = HALVINGS
+) -> Iterator[TipBound]:
+    """Yield the bound of a cell, or those of its parts.
+
+    Args:
+        claim: whose set is the cell.
+        plants: the whole set.
+        names: of `DIVISIBLE`, whose ranges may be halved.
+        halvings: how often that may be done.
+
+    Raises:
+        NoBound: a part that was halved so often has none.
+    """
     try:
-        bound = find_bound(claim)
+        yield find_bound(claim)
+        return
     except NoBound as error:
-        return CellBound(claim.plants, None, str(error), 0, None)
-    if path is not None:
-        save_bound(bound, path)
-    return CellBound(claim.plants, bound.largest, "", len(bound.tip), path)
+        axis = _widest(claim.plants, plants, names)
+        if not halvings or axis is None:
+            raise NoBound(f"{ranges_in_words(claim.plants, plants)}: {error}") from None
+    low, high = claim.plants.of_joint(*axis)
+    middle = 0.5 * (low + high)
+    for part in ((low, middle), (middle, high)):
+        half = dataclasses.replace(claim, plants=_narrowed(claim.plants, axis, part))
+        yield from bounds_of_cell(half, plants, names, halvings - 1)
+
+
+def _widest(cell: PlantSet, plants: PlantSet, names: Sequence[str]) -> Axis | None:
+    """Return where a cell is widest, as a share of the whole range; None where it has no width."""
+    shares = {}
+    for axis in itertools.chain(*(DIVISIBLE[name] for name in names)):
+        low, high = plants.of_joint(*axis)
+        if low < high:
+            first, last = cell.of_joint(*axis)
+            shares[axis] = (last - first) / (high - low)
+    return max(shares, key=lambda axis: shares[axis], default=None)
+
+
+def _narrowed(plants: PlantSet, axis: Axis, part: tuple[float, float]) -> PlantSet:
+    name, joint = axis
+    given: Any = part
+    if name in BY_JOINT:
+        given = tuple(part if j == joint else plants.of_joint(name, j) for j in range(JOINTS))
+    named: dict[str, Any] = {name: given}
+    return dataclasses.replace(plants, **named)
+
+
+def ranges_in_words(cell: PlantSet, plants: PlantSet) -> str:
+    """Return the ranges in which a cell differs from the whole set."""
+    words = []
+    for name, joint in _AXES:
+        low, high = cell.of_joint(name, joint)
+        if (low, high) != plants.of_joint(name, joint):
+            words.append(f"{name}{f' {joint + 1}' if name in BY_JOINT else ''} from {low:g} to {high:g}")
+    return ", ".join(words) or "the whole set"
+
+
+def missed(plants: PlantSet, parts: Sequence[PlantSet]) -> PlantSet | None:
+    """Return a part of a set that no cell holds; None where the cells cover the set."""
+    found = _hole(_box(plants), np.array([_box(part) for part in parts]))
+    if found is None:
+        return None
+    hole = plants
+    for axis, ends in zip(_AXES, found.tolist(), strict=True):
+        hole = _narrowed(hole, axis, (ends[0], ends[1]))
+    return hole
+
+
+def _box(plants: PlantSet) -> np.ndarray:
+    return np.array([plants.of_joint(name, joint) for name, joint in _AXES])
+
+
+def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
+    """Return a box (n, 2) within `box` that lies in none of the closed boxes `parts` (m, n, 2), or None.
+
+    The box is divided at an end of a part that lies inside it; a box without such an end is in a part or in none.
+    """
+    low, high = box.T
+    near = parts[((parts[..., 0] <= high) & (parts[..., 1] >= low)).all(axis=1)]
+    if ((near[..., 0] <= low) & (near[..., 1] >= high)).all(axis=1).any():
+        return None
+    inside = (near > low[:, np.newaxis]) & (near < high[:, np.newaxis])
+    if not inside.any():
+        return box
+    part, axis, end = np.argwhere(inside)[0]
+    lower, upper = box.copy(), box.copy()
+    lower[axis, 1] = upper[axis, 0] = near[part, axis, end]
+    first = _hole(lower, near)
+    return _hole(upper, near) if first is None else first

@@ -9,19 +9,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fuzzyarm.common.checks import choice, real
-from fuzzyarm.common.console import escaped
+import numpy as np
+
+from fuzzyarm.common.checks import real
 from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.eval.certified.tip.bound import TipClaim
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
-from fuzzyarm.eval.certified.tip.cells import DIVISIBLE, CellBound
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.cells import CellBound, missed, ranges_in_words
+from fuzzyarm.eval.certified.tip.plant_set import RANGES, PlantSet
 
 __all__ = ["SCHEMA", "CellsCheck", "check_cells", "is_cells", "save_cells"]
 
-SCHEMA = "fuzzyarm-tip-cells/1"
+SCHEMA = "fuzzyarm-tip-cells/2"
 """Of the file of a bound by cells."""
 
 
@@ -37,58 +38,37 @@ class _Document:
     path: str
     duration: float
     samples: int
-    field: str
     bound: float
     cells: list[str]
 
 
 @dataclasses.dataclass(frozen=True)
-class CellsCheck:
+class CellsCheck(BoundCheck):
     """What the check of a file and of all its cells found.
 
     Attributes:
         path: the file.
         claim: what it claims a bound for; its set is the whole one.
         bound: that it claims [m], or what was found now where that is larger by rounding.
-        cells: how many there are.
-        reason: why it is not proven; empty if it is.
+        reason: why it is not proven; empty if every cell was confirmed and they cover the set.
         seconds: that the check took.
+        tip: bound of the tip error at the end of each control step [m], the largest of the cells.
+        cells: how many there are.
     """
 
-    path: Path
-    claim: TipClaim
-    bound: float
-    cells: int
-    reason: str
-    seconds: float
-
-    @property
-    def proven(self) -> bool:
-        """Whether every cell was confirmed and they cover the set."""
-        return not self.reason
+    cells: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        c = self.claim
-        named = {"file": str(self.path), "policy": c.policy, "case": c.case, "set": c.set_name, "cells": self.cells}
-        return {**named, "proven": self.proven, "bound": self.bound, "reason": self.reason, "seconds": self.seconds}
-
-    def to_text(self) -> str:
-        """Return the result as text."""
-        c = self.claim
-        what = escaped(f"{c.policy}, case {c.case}, set {c.set_name}, {self.cells} cells")
-        said = f"the tip error of {what} is at most {at_most(1e3 * self.bound, 4)} mm"
-        head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
-        return f"{head}\n  {said}" if self.proven else f"{head}\n  claimed: {said}\n  {escaped(self.reason)}"
+        return {**super().to_dict(), "cells": self.cells}
 
 
-def save_cells(claim: TipClaim, field: str, found: Sequence[CellBound], path: Path) -> None:
-    """Write the file of a bound by cells, atomically; each cell has a bound and a file in the same folder."""
-    bounds = [cell.bound for cell in found if cell.bound is not None]
+def save_cells(claim: TipClaim, found: Sequence[CellBound], path: Path) -> None:
+    """Write the file of a bound by cells, atomically; each cell has a file in the same folder."""
     names = [cell.path.name for cell in found if cell.path is not None]
     document = _Document(
         SCHEMA, claim.policy, claim.case, claim.set_name, claim.plants.to_dict(), claim.path, claim.duration,
-        found[0].samples, field, max(bounds), names,
+        found[0].samples, max(cell.bound for cell in found), names,
     )  # fmt: skip
     write_atomically(path, json.dumps(dataclasses.asdict(document), indent=1) + "\n")
 
@@ -109,7 +89,6 @@ def check_cells(path: Path) -> CellsCheck:
     content = read_json(path)
     try:
         document = record(check_schema(content, SCHEMA), _Document)
-        choice("field", document.field, DIVISIBLE)
         real("bound", document.bound, "m", low=0.0)
         if not document.cells or any(Path(name).name != name for name in document.cells):
             raise ValueError("cells: each is the name of a file in the same folder, and there is at least one")
@@ -123,23 +102,21 @@ def check_cells(path: Path) -> CellsCheck:
     found = [check_bound(path.with_name(name)) for name in document.cells]
     reason = _why_not(claim, document, found)
     bound = document.bound if reason else max(document.bound, *(cell.bound for cell in found))
-    return CellsCheck(path, claim, bound, len(found), reason, time.perf_counter() - begin)
+    samples = min(len(cell.tip) for cell in found)
+    tip = np.max([cell.tip[:samples] for cell in found], axis=0)
+    return CellsCheck(path, claim, bound, reason, time.perf_counter() - begin, tip, len(found))
 
 
 def _why_not(claim: TipClaim, document: _Document, found: Sequence[BoundCheck]) -> str:
     """Return what a bound by cells lacks; empty if it is proven."""
-    reached, highest = getattr(claim.plants, document.field)
     for cell in found:
-        low, high = getattr(cell.claim.plants, document.field)
-        one: dict[str, Any] = {document.field: getattr(claim.plants, document.field)}
-        whole = dataclasses.replace(cell.claim, plants=dataclasses.replace(cell.claim.plants, **one))
+        ranges: dict[str, Any] = {name: getattr(claim.plants, name) for name in RANGES}
+        whole = dataclasses.replace(cell.claim, plants=dataclasses.replace(cell.claim.plants, **ranges))
         if not cell.proven:
             return f"{cell.path.name}: {cell.reason}"
         if dataclasses.replace(whole, set_name=claim.set_name) != claim:
             return f"{cell.path.name} is about something else"
-        if low > reached:
-            return f"no cell holds a {document.field} between {reached:g} and {low:g}"
         if cell.bound > document.bound * (1 + 1e-9):
             return f"{cell.path.name}: the tip may err by {at_most(1e3 * cell.bound, 4)} mm"
-        reached = max(reached, high)
-    return "" if reached >= highest else f"no cell holds a {document.field} above {reached:g}"
+    hole = missed(claim.plants, [cell.claim.plants for cell in found])
+    return "" if hole is None else f"no cell holds {ranges_in_words(hole, claim.plants)}"

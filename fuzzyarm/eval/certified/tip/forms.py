@@ -8,6 +8,7 @@ needed where a range is asked for, and at the end. Rounding of the products goes
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,10 @@ class Forms:
         self._base, self._totals = base, base.totals()
         self.middle, self.box = middle, np.zeros(len(middle))
         self._map, self._own = np.eye(len(middle)), np.zeros((len(middle), 0))
+
+    def copy(self) -> Forms:
+        """Return numbers that can be extended apart from these."""
+        return copy.copy(self)
 
     def sizes(self) -> np.ndarray:
         """Return bounds (n,) of |x - c| that are quick and wide."""
@@ -61,6 +66,11 @@ class Forms:
         self._map = np.vstack([self._map, rows @ self._map])
         above = np.zeros((len(self._own), fresh.shape[1]))
         self._own = np.block([[self._own, above], [rows @ self._own, fresh]])
+
+    def over_base(self, which: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Return A (k, numbers of the zonotope) of some numbers, and bounds (k,) of |x - c - A ξ|."""
+        rest = np.abs(self._own[which]).sum(axis=1) + self.box[which] + SLACK * self.sizes()[which]
+        return self._map[which].copy(), np.asarray(rest * ROUND_UP)
 
     def keep(self, which: slice | list[int]) -> None:
         """Forget all other numbers."""

@@ -4,13 +4,13 @@
     a⁺ = λ a + (1 - λ) b  at an action instant,   u = law(θ - scale a⁺, θ̇, x_I; r)   or   u = scale a⁺.
 
 See `learned_policy.features`, `network` and `policy`. It remembers a, the past errors, actions and excess torques, the
-leaky integral, and x_I of the law below. The derivatives of b are the product of the layers' on balls, from the output
-backwards; those of a clip that the box meets are all of [0, 1].
+leaky integral, and x_I of the law below. Features and layers are followed as numbers that are linear in the deviations,
+with a new unknown for what each tanh, asinh or clip leaves (`bends`), so what they have in common is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,8 @@ from flint import arb, arb_mat
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS, REFERENCE, SIZE
-from fuzzyarm.eval.certified.tip.enclosures import ball, between, largest, low_high
+from fuzzyarm.eval.certified.tip.bends import ASINH, STRAIGHT, TANH, Clip, append_bent
+from fuzzyarm.eval.certified.tip.enclosures import ball
 from fuzzyarm.eval.certified.tip.forms import Forms
 from fuzzyarm.eval.certified.tip.laws import asked, ball_law
 from fuzzyarm.eval.certified.tip.response import LAW_ROUNDING, MEASURED, Response, smooth_part
@@ -65,27 +66,27 @@ class BallNetwork:
             for weight, bias in zip(network.weights, network.biases, strict=True)
         ]
 
-    def output(self, features: list[Any]) -> tuple[list[Any], arb_mat]:
-        """Return the action (2,) and its derivatives (2, features) by the features, at every point of their balls."""
-        network, rates, hidden = self._network, [], []
-        for f, mean, std in zip(features, network.mean.tolist(), network.std.tolist(), strict=True):
-            value, rate = _clipped((f - mean) / std, network.clip)
-            hidden.append(value)
-            rates.append(rate / std)
-        rates = [rates]
+    def act(self, forms: Forms, features: np.ndarray, at: list[Any]) -> None:
+        """Append b to the numbers of `forms`.
+
+        Args:
+            forms: see there; what the layers leave between is appended, too.
+            features: f - f_c as rows (n, numbers) of the numbers' deviations.
+            at: f_c, balls.
+        """
+        network = self._network
+        scaled = features / network.std[:, np.newaxis]
+        normal = [(f - m) / s for f, m, s in zip(at, network.mean.tolist(), network.std.tolist(), strict=True)]
+        append_bent(forms, scaled, normal, [Clip(network.clip)] * len(normal))
         for number, (weight, bias) in enumerate(self._layers):
-            before = (weight * arb_mat([[h] for h in hidden]) + bias).entries()
-            if number < len(self._layers) - 1:
-                hidden = [_between_ends(arb.tanh, x) for x in before]
-                rates.append([_falling(lambda h: 1 - h * h, h) for h in hidden])
-            else:
-                ends = [_clipped(x, 1.0) for x in before]
-                hidden = [value for value, _ in ends]
-                slopes = arb_mat([[ends[i][1] if i == j else arb(0) for j in range(JOINTS)] for i in range(JOINTS)])
-        for (weight, _), rate in zip(reversed(self._layers), reversed(rates), strict=True):
-            rows = (slopes * weight).tolist()
-            slopes = arb_mat([[x * r for x, r in zip(row, rate, strict=True)] for row in rows])
-        return hidden, slopes
+            width = weight.ncols()
+            rows = np.zeros((weight.nrows(), len(forms.middle)))
+            rows[:, -width:] = network.weights[number]
+            before = (
+                weight * arb_mat([[h] for h in forms.balls(slice(len(forms.middle) - width, None))]) + bias
+            ).entries()
+            bend = TANH if number < len(self._layers) - 1 else Clip(1.0)
+            append_bent(forms, rows, before, [bend] * len(before))
 
     def rounding(self, features: np.ndarray) -> np.ndarray:
         """Return by how much the policy's floats may err in the action (2,), for |f| <= features."""
@@ -133,17 +134,13 @@ class NetworkLaw:
     def _choose(self, forms: Forms, aim: np.ndarray, reference: np.ndarray) -> None:
         """Renew the action and what is remembered of the past; θ_d and θ̇_d are the `aim` (4,)."""
         n, at = len(forms.middle), self._at
-        features, spread = [*self._listed(aim, reference)], forms.spread(np.eye(n))
-        value, _ = self._network.output([x for x, _ in _evaluated(features, forms, 0.0 * spread)])
-        box = _evaluated(features, forms, spread)
-        _, slopes = self._network.output([x for x, _ in box])
-        by_number = [[arb(0)] * n for _ in range(JOINTS)]
-        for row, total in zip(slopes.tolist(), by_number, strict=True):
-            for feature, slope, (_, rate) in zip(features, row, box, strict=True):
-                if feature.number is not None:
-                    total[feature.number] += slope * rate
-        middle, gain, rest = smooth_part(value, by_number, spread)
-        rest += self._network.rounding(np.array([largest(x) for x, _ in box]))
+        scratch, features = forms.copy(), [*self._listed(aim, reference)]
+        self._append_features(scratch, features)
+        count = len(features)
+        self._network.act(scratch, np.eye(len(scratch.middle))[n:], scratch.balls(slice(n, n + count)))
+        last = slice(len(scratch.middle) - JOINTS, None)
+        middle, (gain, rest) = scratch.middle[last], scratch.over_base(last)
+        rest += self._network.rounding(scratch.largest()[n : n + count])
         share = self._action.smoothing
         rows = (1.0 - share) * gain
         rows[:, at.action] += share * np.eye(JOINTS)
@@ -151,6 +148,19 @@ class NetworkLaw:
         ends = [arb(share) * a + (1.0 - share) * b for a, b in zip(before, middle.tolist(), strict=True)]
         forms.extend(rows, ends, rest + ROUNDED)
         self._remember(forms, aim)
+
+    @staticmethod
+    def _append_features(forms: Forms, features: list[_Feature]) -> None:
+        """Append the features to the numbers that they are made of."""
+        rows, numbers, at, bends = np.zeros((len(features), len(forms.middle))), forms.balls(), [], []
+        for row, f in zip(rows, features, strict=True):
+            x = arb(f.constant)
+            if f.number is not None:
+                row[f.number] = f.sign / f.scale
+                x += f.sign * numbers[f.number]
+            at.append(x / f.scale)
+            bends.append(ASINH if f.bent else STRAIGHT)
+        append_bent(forms, rows, at, bends)
 
     def _remember(self, forms: Forms, aim: np.ndarray) -> None:
         """Remember the new action, which stands behind the numbers, and the error from the `aim`."""
@@ -236,43 +246,6 @@ class NetworkLaw:
         order = np.arange(n)
         order[at.excesses.start : at.excesses.start + JOINTS] = np.arange(n, n + JOINTS)
         forms.keep(order.tolist())
-
-
-def _evaluated(features: list[_Feature], forms: Forms, spread: np.ndarray) -> list[tuple[Any, Any]]:
-    """Return each feature and its derivative by its number, for all numbers within `spread`."""
-    numbers, found = forms.balls(), []
-    for f in features:
-        if f.number is None:
-            found.append((arb(f.constant) / f.scale, arb(0)))
-            continue
-        x = (f.constant + f.sign * (numbers[f.number] + ball(0.0, float(spread[f.number])))) / f.scale
-        value, rate = (_between_ends(arb.asinh, x), _falling(_asinh_rate, x)) if f.bent else (x, arb(1))
-        found.append((value, rate * (arb(f.sign) / f.scale)))
-    return found
-
-
-def _asinh_rate(x: arb) -> arb:
-    return 1 / (1 + x * x).sqrt()
-
-
-def _between_ends(function: Callable[[arb], arb], x: arb) -> arb:
-    """Return what a function that rises takes on a ball."""
-    return function(x.lower()).union(function(x.upper()))
-
-
-def _falling(function: Callable[[arb], arb], x: arb) -> arb:
-    """Return what an even function that falls with |x| takes on a ball."""
-    return function(x.abs_lower()).union(function(x.abs_upper()))
-
-
-def _clipped(x: arb, most: float) -> tuple[arb, arb]:
-    """Return min(max(x, -c), c) and its derivative, at every point of a ball."""
-    low, high = low_high(x)
-    if -most < low and high < most:
-        return x, arb(1)
-    if high <= -most or low >= most:
-        return arb(most if low >= most else -most), arb(0)
-    return between(max(low, -most), min(high, most)), between(0.0, 1.0)
 
 
 def _told(features: Features, references: np.ndarray, calls: int) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.certified.tip.enclosures import ball, between, centre
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT, PlantSet
 
 __all__ = ["BallPlant", "Parameter", "ball_plant"]
 
@@ -78,9 +78,9 @@ class BallPlant:
 def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: PlantSet) -> BallPlant:
     """Return the arms of a set of plants around the given parameters, with the payload of a disturbance."""
     nominal = plant_of(parameters)
-    middles = {name: 0.5 * sum(getattr(plants, name)) for name in _FACTORS}
+    middles = {name: [0.5 * sum(plants.of_joint(name, joint)) for joint in range(JOINTS)] for name in BY_JOINT}
     scaled: dict[str, Any] = {
-        field: PerJoint(*(middles[name] * x for x in getattr(nominal, field)))
+        field: PerJoint(*(middle * x for middle, x in zip(middles[name], getattr(nominal, field), strict=True)))
         for name, fields in _FACTORS.items()
         for field in fields
     }
@@ -88,14 +88,16 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
     payload = disturbance.payload.mass, disturbance.payload.radius(parameters)
     extra = 0.5 * sum(plants.payload)
     uncertain = [
-        Parameter(name, joint, _half(getattr(plants, name)) * getattr(nominal, fields[0])[joint])
-        for name, fields in _FACTORS.items() if name not in ("mass", "dry_friction") and _half(getattr(plants, name))
-        for joint in range(JOINTS)
+        Parameter(name, joint, half * getattr(nominal, fields[0])[joint])
+        for name, fields in _FACTORS.items() if name not in ("mass", "dry_friction")
+        for joint in range(JOINTS) if (half := _half(plants.of_joint(name, joint)))
     ]  # fmt: skip
-    low, high = (x / middles["dry_friction"] if middles["dry_friction"] else 1.0 for x in plants.dry_friction)
-    if low < high:
-        low, high = low - 2.0**-50, high + 2.0**-50 * high
-        uncertain += [Parameter("dry_friction", joint, max(1.0 - low, high - 1.0)) for joint in range(JOINTS)]
+    share = tuple(_share(plants.of_joint("dry_friction", joint)) for joint in range(JOINTS))
+    uncertain += [
+        Parameter("dry_friction", joint, max(1.0 - low, high - 1.0))
+        for joint, (low, high) in enumerate(share)
+        if low < high
+    ]
     exact = _arm(_in_balls(plant), [payload, (extra, parameters.length[0 + 1])], ball(parameters.gravity))
     units = _mass_units(_in_balls(nominal), plants, parameters)
     if _half(plants.force) and disturbance.tip_force is not None:
@@ -104,7 +106,7 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
         units.append(Parameter("force", 0, _half(plants.force), massless))
     uncertain += units
     middle = Arm(*(centre(x) for x in exact))
-    return BallPlant(middle, exact, _whole(exact, uncertain), tuple(uncertain), ((low, high),) * JOINTS)
+    return BallPlant(middle, exact, _whole(exact, uncertain), tuple(uncertain), share)
 
 
 _FACTORS = {
@@ -116,6 +118,13 @@ _FACTORS = {
     "dry_friction": ("static_friction", "coulomb_friction"),
 }
 """The fields of `Plant` that a factor of the set scales, as in `randomisation.varied`."""
+
+
+def _share(bounds: tuple[float, float]) -> tuple[float, float]:
+    """Return the lowest and the highest factor of the dry friction, relative to the middle."""
+    middle = 0.5 * sum(bounds)
+    low, high = (x / middle if middle else 1.0 for x in bounds)
+    return (low - 2.0**-50, high + 2.0**-50 * high) if low < high else (low, high)
 
 
 def _half(bounds: tuple[float, float]) -> float:
@@ -138,13 +147,16 @@ def _arm(plant: Plant, payloads: list[tuple[float, float]], gravity: Any) -> Arm
 def _mass_units(plant: Plant, plants: PlantSet, parameters: ArmParameters) -> list[Parameter]:
     """Return the masses and the payload, where they are uncertain, with the constants that half their range makes."""
     found = []
-    for joint in range(JOINTS if _half(plants.mass) else 0):
-        scale = [arb(_half(plants.mass)) if j == joint else arb(0) for j in range(JOINTS)]
+    for joint in range(JOINTS):
+        half = _half(plants.of_joint("mass", joint))
+        if not half:
+            continue
+        scale = [arb(half) if j == joint else arb(0) for j in range(JOINTS)]
         part = plant._replace(
             mass=PerJoint(*(m * x for m, x in zip(plant.mass, scale, strict=True))),
             inertia=PerJoint(*(i * x for i, x in zip(plant.inertia, scale, strict=True))),
         )
-        found.append(Parameter("mass", joint, _half(plants.mass), lump(part)))
+        found.append(Parameter("mass", joint, half, lump(part)))
     if _half(plants.payload):
         nothing = PerJoint(arb(0), arb(0))
         empty = lump(plant._replace(mass=nothing, inertia=nothing))

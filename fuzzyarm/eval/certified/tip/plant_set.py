@@ -1,8 +1,9 @@
 """A set of plants: which factors each constant of the arm may have, and what else may act.
 
 Every factor is constant during the motion and independent of the others; masses count with the inertia of their link,
-as in `DomainRandomisation`. What may vary with time, in any measurable way: the friction torque of a set with ``any``
-friction, and the tip force within `force_swing` and `force_course`; and at every sample the errors within `noise`.
+as in `DomainRandomisation`. A factor's range is one for both joints, or one for each. What may vary with time, in any
+measurable way: the friction torque of a set with ``any`` friction, and the tip force within `force_swing` and
+`force_course`; and at every sample the errors within `noise`.
 """
 
 from __future__ import annotations
@@ -13,18 +14,26 @@ from typing import Any, Literal
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_toml, record
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
 
-__all__ = ["SETS", "PlantSet", "find_set"]
+__all__ = ["BY_JOINT", "RANGES", "SETS", "PlantSet", "find_set"]
 
 Range = tuple[float, float]
+Factor = tuple[float | Range, float | Range]
+"""A range (low, high) for both joints, or a pair of ranges, one for each."""
 
-_FACTORS = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction", "force")
+BY_JOINT = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "viscous_friction")
+"""The factors of which each joint has its own."""
+RANGES = (*BY_JOINT, "force", "payload")
+"""All ranges of a set."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PlantSet:
     """Ranges (low, high) of what is constant, and bounds of what may vary with time; the defaults are Table 1 alone.
+
+    The range of a factor of `BY_JOINT` may be given for each joint: ``((low, high), (low, high))``.
 
     Attributes:
         mass: factor of each link's mass and inertia, one per link.
@@ -42,12 +51,12 @@ class PlantSet:
         late: whole control periods by which every torque acts late; until the first acts, it is held from the start.
     """
 
-    mass: Range = (1.0, 1.0)
-    motor_inertia: Range = (1.0, 1.0)
-    stiffness: Range = (1.0, 1.0)
-    damping: Range = (1.0, 1.0)
-    dry_friction: Range = (1.0, 1.0)
-    viscous_friction: Range = (1.0, 1.0)
+    mass: Factor = (1.0, 1.0)
+    motor_inertia: Factor = (1.0, 1.0)
+    stiffness: Factor = (1.0, 1.0)
+    damping: Factor = (1.0, 1.0)
+    dry_friction: Factor = (1.0, 1.0)
+    viscous_friction: Factor = (1.0, 1.0)
     payload: Range = (0.0, 0.0)
     force: Range = (1.0, 1.0)
     friction: Literal["law", "any"] = "law"
@@ -59,10 +68,8 @@ class PlantSet:
     def __post_init__(self) -> None:
         """Check every range; ValueError names it and what is allowed."""
         try:
-            for name in (*_FACTORS, "payload"):
-                low, high, unit = ALLOWED[name]
-                given = checks.interval(name, getattr(self, name), unit, low=low, high=high)
-                object.__setattr__(self, name, given)
+            for name in RANGES:
+                object.__setattr__(self, name, _checked(name, getattr(self, name)))
             checks.choice("friction", self.friction, ("law", "any"))
             for name, unit in (("force_swing", ""), ("force_course", "N")):
                 object.__setattr__(self, name, checks.real(name, getattr(self, name), unit, low=0.0))
@@ -71,6 +78,12 @@ class PlantSet:
         except TypeError as error:
             raise ValueError(str(error)) from None
 
+    def of_joint(self, name: str, joint: int) -> Range:
+        """Return the range of a factor of `BY_JOINT` for a joint; any other range as it is."""
+        given = getattr(self, name)
+        chosen: Range = given[joint] if isinstance(given[0], tuple) else given
+        return chosen
+
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> PlantSet:
         """Return the set of a mapping of field names; the others keep Table 1. ValueError for what does not fit."""
@@ -78,7 +91,24 @@ class PlantSet:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain numbers and lists."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in dataclasses.asdict(self).items()}
+        return {name: _plain(value) for name, value in dataclasses.asdict(self).items()}
+
+
+def _checked(name: str, given: Any) -> Any:
+    """Return a range, or a pair of them, as floats."""
+    low, high, unit = ALLOWED[name]
+    if name in BY_JOINT and isinstance(given, list | tuple) and any(isinstance(part, list | tuple) for part in given):
+        if len(given) != JOINTS:
+            raise ValueError(f"{name} = {checks.shown(given)} must be one range (low, high), or one for each joint")
+        parts = [
+            checks.interval(f"{name}, joint {j + 1}", part, unit, low=low, high=high) for j, part in enumerate(given)
+        ]
+        return tuple(parts) if parts[0] != parts[1] else parts[0]
+    return checks.interval(name, given, unit, low=low, high=high)
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(part) for part in value] if isinstance(value, tuple) else value
 
 
 _NEAR = PlantSet(

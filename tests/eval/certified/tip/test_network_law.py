@@ -12,9 +12,11 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.certified.tip.bends import ASINH, STRAIGHT, TANH, Clip
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
-from fuzzyarm.eval.certified.tip.network_law import BallNetwork, NetworkLaw, _clipped
+from fuzzyarm.eval.certified.tip.forms import Forms
+from fuzzyarm.eval.certified.tip.network_law import BallNetwork, NetworkLaw
 from fuzzyarm.eval.certified.tip.plant_set import SETS
 from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
@@ -90,26 +92,35 @@ def test_every_answer_near_the_point_is_held_and_what_is_not_linear_is_needed(po
     assert (rest[:2] < 400.0 * size * np.abs(given[:2]).sum(axis=1)).all()
 
 
-def test_derivatives_of_a_network_hold_every_secant_also_where_it_is_clipped():
+def test_a_network_is_held_on_a_box_also_where_it_is_clipped():
     rng = np.random.default_rng(0)
     weights = rng.normal(size=(6, 3)), rng.normal(size=(2, 6))
     network = Network(np.zeros(3), np.ones(3), 0.8, weights, (rng.normal(size=6), np.array([0.2, -0.1])))
     middle, radius = np.array([0.1, 0.75, -0.2]), 0.1  # the second feature is clipped at 0.8
-    balls = BallNetwork(network)
-    value, slopes = balls.output([arb(x, radius) for x in middle])
-    here, there = np.empty((1, 2)), np.empty((1, 2))
-    network.act(middle[np.newaxis], here)
-    inside = [[arb(x) for x in row] for row in slopes.tolist()]
-    assert all(
-        x.overlaps(arb(y, 1e-12)) for x, y in zip(balls.output([arb(x) for x in middle])[0], here[0], strict=True)
-    )
-    for _ in range(50):
-        away = radius * rng.uniform(-1.0, 1.0, 3)
+    there, worst = np.empty((1, 2)), np.zeros(2)
+    box = Zonotope(3, 0)
+    box.add(radius * np.eye(3), 0)
+    forms = Forms(middle, box)
+    BallNetwork(network).act(forms, np.eye(3), [arb(x) for x in middle])
+    gain, rest = forms.over_base(slice(-2, None))
+    for _ in range(200):
+        away = radius * rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], 3)
         network.act((middle + away)[np.newaxis], there)
-        for i in range(2):
-            assert value[i].contains(arb(there[0, i]))
-            secant = sum((s * a for s, a in zip(inside[i], away.tolist(), strict=True)), arb(0))
-            assert secant.overlaps(arb(there[0, i] - here[0, i], 1e-12))
+        worst = np.maximum(worst, np.abs(there[0] - forms.middle[-2:] - gain @ away) / rest)
+    assert (worst <= 1.0).all() and worst.max() > 0.3
+    assert (rest < 0.5 * radius * np.abs(weights[1]) @ np.abs(weights[0]).sum(axis=1)).all()
+
+
+@pytest.mark.parametrize("bend", [TANH, ASINH, Clip(0.8), STRAIGHT], ids=["tanh", "asinh", "clip", "straight"])
+@pytest.mark.parametrize(("z", "r"), [(0.0, 0.5), (0.7, 0.3), (-2.0, 0.1), (0.3, 3.0), (1.5, 1e-6)])
+def test_a_line_holds_the_function_and_its_rest_is_nearly_reached(bend, z, r):
+    exact = {id(TANH): np.tanh, id(ASINH): np.arcsinh, id(STRAIGHT): lambda x: x}.get(id(bend))
+    x = z + r * np.linspace(-1.0, 1.0, 401)
+    values = np.clip(x, -0.8, 0.8) if exact is None else exact(x)
+    line = bend.line(arb(z), r)
+    left = np.abs(values - float(line.value.mid()) - line.slope * (x - z))
+    assert left.max() <= line.rest + 1e-15
+    assert left.max() >= 0.1 * line.rest or r < 1e-3
 
 
 def test_the_floats_of_a_network_err_within_their_allowance(policy):
@@ -118,24 +129,30 @@ def test_the_floats_of_a_network_err_within_their_allowance(policy):
     action, balls = np.empty((20, 2)), BallNetwork(network)
     network.act(features, action)
     for row, floats in zip(features, action, strict=True):
-        exact, allowed = balls.output([arb(x) for x in row.tolist()])[0], balls.rounding(np.abs(row))
+        exact, allowed = exactly(network, row), balls.rounding(np.abs(row))
         missed = [float((e - x).abs_upper()) for e, x in zip(exact, floats.tolist(), strict=True)]
         assert (np.array(missed) <= allowed).all() and allowed.max() < 1e-6
 
 
-def test_a_clip_is_the_number_the_limit_or_both():
-    assert [float(x.mid()) for x in _clipped(arb(0.5, 0.1), 1.0)] == [0.5, 1.0]
-    assert [float(x.mid()) for x in _clipped(arb(-3.0, 0.1), 1.0)] == [-1.0, 0.0]
-    value, rate = _clipped(arb(0.95, 0.1), 1.0)
-    assert value.contains(arb(0.86)) and value.contains(arb(1.0)) and not value.contains(arb(1.1))
-    assert rate.contains(arb(0)) and rate.contains(arb(1))
+def exactly(network, features):
+    """Return the action of a network, layer by layer in balls."""
+    clip = network.clip
+    layer = [(arb(f) - arb(m)) / arb(s) for f, m, s in zip(features, network.mean, network.std, strict=True)]
+    layer = [min(max(x, arb(-clip)), arb(clip)) for x in layer]
+    for number, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        layer = [
+            sum((arb(float(w)) * h for w, h in zip(row, layer, strict=True)), arb(float(offset)))
+            for row, offset in zip(weight, bias, strict=True)
+        ]
+        layer = [x.tanh() if number < len(network.weights) - 1 else min(max(x, arb(-1)), arb(1)) for x in layer]
+    return layer
 
 
 def test_learned_policies_have_a_tube():
     bound = find_bound(TipClaim("ppo-residual", "nominal", "table-1", SETS["table-1"], steps=8))
     assert bound.largest < 1e-5
     with pytest.raises(NoBound, match="no bound beyond t = 0"):
-        find_bound(TipClaim("ppo-robust", "nominal", "near", SETS["near"], steps=20))
+        find_bound(TipClaim("ppo-residual", "nominal", "near", SETS["near"], steps=20))
 
 
 @pytest.mark.parametrize("kind", [{"activation": "relu"}, {"output": "tanh"}])

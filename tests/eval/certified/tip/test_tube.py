@@ -269,8 +269,10 @@ def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
     assert found["bound"] == max(cell["bound"] for cell in found["cells"])
     assert main(words) == 0
     assert json.loads(capsys.readouterr().out)["bound"] > 0.9 * found["bound"]
-    assert main([*words, "--cells", "mass", "3"]) == 2
-    assert "choose from: payload, force" in one_line_error(capsys)
+    assert main([*words, "--cells", "friction", "3"]) == 2
+    assert "choose from: mass," in one_line_error(capsys)
+    assert main([*words, "--cells", "payload", "3", "--cells", "payload", "2"]) == 2
+    assert "different names" in one_line_error(capsys)
 
 
 def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
@@ -285,8 +287,8 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
     sound = json.loads(out.read_text())
     first, second = sound["cells"]
     for change, why in (
-        ({"cells": [second]}, "between 0 and 0.1"),
-        ({"cells": [first]}, "above 0.1"),
+        ({"cells": [second]}, "no cell holds payload from 0 to 0.1"),
+        ({"cells": [first]}, "no cell holds payload from 0.1 to 0.2"),
         ({"bound": 0.5 * sound["bound"]}, "the tip may err"),
         ({"case": "payload"}, "something else"),
         ({"samples": 5}, "something else"),
