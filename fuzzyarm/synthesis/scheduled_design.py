@@ -22,7 +22,7 @@ from fuzzyarm.synthesis.designer import DesignFailed
 from fuzzyarm.synthesis.inertia_metric import Metric, fitted_metric, ranked_premises, split_of
 from fuzzyarm.synthesis.scalar_design import Feedback, best_feedback, feedback_for_gamma, smallest_pole
 
-__all__ = ["MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_premise", "design_scheduled"]
+__all__ = ["ALPHAS", "MOST_JOINTS", "ScheduledDesign", "ScheduledSpecification", "best_premise", "design_scheduled"]
 
 MOST_JOINTS = 7
 """More joints than that would need more than one split of the chain."""

@@ -1,7 +1,7 @@
 """The steps of tuning a serial robot of any number of joints: what the mathematics allows of those of two joints.
 
-The fuzzy controller is of the form "semidefinite", whose decay rate follows from margins at random postures. Computed
-torque and the elastic observer begin at what random postures allow (`computed_torque.bandwidth_for`,
+The fuzzy controller is of the form "semidefinite", whose decay rate follows from margins at random postures. It,
+computed torque and the elastic observer begin at what random postures allow (`computed_torque.bandwidth_for`,
 `observer_weights.weights_for`) and are slowed down further until they are stable in every condition of
 `fuzzyarm margins` along the default reference. What a softer joint destabilises in the elastic observer is its estimate
 of the load, so that is slowed down. The adaptive observer is tuned for two-joint arms alone.
@@ -21,6 +21,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_weights import FACTORS, weights_for
 from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled
+from fuzzyarm.synthesis.scheduled_design import ALPHAS
 
 __all__ = ["ROBOT_STEPS"]
 
@@ -33,22 +34,28 @@ def _fuzzy(context: Context) -> Finding:
     """Design a controller of the form "semidefinite"; write its file."""
     robot: Robot = context.arm
     rule = (
-        "Semidefinite form: the largest decay rate with which the loop bears twice its gain and a sample of delay at "
-        "random postures, the fastest pole 1.5 times the smallest possible one."
+        "Semidefinite form: the largest decay rate of 20, 15, 10, ... 1/s with which the loop bears twice its gain and "
+        "a sample of delay at random postures and is stable in every condition along the default path, the fastest "
+        "pole 1.5 times the smallest possible one."
     )
-    try:
-        controller = design_scheduled(ScheduledSpecification(rules=min(RULES, 2 ** (len(robot) - 1))), robot).controller
-    except (DesignFailed, ValueError) as error:
-        return nothing_found(robot, FUZZY, rule, 1, f"There is no proven controller: {error}.")
+    rules, tried, alpha = min(RULES, 2 ** (len(robot) - 1)), 0, None
+    while True:
+        try:
+            controller = design_scheduled(ScheduledSpecification(rules=rules, alpha=alpha), robot).controller
+        except (DesignFailed, ValueError) as error:
+            return nothing_found(robot, FUZZY, rule, tried + 1, f"There is no proven controller: {error}.")
+        radii, tried = measured_radii(ScheduledPolicy(controller, PERIOD), robot), tried + 1
+        context.advance(1)
+        alpha = next((slower for slower in ALPHAS if slower < controller.alpha), None)
+        if alpha is None or _stable(radii):
+            break
     controller.save(context.folder / f"{FUZZY}.json")
-    context.advance(1)
     chosen: dict[str, float | None] = {
         "alpha": controller.alpha,
         "gamma": controller.gamma,
         "fastest_pole": controller.fastest_pole,
     }
-    radii = measured_radii(ScheduledPolicy(controller, PERIOD), robot)
-    return found(robot, FUZZY, chosen, {}, radii, tried=1, rule=rule)
+    return found(robot, FUZZY, chosen, {}, radii, tried=tried, rule=rule)
 
 
 def _bandwidth(context: Context) -> Finding:
