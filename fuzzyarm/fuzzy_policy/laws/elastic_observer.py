@@ -30,7 +30,7 @@ from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_columns, in_list, reader
+from fuzzyarm.envs.physics.records import BLOCK, in_columns, in_list, reader
 from fuzzyarm.fuzzy_policy.known_arm import (
     constants_of,
     per_joint_of,
@@ -44,7 +44,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     gain_tables,
     state_part,
 )
-from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, predict_of
+from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, prediction_of
 from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -128,8 +128,8 @@ def _law_of(physics: Physics) -> Any:
     """Return the compiled law for arms with these equations."""
     joints, (_, started_part, predicted_part) = physics.joints, _memory_parts(physics.joints)
     arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
-    estimated, begin, predict = estimated_of(joints), begin_of(physics), predict_of(physics)
-    correct, act = correct_of(joints), act_of(joints)
+    begin, correct, act = begin_of(physics), correct_of(joints), act_of(joints)
+    room_size, put, advance, take = prediction_of(physics)
 
     @kernel_for(physics.digest)
     def observe_and_act(
@@ -151,19 +151,24 @@ def _law_of(physics: Physics) -> Any:
         """Correct, act and predict in every lane; `torque` holds u_ff and becomes u, unclipped."""
         arm, o = arm_in(constants, 0), observed(observation)
         started, predicted = memory[:, started_part], memory[:, predicted_part]
-        estimate = estimated(predicted)
         innovation, error = np.empty(2 * joints), np.empty(4 * joints)
         index, weight = np.empty(1 << len(kept), dtype=np.int64), np.empty(1 << len(kept))
-        applied = np.empty((1, joints))
-        for lane in range(len(observation)):
-            if started[lane, 0] == 0.0:
-                started[lane, 0] = 1.0
-                begin(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
-            place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
-            correct(lane, o, predicted, observer, index, weight, innovation)
-            act(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
-            for i in range(joints):
-                applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
-            predict(predicted, lane, per_joint(applied, 0), per_joint(estimate.load, lane), arm, h, substeps)
+        applied, room = np.empty((1, joints)), np.empty(room_size)
+        for first in range(0, len(observation), BLOCK):
+            lanes = min(BLOCK, len(observation) - first)
+            for place in range(lanes):
+                lane = first + place
+                if started[lane, 0] == 0.0:
+                    started[lane, 0] = 1.0
+                    begin(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
+                place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
+                correct(lane, o, predicted, observer, index, weight, innovation)
+                act(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
+                for i in range(joints):
+                    applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
+                put(room, place, predicted, lane, per_joint(applied, 0))
+            advance(room, lanes, arm, h, substeps)
+            for place in range(lanes):
+                take(room, place, predicted, first + place)
 
     return observe_and_act
