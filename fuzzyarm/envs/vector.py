@@ -177,6 +177,11 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observation[which], vectors[:, which], scalars[:, which] = split(self._lanes.restart(which))
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
 
+    @property
+    def lanes(self) -> Lanes:
+        """The lanes with their episodes, for compiled code that moves copies of them itself."""
+        return self._lanes
+
     def get_state(self) -> dict[str, np.ndarray]:
         """Return the state of every lane, including its random stream, as arrays by name, for `set_state`.
 

@@ -22,6 +22,7 @@ import functools
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import observed
@@ -31,6 +32,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import BLOCK, in_columns, in_list, reader
+from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
 from fuzzyarm.fuzzy_policy.known_arm import (
     constants_of,
     per_joint_of,
@@ -44,7 +46,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     gain_tables,
     state_part,
 )
-from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, prediction_of
+from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, prediction_of
 from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -103,6 +105,12 @@ class ElasticObserverPolicy(Policy):
         self._target.advance(observation, memory[:, self._target_part], target, torque)
         self._law(observation, target, memory, torque, *self._arguments)
 
+    def compiled(self) -> CompiledLaw:
+        """Return the law for compiled loops."""
+        advance, of_target = self._target.compiled
+        act = _compiled_of(equations_of(self.parameters), advance, self._law)
+        return CompiledLaw("elastic_observer", act, (of_target, self._arguments))
+
     @functools.cached_property
     def _law(self) -> Any:
         return _law_of(equations_of(self.parameters))
@@ -121,6 +129,21 @@ class ElasticObserverPolicy(Policy):
 def _memory_parts(joints: int) -> list[slice]:
     """Return where the target's memory, the flag of a sample before, and (x̂, d̂)⁻ lie in a lane's memory."""
     return consecutive(memory_size(joints), 1, estimate_parts(joints).load.stop)
+
+
+@functools.cache
+def _compiled_of(physics: Physics, advance: Any, law: Any) -> Any:
+    """Return `ElasticObserverPolicy.act` for compiled loops, of the target's function and the law's."""
+    target_part, target_size = _memory_parts(physics.joints)[0], 3 * physics.joints
+
+    @register_jitable
+    def act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, arguments: Any) -> None:
+        of_target, own = arguments
+        target = np.empty((len(observation), target_size))
+        advance(observation, memory[:, target_part], target, torque, *of_target)
+        law(observation, target, memory, torque, *own)
+
+    return act
 
 
 @functools.cache

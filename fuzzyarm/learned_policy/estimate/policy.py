@@ -24,13 +24,13 @@ from fuzzyarm.envs.observation import JOINTS, observed
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import BLOCK, in_columns, in_list, reader
+from fuzzyarm.envs.physics.records import in_columns, in_list, reader
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import place_in_schedule
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, estimate_parts, gain_tables
-from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, prediction_of
+from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, predict_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond
 from fuzzyarm.learned_policy.estimate.signals import CONTEXT, TORQUES, UNEXPLAINED, see_context, see_unexplained
@@ -120,8 +120,8 @@ class LearnedObserverPolicy(Policy):
 
 _PHYSICS = two_joints()
 _ARM_IN, _PER_JOINT = reader(_PHYSICS.Arm, in_list), reader(_PHYSICS.PerJoint, in_columns)
-_ESTIMATED, _BEGIN, _CORRECT, _ACT = estimated_of(JOINTS), begin_of(_PHYSICS), correct_of(JOINTS), act_of(JOINTS)
-_ROOM_SIZE, _PUT, _ADVANCE, _TAKE = prediction_of(_PHYSICS)
+_ESTIMATED, _BEGIN, _PREDICT = estimated_of(JOINTS), begin_of(_PHYSICS), predict_of(_PHYSICS)
+_CORRECT, _ACT = correct_of(JOINTS), act_of(JOINTS)
 _Z, _C, _OWN = SEEN_PARTS
 _FIRST_HIDDEN = _HIDDEN.start
 
@@ -158,26 +158,19 @@ def _observe_and_act(
     estimate = _ESTIMATED(predicted)
     innovation, error, applied = np.empty(2 * JOINTS), np.empty(4 * JOINTS), np.empty((1, JOINTS))
     index, weight = np.empty(1 << len(kept), dtype=np.int64), np.empty(1 << len(kept))
-    room = np.empty(_ROOM_SIZE)
-    for first in range(0, len(observation), BLOCK):
-        lanes = min(BLOCK, len(observation) - first)
-        for place in range(lanes):
-            lane = first + place
-            if started[lane, 0] == 0.0:
-                started[lane, 0] = 1.0
-                _BEGIN(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
-            place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
-            _CORRECT(lane, o, predicted, observer, index, weight, innovation)
-            z, c = seen[lane, _Z], seen[lane, _C]
-            see_context(lane, o, torque[lane], torque_limit, length, c)
-            _ACT(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
-            seen[lane, _OWN] = torque[lane]
-            see_unexplained(innovation, estimate.load[lane], residual[lane], z)
-            respond(z, c, memory[lane, _FIRST_HIDDEN:], residual[lane], of_z, of_h, of_c, bias, V, D, W)
-            for i in range(JOINTS):
-                torque[lane, i] += TORQUES[i] * residual[lane, i]
-                applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
-            _PUT(room, place, predicted, lane, _PER_JOINT(applied, 0))
-        _ADVANCE(room, lanes, arm, h, substeps)
-        for place in range(lanes):
-            _TAKE(room, place, predicted, first + place)
+    for lane in range(len(observation)):
+        if started[lane, 0] == 0.0:
+            started[lane, 0] = 1.0
+            _BEGIN(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
+        place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
+        _CORRECT(lane, o, predicted, observer, index, weight, innovation)
+        z, c = seen[lane, _Z], seen[lane, _C]
+        see_context(lane, o, torque[lane], torque_limit, length, c)
+        _ACT(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
+        seen[lane, _OWN] = torque[lane]
+        see_unexplained(innovation, estimate.load[lane], residual[lane], z)
+        respond(z, c, memory[lane, _FIRST_HIDDEN:], residual[lane], of_z, of_h, of_c, bias, V, D, W)
+        for i in range(JOINTS):
+            torque[lane, i] += TORQUES[i] * residual[lane, i]
+            applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
+        _PREDICT(predicted, lane, _PER_JOINT(applied, 0), _PER_JOINT(estimate.load, lane), arm, h, substeps)
