@@ -14,7 +14,7 @@ import numpy as np
 from numba import float64, int64, types
 
 from fuzzyarm.envs.batch.beginning import begin_of
-from fuzzyarm.envs.batch.block import advance_block_of
+from fuzzyarm.envs.batch.block import advance_block_of, gather_of
 from fuzzyarm.envs.batch.layout import VECTORS, Layout, Scalars, layout_of
 from fuzzyarm.envs.batch.reporting import observe_of
 from fuzzyarm.envs.physics.compiled import kernel_for
@@ -27,7 +27,7 @@ _read_scalars = reader(Scalars, in_list)
 _NOT_FINITE = -1
 
 # Types of the arguments: of both kernels, and of `advance` alone.
-_ARRAYS = (float64[:, ::1], int64[:, ::1], float64[:, ::1], float64, int64)
+_ARRAYS = (float64[:, :, ::1], int64[:, ::1], float64[:, ::1], float64, int64)
 _ADVANCE = (*_ARRAYS, float64[:, ::1], int64, int64, float64[::1])
 
 
@@ -77,13 +77,13 @@ def advance_of(layout: Layout) -> Any:
     It holds the torques for one control step, in the lanes from `start` to `stop`, and returns the first lane, of all,
     whose action is not finite, or -1; no lane moves if there is one.
 
-    - values: (numbers of `Lane`, lanes), changed in place.
+    - values: (blocks, numbers of `Lane`, `BLOCK`), changed in place.
     - clock: (numbers of `Clock`, lanes), changed in place; every lane must be before its last row.
     - table: (rows, numbers of a row), the schedules of all episodes below each other.
     - period: control period [s].
     - substeps: sub-steps in it.
     - action: (lanes, joints) motor torques [N m]; clipped to the limits.
-    - start, stop: first lane, and the lane after the last.
+    - start, stop: first lane, the first one of a block, and the lane after the last.
     - out: (`Layout.width` lanes,), the results of all lanes, see `Layout.split`; written.
     """
     advance_block, parts, work_size = advance_block_of(layout), layout.parts, size(layout.Work) * BLOCK
@@ -182,12 +182,16 @@ def observe_again_of(layout: Layout) -> Any:
     It writes what the last step, or the beginning of the episode, let be observed, of the results (`Layout.width`
     lanes,) of all lanes only the observations [rad, rad/s, rad/s²]; nothing moves. Arguments as in `advance_of`.
     """
-    observe, parts = observe_of(layout), layout.parts
+    observe, parts, work_size = observe_of(layout), layout.parts, size(layout.Work) * BLOCK
+    gather, _ = gather_of(layout)
 
     @kernel_for(layout.physics.digest)
     def observe_again(values: np.ndarray, clock: np.ndarray, table: np.ndarray, out: np.ndarray) -> None:
         results = parts(out)
-        for lane in range(values.shape[1]):
-            observe(values, clock, table, lane, results, lane)
+        work, lanes = np.empty(work_size), clock.shape[1]
+        for first in range(0, lanes, BLOCK):
+            count = min(BLOCK, lanes - first)
+            gather(work, count, values[first // BLOCK])
+            observe(work, count, clock, table, first, results, first)
 
     return observe_again

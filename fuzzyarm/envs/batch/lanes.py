@@ -18,7 +18,7 @@ from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.compiled import announced_compilation
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import flat, size
+from fuzzyarm.envs.physics.records import BLOCK, flat, size
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantity, draw_record
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
@@ -63,7 +63,7 @@ class Lanes:
         self.layout = self.kernels.layout
         self._plants = np.array([flat(self.physics.plant_of(arm)) for arm in self.parameters])
         self._ranges = randomisation.ranges(self.physics.joints)
-        self.values = np.full((size(self.layout.Lane), count), np.nan)
+        self.values = np.full((-(-count // BLOCK), size(self.layout.Lane), BLOCK), np.nan)
         self.clock = np.zeros((size(Clock), count), dtype=np.int64)
         self.clock[CLOCK.key] = np.random.SeedSequence().generate_state(count, np.uint64).view(np.int64)
         self.drawn = np.empty((size(draw_record(self.physics.joints)), count if randomisation.varies else 0))
@@ -128,9 +128,14 @@ class Lanes:
         """The first arguments of `Kernels.advance` and `Kernels.advance_one`, with their shapes."""
         return self.values, self.clock, self._assigned.tables.table, self.period, self.substeps
 
+    def numbers(self, rows: slice) -> np.ndarray:
+        """Return some of the numbers that lanes carry, (rows, lanes), see `Layout.Lane`; a copy."""
+        return _by_rows(self.values[:, rows], self.count)
+
     def torque_limit(self, lane: int) -> list[float]:
         """Return the limits (joints,) of the motors' torques [N m] in a lane whose episode has begun."""
-        limits: list[float] = self.values[list(self.layout.LANE.limits.torque), lane].tolist()
+        rows = list(self.layout.LANE.limits.torque)
+        limits: list[float] = self.values[lane // BLOCK, rows, lane % BLOCK].tolist()
         return limits
 
     @property
@@ -234,7 +239,7 @@ class Lanes:
                 "reset without options first"
             )
         return {
-            "values": self.values.copy(),
+            "values": _by_rows(self.values, self.count),
             "clock": self.clock.copy(),
             "drawn": self.drawn.copy(),
             "made_of": self._digest(),
@@ -252,7 +257,8 @@ class Lanes:
             ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes; or an
                 array is of another type or shape, or not such as an episode of these lanes has. Nothing has changed.
         """
-        own = {"values": self.values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}
+        values = _by_rows(self.values, self.count)
+        own = {"values": values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}
         made_of = checks.instance("state", state, dict).get("made_of")
         if not (isinstance(made_of, np.ndarray) and np.array_equal(made_of, own["made_of"])):
             raise ValueError(
@@ -261,7 +267,7 @@ class Lanes:
         arrays = checked_arrays(state, own)
         check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]), size(self.physics.State), over)
         self._assigned.all_return()
-        self.values, self.clock, self.drawn = arrays["values"], arrays["clock"], arrays["drawn"]
+        self.values, self.clock, self.drawn = _in_blocks(arrays["values"]), arrays["clock"], arrays["drawn"]
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
@@ -271,7 +277,7 @@ class Lanes:
         begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
         own, start_of, place_of = self._assigned.own, *self._assigned.own_places
         self._begin_in(np.arange(self.count), own, (start_of, place_of), begun.values())
-        return begun
+        return begun | {"values": _by_rows(begun["values"], self.count)}
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
@@ -288,6 +294,19 @@ class Lanes:
         self.__dict__.update(state)
         with announced_compilation():
             self.kernels.prepare(self.count)
+
+
+def _by_rows(values: np.ndarray, lanes: int) -> np.ndarray:
+    """Return values (blocks, rows, `BLOCK`) of so many lanes as (rows, lanes)."""
+    return np.ascontiguousarray(np.swapaxes(values, 0, 1).reshape(values.shape[1], -1)[:, :lanes])
+
+
+def _in_blocks(values: np.ndarray) -> np.ndarray:
+    """Return values (rows, lanes) as (blocks, rows, `BLOCK`)."""
+    rows, lanes = values.shape
+    padded = np.full((rows, -(-lanes // BLOCK) * BLOCK), np.nan)
+    padded[:, :lanes] = values
+    return np.ascontiguousarray(np.swapaxes(padded.reshape(rows, -1, BLOCK), 0, 1))
 
 
 def _common_equations(arms: Sequence[AnyArm]) -> Physics:

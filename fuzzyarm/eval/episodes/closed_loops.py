@@ -16,7 +16,7 @@ from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import CLOCK, SCALARS, Layout
 from fuzzyarm.envs.physics.compiled import announced_compilation, kernel_for
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.records import BLOCK, columns
+from fuzzyarm.envs.physics.records import BLOCK
 from fuzzyarm.eval.episodes.loop import TipErrors
 from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
 from fuzzyarm.fuzzy_policy.policy import Policy, limit
@@ -84,8 +84,7 @@ def _run_of(layout: Layout, advance: Any, policy: Policy, law: CompiledLaw) -> C
 def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable[..., bool]:
     """Return the kernel; it returns whether a torque was no finite number."""
     width, observed, joints = layout.width, layout.observed, layout.physics.joints
-    state = columns(layout.Lane).state.start
-    motors, velocities = layout.LANE.state.motor.joint1 - state, layout.LANE.state.motor_velocity.joint1 - state
+    motors, velocities = layout.LANE.state.motor.joint1, layout.LANE.state.motor_velocity.joint1
     first_scalar = width - len(SCALARS)
 
     @kernel_for(made_for)
@@ -112,7 +111,7 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
         for start in range(0, len(observation), GROUP):
             stop = min(start + GROUP, len(observation))
             n, depth = stop - start, latest + 1
-            numbers, clocks = values[:, start:stop].copy(), clock[:, start:stop].copy()
+            numbers, clocks = values[start // BLOCK : -(-stop // BLOCK)].copy(), clock[:, start:stop].copy()
             seen, remembered, out = observation[start:stop].copy(), memory[start:stop].copy(), np.empty(width * n)
             torque, sent, before = np.empty((n, joints)), np.empty((depth, n, joints)), np.empty((n, joints))
             running, left, k = np.ones(n, dtype=np.bool_), n, 0
@@ -141,7 +140,8 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
                     if noisy:
                         factor = noise[start + i]
                         for joint in range(joints):
-                            q, dq = numbers[motors + joint, i], numbers[velocities + joint, i]
+                            block, place = i // BLOCK, i % BLOCK
+                            q, dq = numbers[block, motors + joint, place], numbers[block, velocities + joint, place]
                             seen[i, joint] = q + factor * (seen[i, joint] - q)
                             seen[i, joints + joint] = dq + factor * (seen[i, joints + joint] - dq)
                     if running[i]:
