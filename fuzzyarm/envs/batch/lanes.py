@@ -8,9 +8,10 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.assignment import Assignment
-from fuzzyarm.envs.batch.kernels import kernels_of
+from fuzzyarm.envs.batch.kernels import first_not_finite, kernels_of
 from fuzzyarm.envs.batch.layout import CLOCK, START, Clock
 from fuzzyarm.envs.batch.randomness import key_before, key_of
+from fuzzyarm.envs.batch.results_memory import ResultsMemory
 from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays, digest
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
@@ -36,7 +37,7 @@ class Lanes:
         control_period: [s].
         substeps: in a control period.
         randomisation: what each episode draws.
-        threads: how many a step may use; None: one per 1024 lanes, at most one per core.
+        threads: how many a step may use; None: one per 512 lanes, at most one per core.
 
     Raises:
         ValueError: a reference does not fit the plant of its lane.
@@ -71,6 +72,7 @@ class Lanes:
         self._assigned = Assignment(self._tabulated(scenarios, np.arange(count)))
         self._workers = Workers(count, threads)
         self.threads = self._workers.threads
+        self._memory = ResultsMemory(self.layout.width * count)
 
     def reset(
         self,
@@ -182,14 +184,15 @@ class Lanes:
         """
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
-        results, arrays, advance = np.empty(self.layout.width * self.count), self.arrays, self.kernels.advance
-        if self.threads == 1:
-            bad = advance(*arrays, action, 0, self.count, results)
-        else:
-            bad = max(self._workers.run(lambda start, stop: advance(*arrays, action, start, stop, results)))
+        bad = first_not_finite(action)
         if bad >= 0:
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(f"action {found} N m of lane {bad} is not finite; allowed: ±{limit} N m")
+        results, arrays, advance = self._memory.array(), self.arrays, self.kernels.advance
+        if self.threads == 1:
+            advance(*arrays, action, 0, self.count, results)
+        else:
+            self._workers.run(lambda start, stop: advance(*arrays, action, start, stop, results))
         return results
 
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> np.ndarray:
