@@ -17,7 +17,11 @@ from fuzzyarm.eval.sweep.results import METRICS, SweepResults
 from fuzzyarm.fuzzy_policy.compiled_law import compiled_law
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
-__all__ = ["replay", "run_plants", "steps"]
+__all__ = ["WORTHWHILE", "replay", "run_plants", "steps"]
+
+
+WORTHWHILE = 1000
+"""Episodes from which on a kernel of law and plant is used: to compile it, once on a machine, takes a few seconds."""
 
 
 class _Noise:
@@ -107,7 +111,7 @@ def _metrics(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict
 
 def _compiled(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors | None:
     """Return the errors of one policy from one kernel; None where it has no law for that, or a torque is not finite."""
-    law = compiled_law(policy) if isinstance(policy, Policy) else None
+    law = compiled_law(policy) if isinstance(policy, Policy) and envs.num_envs >= WORTHWHILE else None
     if law is None:
         return None
     observation, info = plants.begin(envs)
