@@ -175,8 +175,10 @@ def score(errors: np.ndarray, by_seed: Sequence[np.ndarray]) -> dict[str, float 
 
 def _interquartile(errors: np.ndarray) -> float:
     """Return the mean of the middle half of errors (plants,) [mm], inf where a quarter and more ended early."""
-    return math.inf if np.isinf(np.sort(errors)[: len(errors) - len(errors) // 4]).any() else float(
-        trim_mean(np.where(np.isinf(errors), 1e6, errors), 0.25)
+    return (
+        math.inf
+        if np.isinf(np.sort(errors)[: len(errors) - len(errors) // 4]).any()
+        else float(trim_mean(np.where(np.isinf(errors), 1e6, errors), 0.25))
     )
 
 

@@ -1,7 +1,7 @@
 """The plants and forces of `comparison.py`: what nobody trained on, and the errors of policies on it.
 
-The plants are those of the sweeps' distribution ``loads``, from a seed that no training, tuning or test uses. Beside the
-paper's three cases each of them meets two forces that no training has drawn: blows, and a force that turns around.
+The plants are those of the sweeps' distribution ``loads``, from a seed that no training, tuning or test uses. Beside
+the paper's three cases each of them meets two forces that no training has drawn: blows, and a force that turns around.
 """
 
 from __future__ import annotations

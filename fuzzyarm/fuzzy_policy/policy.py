@@ -185,9 +185,10 @@ class Policy(abc.ABC):
 
 @kernel
 def limit(torque: np.ndarray, largest: np.ndarray, memory: np.ndarray, before: np.ndarray, first: int) -> bool:
-    """Bring torques (lanes, n) within ±`largest` (n,), in place; hold integrals; return whether all torques are numbers.
+    """Bring torques (lanes, n) [N m] within ±`largest` (n,); hold integrals; return whether all torques are numbers.
 
-    The integrals are memory[:, first : first + n], and were `before` (lanes, n); a negative `first`: there are none.
+    Both are changed in place. The integrals are memory[:, first : first + n], and were `before` (lanes, n); a negative
+    `first`: there are none.
     """
     numbers = True
     for lane in range(len(torque)):

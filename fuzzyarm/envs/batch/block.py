@@ -147,9 +147,7 @@ def loads_of(layout: Layout) -> Loads:
     )
 
     @register_jitable(forceinline=True)
-    def load(
-        work: np.ndarray, lanes: int, block: np.ndarray, clock: np.ndarray, table: np.ndarray, first: int
-    ) -> None:
+    def load(work: np.ndarray, lanes: int, block: np.ndarray, clock: np.ndarray, table: np.ndarray, first: int) -> None:
         for i in range(lanes):
             at = inside(clock[CLOCK.row, first + i], len(table) - 1)
             now, factor = read_row(table, at), block[factor_at, i]

@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.assignment import Assignment
+from fuzzyarm.envs.batch.blocks import by_rows, in_blocks
 from fuzzyarm.envs.batch.kernels import first_not_finite, kernels_of
 from fuzzyarm.envs.batch.layout import CLOCK, START, Clock
 from fuzzyarm.envs.batch.randomness import key_before, key_of
@@ -132,7 +133,7 @@ class Lanes:
 
     def numbers(self, rows: slice) -> np.ndarray:
         """Return some of the numbers that lanes carry, (rows, lanes), see `Layout.Lane`; a copy."""
-        return _by_rows(self.values[:, rows], self.count)
+        return by_rows(self.values[:, rows], self.count)
 
     def torque_limit(self, lane: int) -> list[float]:
         """Return the limits (joints,) of the motors' torques [N m] in a lane whose episode has begun."""
@@ -242,7 +243,7 @@ class Lanes:
                 "reset without options first"
             )
         return {
-            "values": _by_rows(self.values, self.count),
+            "values": by_rows(self.values, self.count),
             "clock": self.clock.copy(),
             "drawn": self.drawn.copy(),
             "made_of": self._digest(),
@@ -260,7 +261,7 @@ class Lanes:
             ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes; or an
                 array is of another type or shape, or not such as an episode of these lanes has. Nothing has changed.
         """
-        values = _by_rows(self.values, self.count)
+        values = by_rows(self.values, self.count)
         own = {"values": values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}
         made_of = checks.instance("state", state, dict).get("made_of")
         if not (isinstance(made_of, np.ndarray) and np.array_equal(made_of, own["made_of"])):
@@ -270,7 +271,7 @@ class Lanes:
         arrays = checked_arrays(state, own)
         check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]), size(self.physics.State), over)
         self._assigned.all_return()
-        self.values, self.clock, self.drawn = _in_blocks(arrays["values"]), arrays["clock"], arrays["drawn"]
+        self.values, self.clock, self.drawn = in_blocks(arrays["values"]), arrays["clock"], arrays["drawn"]
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
@@ -280,7 +281,7 @@ class Lanes:
         begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
         own, start_of, place_of = self._assigned.own, *self._assigned.own_places
         self._begin_in(np.arange(self.count), own, (start_of, place_of), begun.values())
-        return begun | {"values": _by_rows(begun["values"], self.count)}
+        return begun | {"values": by_rows(begun["values"], self.count)}
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
@@ -297,19 +298,6 @@ class Lanes:
         self.__dict__.update(state)
         with announced_compilation():
             self.kernels.prepare(self.count)
-
-
-def _by_rows(values: np.ndarray, lanes: int) -> np.ndarray:
-    """Return values (blocks, rows, `BLOCK`) of so many lanes as (rows, lanes)."""
-    return np.ascontiguousarray(np.swapaxes(values, 0, 1).reshape(values.shape[1], -1)[:, :lanes])
-
-
-def _in_blocks(values: np.ndarray) -> np.ndarray:
-    """Return values (rows, lanes) as (blocks, rows, `BLOCK`)."""
-    rows, lanes = values.shape
-    padded = np.full((rows, -(-lanes // BLOCK) * BLOCK), np.nan)
-    padded[:, :lanes] = values
-    return np.ascontiguousarray(np.swapaxes(padded.reshape(rows, -1, BLOCK), 0, 1))
 
 
 def _common_equations(arms: Sequence[AnyArm]) -> Physics:

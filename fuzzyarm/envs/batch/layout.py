@@ -143,8 +143,8 @@ class Layout:
         Work: what a block holds of each lane while it is advanced by one control step. `hold` is what the physics
             advances; then the limits, and the target at the end of the step; `command` are the agent's torques [N m],
             then clipped, `bias` those that act beside them; `before` is the state at the start of the step, in case
-            that at its end is not finite; then the encoders' noise and what they read; then the assessment at the end, and two flags: 1.0 where the state there was
-            `finite`, and where torques were beyond the limits, `clipped`.
+            that at its end is not finite; then the encoders' noise and what they read, the assessment at the end, and
+            two flags: 1.0 where the state there was `finite`, and where torques were beyond the limits, `clipped`.
         LANE: places in `Lane`.
         WORK: places in `Work`.
     """

@@ -104,7 +104,10 @@ def observe_of(layout: Layout) -> Any:
     physics, at, numbers = layout.physics, layout.WORK, layout.observed
     joints, start, PerJoint = physics.joints, starts(physics.joints), physics.PerJoint
     reference_columns, own = size(reference_record(joints)), start.q_reference
-    read_state, read_limits = reader(physics.State, in_block, at.hold.state), reader(physics.Limits, in_block, at.limits)
+    read_state, read_limits = (
+        reader(physics.State, in_block, at.hold.state),
+        reader(physics.Limits, in_block, at.limits),
+    )
     read_reading, write_reading = (make(type(at.reading), in_block, at.reading) for make in (reader, writer))
     Reading, noisy, add_noise = type(at.reading), _noisy_of(layout), _add_noise_of(layout)
     bounds, between = _bounds_of(physics), joint_by_joint(_between, PerJoint, 3)

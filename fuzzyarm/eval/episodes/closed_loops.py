@@ -155,4 +155,5 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
                             left -= 1
         return False
 
-    return run
+    kernel: Callable[..., bool] = run
+    return kernel

@@ -111,7 +111,9 @@ def _metrics(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict
 
 def _compiled(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors | None:
     """Return the errors of one policy from one kernel; None where it has no law for that, or a torque is not finite."""
-    law = compiled_law(policy) if isinstance(policy, Policy) and envs.num_envs >= WORTHWHILE else None
+    if not isinstance(policy, Policy) or envs.num_envs < WORTHWHILE:
+        return None
+    law = compiled_law(policy)
     if law is None:
         return None
     observation, info = plants.begin(envs)

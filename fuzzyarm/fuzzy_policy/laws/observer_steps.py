@@ -156,7 +156,8 @@ class Prediction(NamedTuple):
         size: numbers in its room, a flat array (size,).
         put: ``put(room, place, predicted, lane, torque)`` takes a lane's (x̂, d̂) and its torques, a record, into place
             `place` of the room, of which there are `BLOCK`.
-        advance: ``advance(room, lanes, arm, h, substeps)`` advances x̂ in the first places over a control period, d̂ held.
+        advance: ``advance(room, lanes, arm, h, substeps)`` advances x̂ in the first places over a control period,
+            d̂ held.
         take: ``take(room, place, predicted, lane)`` takes x̂ back.
     """
 
@@ -199,4 +200,3 @@ def prediction_of(physics: Physics) -> Prediction:
         state_in(predicted, lane, read_state(room, place))
 
     return Prediction(size(Room) * BLOCK, put, register_jitable(advance), take)
-

@@ -123,8 +123,8 @@ def _compiled_of(joints: int, law_memory: int, advance: Any, act_of_law: Any) ->
     def act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, arguments: Any) -> None:
         of_law, of_target = arguments
         lanes = len(observation)
-        seen, resting = np.empty(observation.shape), np.empty(observation.shape)
-        own_feedforward, feedforward = np.empty(torque.shape), np.empty(torque.shape)
+        seen, resting = np.empty_like(observation), np.empty_like(observation)
+        own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
         advance(observation, memory[:, law_memory:], seen[:, measured:], feedforward, *of_target)
         for lane in range(lanes):
             for k in range(measured):

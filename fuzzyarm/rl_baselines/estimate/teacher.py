@@ -74,9 +74,7 @@ class Teacher:
         """Return Jᵀ F (lanes, 2) [N m] of the coming control period at the reference q (lanes, 2) [rad]."""
         table = self._lanes.arrays[2]
         rows = table[self._lanes.clock[CLOCK.row]]
-        force = (
-            self._lanes.numbers(columns(self._lanes.layout.Lane).force_factor).T * rows[:, _ROW.force][:, :JOINTS]
-        )
+        force = self._lanes.numbers(columns(self._lanes.layout.Lane).force_factor).T * rows[:, _ROW.force][:, :JOINTS]
         load: np.ndarray = np.einsum("lai,la->li", tip_jacobian(q, self._arm.length), force)
         return load
 
