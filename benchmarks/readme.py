@@ -25,6 +25,7 @@ from readme_adaptive import (
     adaptive_plants_table,
 )
 from readme_arms import own_arm_tables, tuned_arms_table
+from readme_comparison import comparison_table
 from readme_design import (
     bounds_table,
     complexity_table,
@@ -91,6 +92,7 @@ SCRIPTS: dict[str, list[str]] = {
     "tip_gamma": [],
     "tip_mutations": [],
     "predictive": [],
+    "comparison": ["--figure", str(FIGURES / "comparison.png")],
     "classical_on_reward": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
@@ -186,6 +188,7 @@ def sections() -> dict[str, str]:
         "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "sweep": sweep_table(stored["sweep"]),
+        "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
         "plant-gradients": gradients_table(stored["plant_gradients"]),

@@ -18,8 +18,7 @@ from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.compiled import announced_compilation
-from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.equations import AnyArm, common_equations
 from fuzzyarm.envs.physics.records import BLOCK, flat, size
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantity, draw_record
 from fuzzyarm.envs.scenario.reference import Reference
@@ -60,7 +59,7 @@ class Lanes:
         self.period, self.substeps = float(control_period), substeps
         self.count, self.randomisation = count, randomisation
         self.parameters, self._plant_of = distinct(plants, count)
-        self.physics = _common_equations(self.parameters)
+        self.physics = common_equations(self.parameters)
         self.kernels, self.action_shape = kernels_of(self.physics), (count, self.physics.joints)
         self.layout = self.kernels.layout
         self._plants = np.array([flat(self.physics.plant_of(arm)) for arm in self.parameters])
@@ -298,12 +297,3 @@ class Lanes:
         self.__dict__.update(state)
         with announced_compilation():
             self.kernels.prepare(self.count)
-
-
-def _common_equations(arms: Sequence[AnyArm]) -> Physics:
-    """Return the equations of all these arms; ValueError if they differ."""
-    first, *others = map(equations_of, arms)
-    if any(other is not first for other in others):
-        same = "joint axes, joint rotations, and which of their other numbers are zero"
-        raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each")
-    return first
