@@ -1,6 +1,6 @@
 """Exported C against its policies: bits over a million ticks, the time of a tick, and what float costs.
 
-    python benchmarks/exported_c.py [--ticks N] [--json FILE]
+    python benchmarks/exported_c.py [--ticks N] [--laws NAME...] [--json FILE]
 
 Half of the ticks are random states, see `fuzzyarm.export.vectors`, the other half closed loops: arms with random
 masses, friction, stiffness, payloads and starts (the package's ranges "robust") that the policy leads along the paper's
@@ -8,7 +8,8 @@ circle. The torques of C and of Python are compared as 64 bits, and so is what b
 compiler that is there. The time of a tick is that of a call in a loop of 1000, for 300 such loops, beside that of
 `predict` of one arm. With float, a call from the same memory is compared, in the first 300 calls of the closed loops,
 and the nominal case is run with the float law in it.
-Twenty minutes, most of them for adaptive-observer.
+Twenty minutes, most of them for adaptive-observer. With --laws only these are assessed, and in FILE only their rows are
+replaced; each row says at which commit it was measured.
 """
 
 from __future__ import annotations
@@ -105,7 +106,8 @@ def assess(name: str, ticks: int) -> dict[str, Any]:
     policy = load_policy(name)
     sets = {"random": random_ticks(policy, ticks // 2), "closed loop": loop_ticks(policy, ticks // 2)}
     expected = {key: answers(policy, *pair) for key, pair in sets.items()}
-    row: dict[str, Any] = {"law": name, "ticks": 0, "differing": {}, "nanoseconds": {}}
+    row: dict[str, Any] = {"law": name, "commit": current_provenance()["commit"], "ticks": 0}
+    row |= {"differing": {}, "nanoseconds": {}}
     loop = sets["closed loop"]
     with tempfile.TemporaryDirectory() as folder:
         for compiler in compilers():
@@ -150,12 +152,13 @@ def main() -> None:
     """Assess all laws, print and optionally write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ticks", type=int, default=1_000_000, metavar="N", help="ticks of each law")
+    parser.add_argument("--laws", nargs="+", choices=LAWS, default=LAWS, help="which (default: all)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
     if not compilers():
         parser.error("there is no C compiler: install gcc or clang")
     rows = []
-    for name in LAWS:
+    for name in options.laws:
         rows.append(row := assess(name, options.ticks))
         times = ", ".join(
             f"{compiler} {t['median']:.0f} ({t['p5']:.0f} to {t['p95']:.0f}, at most {t['max']:.0f}) ns"
@@ -171,7 +174,11 @@ def main() -> None:
         )
     if options.json:
         document = {"command": "python benchmarks/exported_c.py", **current_provenance(), "compilers": versions()}
-        write_atomically(options.json, json.dumps(document | {"rows": rows}, indent=1) + "\n")
+        if len(rows) < len(LAWS) and options.json.is_file():
+            document = json.loads(options.json.read_text(encoding="utf-8"))
+        found = {row["law"]: row for row in [*document.get("rows", ()), *rows]}
+        document["rows"] = [found[name] for name in LAWS if name in found]
+        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 
 def versions() -> dict[str, str]:

@@ -21,8 +21,10 @@ from readme_abuse import abuse_table
 from readme_adaptive import (
     adaptive_cases_table,
     adaptive_margins_table,
+    adaptive_noise_table,
     adaptive_passes_table,
     adaptive_plants_table,
+    adaptive_robot_table,
 )
 from readme_arms import own_arm_tables, tuned_arms_table
 from readme_comparison import comparison_table
@@ -39,7 +41,7 @@ from readme_design import (
 )
 from readme_estimate import estimate_tables
 from readme_identification import identification_table
-from readme_learning import dataset_table, gradients_table
+from readme_learning import dataset_table, gradients_table, observer_tables
 from readme_markdown import made_with
 from readme_opponents import predictive_table, reward_table
 from readme_results import (
@@ -50,6 +52,7 @@ from readme_results import (
     overview_table,
     paper_line,
     peer_line,
+    plants_leaderboard,
     saturation_table,
     soak_line,
     speed_lines,
@@ -68,6 +71,8 @@ SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "p
 """Policies of the sweep."""
 ADAPTIVE_SWEEPS = ("all", "loads")
 """Distributions of the sweeps of the adaptive observer."""
+RANKED = ("fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "adaptive-observer")
+"""Policies that are ranked over random plants."""
 COMPARED_ROBOTS = ("cicese", "manutec-r3", "planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
@@ -83,6 +88,7 @@ SCRIPTS: dict[str, list[str]] = {
     "adaptive_tuning": [],
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
+    "adaptive_noise": [],
     "own_arms": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
@@ -99,7 +105,7 @@ SCRIPTS: dict[str, list[str]] = {
 """Benchmarks that write their result with ``--json``, and their other options."""
 WRITTEN_OTHERWISE = (
     *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
-    *("learned_observer", "plant_gradients", "dataset_scores"),  # of trainings, which are run by hand
+    *("learned_observer", "plant_gradients", "dataset_scores", "ppo_observer"),  # of trainings, which are run by hand
 )
 """Results that commands write, or benchmarks with options of their own."""
 
@@ -133,6 +139,9 @@ def measure() -> None:
             own = ("--policy", "adaptive-observer", "--distribution", drawn, "--seed", "200000")
             _fuzzyarm("sweep", *own, "--plants", "10000", "--out", folder / drawn)
             shutil.copy(folder / drawn / "sweep.json", RESULTS / f"adaptive_{drawn}.json")
+        ranked = [word for policy in RANKED for word in ("--policy", policy)]
+        _fuzzyarm("sweep", *ranked, "--plants", "300", "--seed", "300000", "--chunk", "100", "--out", folder / "ranked")
+        shutil.copy(folder / "ranked" / "sweep.json", RESULTS / "plant_ranking.json")
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
@@ -140,6 +149,7 @@ def measure() -> None:
     for name in COMPARED_ROBOTS:
         result = RESULTS / f"robot_comparison_{name}.json"
         _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
+    _python(BENCHMARKS / "adaptive_robot.py", "ur5", "--json", RESULTS / "adaptive_robot_ur5.json")
     learned = sorted(BENCHMARKS.glob("learned/ppo-ur5-*"))
     _python(BENCHMARKS / "robot_learned.py", "ur5", *learned, "--json", RESULTS / "robot_learned_ur5.json")
     _python(BENCHMARKS / "robot_speed.py", "--json", RESULTS / "robot_speed.json")
@@ -187,11 +197,13 @@ def sections() -> dict[str, str]:
         "identification": identification_table(stored["identification"]),
         "exported-c": exported_table(stored["exported_c"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
+        "leaderboard-plants": plants_leaderboard(RESULTS / "plant_ranking.json"),
         "sweep": sweep_table(stored["sweep"]),
         "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
+        "ppo-observer": observer_tables(stored["ppo_observer"]),
         "dataset-scores": dataset_table(stored["dataset_scores"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
         "accuracy": accuracy_table(stored["accuracy"]),
@@ -213,6 +225,8 @@ def sections() -> dict[str, str]:
             stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
         ),
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
+        "adaptive-noise": adaptive_noise_table(stored["adaptive_noise"]),
+        "adaptive-robot": adaptive_robot_table(_stored("adaptive_robot_ur5")),
         "own-arm": own_arm_tables(stored["own_arms"]),
         "own-arms": tuned_arms_table(stored["own_arms"]),
         "robots": robots_table(),

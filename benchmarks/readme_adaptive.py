@@ -8,7 +8,14 @@ from readme_markdown import made_with, table
 
 from fuzzyarm.envs.scenario.cases import CASES
 
-__all__ = ["adaptive_cases_table", "adaptive_margins_table", "adaptive_passes_table", "adaptive_plants_table"]
+__all__ = [
+    "adaptive_cases_table",
+    "adaptive_margins_table",
+    "adaptive_noise_table",
+    "adaptive_passes_table",
+    "adaptive_plants_table",
+    "adaptive_robot_table",
+]
 
 
 def adaptive_cases_table(document: dict[str, Any]) -> str:
@@ -75,6 +82,41 @@ def adaptive_margins_table(document: dict[str, Any]) -> str:
         f"{table(headings, rows)}\n\nFrozen loop: spectral radius {frozen['radius']:.3f}; stable for a loop gain of "
         f"{low} to {high}; radius {frozen['radius_gain_0.8']:.2f} at 0.8, {frozen['radius_gain_1.25']:.2f} at 1.25, "
         f"{frozen['radius_half_a_sample_later']:.2f} half a sample later. {_made(document)}"
+    )
+
+
+def adaptive_noise_table(document: dict[str, Any]) -> str:
+    """Return what encoder noise does with some of the beliefs fixed, and what the worst plants have in common."""
+    headings = ["fixed", "max, mean of episodes [mm]", "max [mm]", "rms [mm]"]
+    names = "max_mean_mm", "max_mm", "rms_mm"
+    rows = [[row["fixed"].replace("_", " "), *(_text(row[name]) for name in names)] for row in document["beliefs"]]
+    words = "; ".join(
+        f"{row['group']} ({row['plants']}): median of the largest tip error {_text(row['median_max_mm'])} mm, "
+        f"{100 * row['late']:.0f} % late, noise read beyond that of the encoders {row['read_beyond_noise_rad']:.1g} rad"
+        for row in document["plants"]
+    )
+    return (
+        f"{table(headings, rows)}\n\nPlants of `all` without force, by their largest errors: {words}. {_made(document)}"
+    )
+
+
+def adaptive_robot_table(document: dict[str, Any]) -> str:
+    """Return the errors on a robot: of the cases, without and with noise, and of random plants."""
+    headings = ["case", "policy", "max / rms [mm]", "with noise [mm]", "plants: median / worst [mm]", "lost"]
+    rows = []
+    for plant in document["plants"]:
+        own = {
+            row["noise"]: f"{_text(row['tip_error_max_mm'])} / {_text(row['tip_error_rms_mm'])}"
+            for row in document["cases"]
+            if (row["policy"], row["case"]) == (plant["policy"], plant["case"])
+        }
+        spread = f"{_text(plant['median_mm'])} / {_text(plant['worst_mm'])}"
+        lost = f"{plant['lost']} of {plant['plants']}"
+        title = CASES[plant["case"]].title.replace(": 5 kg payload", ": payload")
+        rows.append([title, plant["policy"], own[False], own[True], spread, lost])
+    return (
+        f"{table(headings, rows, left=2)}\n\n`{document['robot']}`; noise: 1e-5 rad, 1e-3 rad/s; plants: masses, "
+        f"rotors, stiffness, damping and friction drawn around the robot. {_made(document)}"
     )
 
 

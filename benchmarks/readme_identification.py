@@ -31,7 +31,7 @@ def identification_table(document: dict[str, Any]) -> str:
     covered, told = (sum(row[what] for row in logs[0]["rows"]) for what in ("covered", "told"))
     note = (
         f"With velocities, {covered} of {told} intervals cover the truth ({100.0 * covered / told:.1f} %). Logs of "
-        f"{document['duration']:g} s at 1 kHz, {logs[0]['seconds']:.0f} s each to identify on one busy core; "
+        f"{document['duration']:g} s at 1 kHz, {logs[0]['seconds']:.0f} s of processor time each to identify; "
         f"`{document['command']}`; {made_with(document)}"
     )
     return f"{table(headings, rows, left=2)}\n\n{note}"

@@ -6,7 +6,7 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
-__all__ = ["dataset_table", "gradients_table"]
+__all__ = ["dataset_table", "gradients_table", "observer_tables"]
 
 
 def gradients_table(document: dict[str, Any]) -> str:
@@ -50,3 +50,50 @@ def dataset_table(document: dict[str, Any]) -> str:
 
 def _shown(run: dict[str, Any]) -> str:
     return f"{run['score']:.1f} / {run['tip_error_mm']:.1f} / {run['completed']} of {run['of']}"
+
+
+def observer_tables(document: dict[str, Any]) -> str:
+    """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
+    rows = [_measured(f"`{name}`", row) for name, row in document["references"].items()]
+    titles = {"observer": "`observer`, {}", "knobs": "{}", "robust": "`robust`: {}"}
+    parts = []
+    for group, runs in document["runs"].items():
+        found = [_measured(titles[group].format(name), run) for name, run in runs.items()]
+        steps = sorted({run["steps"] for run in runs.values()})
+        known = f"**{group}**, {', '.join(f'{count / 1e6:g}' for count in steps)} million steps"
+        parts.append(f"{known}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
+    curve = [
+        [
+            name,
+            *(f"{row['machining']:.2f} / {row['payload']:.2f}" for row in run["curve"]),
+        ]
+        for name, run in document["runs"]["observer"].items()
+    ]
+    steps = [f"{row['steps'] / 1e6:.1f}" for row in next(iter(document["runs"]["observer"].values()))["curve"]]
+    curves = table(["rms [mm] in Case 2 / 3 after million steps", *steps], curve)
+    return "\n\n".join([*parts, curves, f"`{document['command']}`, one thread; {made_with(document)}"])
+
+
+_HEADINGS = (
+    "policy",
+    "development plants: median / mean / 99 % [mm]",
+    "lost",
+    "rms, Cases 1 / 2 / 3 [mm]",
+    "torque rate [N m/ms]",
+    "spectral radius on time / half a sample / one sample late",
+    "processor time [s]",
+)
+
+
+def _measured(name: str, row: dict[str, Any]) -> list[str]:
+    seen, cases = row["development"], row["cases"].values()
+    radii = ["-" if radius is None else f"{radius:.3f}" for radius in row["radius"].values()]
+    return [
+        name,
+        f"{seen['median_mm']:.2f} / {seen['mean_mm']:.2f} / {seen['p99_mm']:.1f}",
+        str(seen["lost"]),
+        " / ".join(f"{case['rms_mm']:.2g}" for case in cases),
+        " / ".join(f"{case['torque_rate']:.2f}" for case in cases),
+        " / ".join(radii),
+        f"{row['cpu_time_s']:.0f}" if "cpu_time_s" in row else "",
+    ]

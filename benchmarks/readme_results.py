@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from readme_markdown import made_with, table
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
+from fuzzyarm.eval.sweep.ranking import rank_sweeps
 
 __all__ = [
     "accuracy_table",
@@ -20,6 +22,7 @@ __all__ = [
     "learned_tables",
     "paper_line",
     "peer_line",
+    "plants_leaderboard",
     "saturation_table",
     "soak_line",
     "speed_table",
@@ -183,6 +186,14 @@ def leaderboard_table(results: Path) -> str:
     """Return the output of `fuzzyarm leaderboard --markdown` for a results file, without the column of sources."""
     lines = markdown(rank_policies([results])).splitlines()
     return "\n".join(f"{line.rpartition(' | ')[0]} |" if line.startswith("|") else line for line in lines)
+
+
+def plants_leaderboard(results: Path) -> str:
+    """Return the output of `fuzzyarm leaderboard --markdown` for a sweep's file, without the column of sources."""
+    lines = markdown(rank_sweeps([results])).splitlines()
+    text = "\n".join(f"{line.rpartition(' | ')[0]} |" if line.startswith("|") else line for line in lines)
+    document = json.loads(results.read_text(encoding="utf-8"))
+    return f"{text}\n\n`{document['command']}`; {made_with(document)}"
 
 
 def sweep_table(document: dict[str, Any]) -> str:

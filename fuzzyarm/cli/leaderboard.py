@@ -1,30 +1,34 @@
-"""`fuzzyarm leaderboard`: rank the policies of several evaluations."""
+"""`fuzzyarm leaderboard`: rank the policies of several evaluations or sweeps."""
 
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from fuzzyarm.eval.evaluation.ranking import Ranking
 
 __all__ = ["Options", "run"]
 
 
 @dataclass(frozen=True)
 class Options:
-    """Rank the policies of results files by the largest tip error of all cases.
+    """Rank the policies of results files by the largest tip error of all cases, those of sweeps over their plants.
 
-    Files of different conditions or versions are refused.
+    Files of sweeps are ranked by the error that 99 % of the plants stay below in every case. Files of different kinds,
+    conditions or versions are refused.
     """
 
     arguments: ClassVar[str] = "FILE..."
 
     files: Annotated[tuple[Path, ...], Parameter(name="", metavar=arguments)]
-    """File results.json, or the folder that fuzzyarm evaluate --out wrote"""
+    """File results.json or sweep.json, or the folder that fuzzyarm evaluate --out or fuzzyarm sweep --out wrote"""
     _: KW_ONLY
     bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()
-    """File of fuzzyarm prove, checked again: what is proven of the tip; may be repeated"""
+    """File of fuzzyarm prove, checked again: what is proven of the tip; may be repeated; not for sweeps"""
     markdown: bool = False
     """Print the table as Markdown"""
 
@@ -32,15 +36,31 @@ class Options:
 def run(options: Options) -> int:
     """Print the table."""
     from fuzzyarm.common.console import output, say
-    from fuzzyarm.eval.evaluation.ranking import markdown, print_leaderboard, rank_policies
-    from fuzzyarm.eval.report.tubes import checked_bounds
+    from fuzzyarm.eval.evaluation.ranking import markdown, print_leaderboard
 
-    tips: dict[str, list[str]] = {}
-    for check in checked_bounds(options.bound):
-        tips.setdefault(check.claim.policy, []).append(check.sentence)
-    board = rank_policies(options.files, {policy: "; ".join(sentences) for policy, sentences in tips.items()})
+    board = _board(options)
     if options.markdown:
         say(markdown(board))
     else:
         print_leaderboard(board, output())
     return 0
+
+
+def _board(options: Options) -> Ranking:
+    """Return the ranking of evaluations, or of sweeps."""
+    from fuzzyarm.eval.evaluation.ranking import rank_policies
+    from fuzzyarm.eval.report.tubes import checked_bounds
+    from fuzzyarm.eval.sweep.ranking import is_sweep, rank_sweeps
+
+    sweeps = [path for path in options.files if is_sweep(path)]
+    if sweeps and len(sweeps) < len(options.files):
+        (other, *_) = (path for path in options.files if path not in sweeps)
+        raise ValueError(f"{sweeps[0]} is a sweep and {other} is not: rank sweeps with sweeps")
+    if sweeps and options.bound:
+        raise ValueError("--bound is of an arm that is known, and a sweep draws its plants: leave it out")
+    if sweeps:
+        return rank_sweeps(sweeps)
+    tips: dict[str, list[str]] = {}
+    for check in checked_bounds(options.bound):
+        tips.setdefault(check.claim.policy, []).append(check.sentence)
+    return rank_policies(options.files, {policy: "; ".join(sentences) for policy, sentences in tips.items()})

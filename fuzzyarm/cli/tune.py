@@ -26,8 +26,8 @@ class Options:
     """
 
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
-    """Robot by name (paper, planar-3r, ur5, panda), or TOML file of another arm or robot (default: Table 1 of the
-    paper)"""
+    """Robot by name (paper, cicese, manutec-r3, planar-3r, ur5, panda), or TOML file of another arm or robot (default:
+    Table 1 of the paper)"""
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder to write, new or empty"""
     resume: bool = False

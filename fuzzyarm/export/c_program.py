@@ -23,6 +23,9 @@ from fuzzyarm.learned_policy.functions import area_sine, hyperbolic_tangent, log
 
 __all__ = ["LAW", "MODEL", "Program", "Words", "arguments_text", "program_of", "recorded", "source_text"]
 
+MOST_REMEMBERED = 2000
+"""Most numbers that an exported law remembers: its loops are written out."""
+
 APART = (sine_cosine, gaussian, stick_slip, hyperbolic_tangent, logistic, area_sine, step)
 """What becomes functions of the program rather than part of its step."""
 
@@ -67,8 +70,13 @@ def program_of(policy: Policy) -> Program:
     """Return the program of a policy.
 
     Raises:
-        Unsupported: its source has something that cannot be written in C.
+        Unsupported: its source has something that cannot be written in C, or it remembers too much.
     """
+    if policy.memory_size > MOST_REMEMBERED:
+        raise Unsupported(
+            f"it remembers {policy.memory_size} numbers, and loops over more than {MOST_REMEMBERED} are too long to be "
+            "written out"
+        )
     joints = policy.joints
     names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
     return recorded(policy.command, names, policy.memory_size, joints, LAW)

@@ -9,6 +9,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import shown
+from fuzzyarm.envs.physics import dynamics, rigid_body
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.joint import Link, as_rows
 from fuzzyarm.envs.physics.records import flat
@@ -22,6 +23,7 @@ __all__ = [
     "drives_of",
     "joints_of",
     "per_joint_of",
+    "travel_of",
     "with_drives",
     "with_mass",
     "without_dry_friction",
@@ -71,6 +73,18 @@ def constants_of(arm: AnyArm) -> np.ndarray:
     """Return the numbers (k,) of the `Physics.Arm` without a payload."""
     physics = equations_of(arm)
     return np.array(flat(physics.constants(physics.plant_of(arm), 0.0, 0.0, 0.0)), dtype=np.float64)
+
+
+def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Return the direction (..., axes) in which the tip travels at q and q̇ (..., n) [rad, rad/s], zeros at rest."""
+    if isinstance(arm, Robot):
+        jacobian = rigid_body.tip_jacobian(arm, q)[..., : equations_of(arm).axes, :]
+    else:
+        jacobian = dynamics.tip_jacobian(q, arm.length)
+    velocity = (jacobian @ dq[..., np.newaxis])[..., 0]
+    speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
+    direction: np.ndarray = np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
+    return direction
 
 
 def with_drives(arm: AnyArm, **quantities: np.ndarray) -> AnyArm:

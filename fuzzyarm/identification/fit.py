@@ -30,8 +30,13 @@ __all__ = ["DEVIATIONS", "SEGMENTS", "Fit", "fit_elastic", "noise_of"]
 
 DEVIATIONS = 1.959963984540054
 """Half width of a 95 % interval in standard deviations."""
-SEGMENTS = (0.1, 0.4, 0.4)
-"""Lengths of the segments [s], one search after the other: short ones stay with the log wherever the search begins."""
+SEGMENTS = (0.1, 0.4, 0.8, 0.8)
+"""Lengths of the segments [s], one search after the other.
+
+Short ones stay with the log wherever the search begins. Long ones have fewer states to find, which narrows the
+intervals and removes a bias: the noise of the encoders reaches the torques through the controller, so that the errors
+of a segment's state and the slopes of what follows are correlated.
+"""
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40
 _WORSE, _MOST_LOST = 1.5, 0.1

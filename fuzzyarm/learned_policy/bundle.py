@@ -11,9 +11,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fuzzyarm.common.checks import listed, whole
+from fuzzyarm.common.checks import choice, listed, whole
 from fuzzyarm.common.documents import record
-from fuzzyarm.learned_policy.definition import ActionDefinition, ArmDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.cell import Cell
+from fuzzyarm.learned_policy.definition import OBSERVER_BASE, ActionDefinition, ArmDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.folder import DESCRIPTION, WEIGHTS, BundleError, read_folder, tensors_in, write_folder
 from fuzzyarm.learned_policy.network import Network
 
@@ -22,7 +23,8 @@ __all__ = ["DESCRIPTION", "WEIGHTS", "BundleError", "PolicyBundle"]
 _Part = TypeVar("_Part")
 
 _SCHEMA = "fuzzyarm-learned-policy/1"
-_OUTPUT = "clip"  # which a description need not name
+_OUTPUT, _NO_CELL, _LSTM = "clip", "none", "lstm"  # the first two a description need not name
+_CELL, _GATED = "cell", tuple(field.name for field in dataclasses.fields(Cell))  # tensors: cell.weight_x, ...
 _PAPERS_JOINTS = 2
 
 
@@ -61,6 +63,8 @@ class PolicyBundle:
             raise ValueError(f"the features are for {self.features.joints} joints, the action has {joints} scales")
         if self.arm is None and joints != _PAPERS_JOINTS:
             raise ValueError(f"it is for {joints} joints and does not say of which arm")
+        if self.features.innovation_times and self.action.base != OBSERVER_BASE:
+            raise ValueError(f"innovation_times needs the base {OBSERVER_BASE}, not {self.action.base}; otherwise ()")
         found = self.network.sizes[0], self.network.sizes[-1]
         needed = self.features.size, len(self.action.scale)
         if found != needed:
@@ -75,7 +79,8 @@ class PolicyBundle:
             OSError: the folder cannot be written; what was there is left as it was.
             ValueError: the folder exists and is not a bundle.
         """
-        tensors = {}
+        cell = self.network.cell
+        tensors = {} if cell is None else {f"{_CELL}.{name}": getattr(cell, name) for name in _GATED}
         for number, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):
             tensors[f"layer{number}.weight"] = weight
             tensors[f"layer{number}.bias"] = bias
@@ -113,10 +118,12 @@ class PolicyBundle:
             std=self.network.std.tolist(),
             clip=self.network.clip,
             output=self.network.output,
+            cell=_NO_CELL if self.network.cell is None else _LSTM,
         )
         parts = dataclasses.asdict(network)
-        if network.output == _OUTPUT:
-            del parts["output"]
+        for name, usual in (("output", _OUTPUT), ("cell", _NO_CELL)):
+            if parts[name] == usual:
+                del parts[name]
         description = _Description(
             schema=_SCHEMA,
             network=parts,
@@ -145,6 +152,7 @@ class _NetworkDescription:
     std: list[float]
     clip: float
     output: str = _OUTPUT
+    cell: str = _NO_CELL
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,13 +182,15 @@ def _part(name: str, content: dict[str, Any], kind: type[_Part]) -> _Part:
 def _network(description: _NetworkDescription, content: bytes) -> Network:
     """Return the network of a description with the tensors of a safetensors file."""
     tensors = tensors_in(content)
-    layers = range(len(tensors) // 2)
-    names = {f"layer{number}.{part}" for number in layers for part in ("weight", "bias")}
-    if set(tensors) != names or not names:
-        found = listed(tensors)
-        raise ValueError(f"{WEIGHTS} holds {found}; needed: layer0.weight, layer0.bias, ...")
+    choice("cell", description.cell, (_NO_CELL, _LSTM))
+    gated = [f"{_CELL}.{name}" for name in _GATED] if description.cell == _LSTM else []
+    layers = range((len(tensors) - len(gated)) // 2)
+    names = {*gated, *(f"layer{number}.{part}" for number in layers for part in ("weight", "bias"))}
+    if set(tensors) != names or not layers:
+        needed = ", ".join((*gated, "layer0.weight, layer0.bias, ..."))
+        raise ValueError(f"{WEIGHTS} holds {listed(tensors)}; needed: {needed}")
     for name, tensor in tensors.items():
-        axes = 2 if name.endswith("weight") else 1
+        axes = 1 if name.endswith("bias") else 2
         if tensor.dtype != np.float32 or tensor.ndim != axes:
             raise ValueError(f"{name} is {tensor.dtype} with {tensor.ndim} axes; needed: float32 with {axes}")
     network = Network(
@@ -191,6 +201,7 @@ def _network(description: _NetworkDescription, content: bytes) -> Network:
         biases=tuple(tensors[f"layer{number}.bias"] for number in layers),
         activation=description.activation,
         output=description.output,
+        cell=Cell(*(tensors[name] for name in gated)) if gated else None,
     )
     if list(network.sizes) != description.sizes:
         raise ValueError(f"the layers have sizes {list(network.sizes)}, {DESCRIPTION} says {description.sizes}")

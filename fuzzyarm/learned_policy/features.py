@@ -15,6 +15,12 @@ unloaded arm belong (`fuzzy_policy.laws.elastic_target`), and f_k ends with the 
 
 where u_k is the last torque commanded before instant k + 1. When an episode begins, all past errors, actions and excess
 torques and the integral x are zero. The training and the shipped policy run the same code.
+
+Of a base that observes, with the innovation ν of angles and velocities and the estimated load d̂, f_k ends with
+
+    (..., s(ν_k/N), s(ν_k/(20 N)), s(n_(1,k)/N), s(n_(2,k)/N), ..., d̂_k/Z),
+
+n_(i,k) = n_(i,k-1) + α_i (ν_k - n_(i,k-1)) with α_i = 1 - exp(-T/τ_i), and all n_i are zero before.
 """
 
 from __future__ import annotations
@@ -35,6 +41,7 @@ from fuzzyarm.learned_policy.functions import area_sine
 
 __all__ = ["Features"]
 
+COARSE = 20.0  # of the unit in which large innovations are seen
 
 _OF_THE_INSTANT = 5  # features per joint: e, ė, q_d, q̇_d, q̈_d; those of the past follow them
 
@@ -47,7 +54,7 @@ class Features:
         period: T, time between two actions [s].
         size: number of features.
         memory_size: size of a lane's memory: past errors, past actions, integral; with an elastic target also past
-            excess torques, u_ff, and the memory of `ElasticTarget`.
+            excess torques, u_ff, and the memory of `ElasticTarget`; then the means of the innovation.
     """
 
     def __init__(
@@ -83,36 +90,61 @@ class Features:
         self._feedforward = slice(self._excess.stop, self._excess.stop + joints)
         self._target = ElasticTarget(arm, period, friction=friction) if d.elastic_target else None
         self.memory_size = excess if self._target is None else self._feedforward.stop + self._target.memory_size
+        self._means = slice(self.memory_size, self.memory_size + 2 * joints * len(d.innovation_times))
+        self.memory_size = self._means.stop
+        self._shares = np.array([1.0 - math.exp(-period / time) for time in d.innovation_times])
+        self._units = np.repeat([d.innovation_scale, d.innovation_rate_scale], joints)
         self._limit = per_joint_of(arm, "torque_limit")
         integral_scale = d.integral_scale if d.integral_time > 0.0 else 0.0
         scales = d.error_scale, d.rate_scale, d.velocity_scale, d.acceleration_scale, integral_scale
         # A whole number among them would make Numba compile the kernels once more, for other types.
         self._scales = tuple(map(float, scales))
+        self._load_scale = float(d.load_scale)
         self._leak = math.exp(-period / d.integral_time) if d.integral_time > 0.0 else 0.0
 
-    def fill(self, observation: np.ndarray, memory: np.ndarray, features: np.ndarray) -> None:
+    def fill(
+        self,
+        observation: np.ndarray,
+        memory: np.ndarray,
+        features: np.ndarray,
+        innovation: np.ndarray | None = None,
+        load: np.ndarray | None = None,
+    ) -> None:
         """Compute the features of the instant; the memory stays as it is.
 
         Args:
             observation: (lanes, 5 n).
             memory: (lanes, memory_size).
             features: (lanes, size), filled in place.
+            innovation: ν (lanes, 2 n) of the base, if it is among the features.
+            load: d̂ (lanes, n) [N m] of the base, likewise.
         """
+        end = self.size - self._joints * self.definition.observed
+        if innovation is not None and load is not None and end < self.size:
+            means = memory[:, self._means]
+            _fill_observed(innovation, load, means, self._shares, self._units, self._load_scale, features[:, end:])
         target = observation[:, self._reference]
         if self._target is not None:
             target, _ = self._aim(observation, memory.copy())
             excess = memory[:, self._excess]
-            features[:, self.size - excess.shape[1] :] = excess / self.definition.excess_scale
+            features[:, end - excess.shape[1] : end] = excess / self.definition.excess_scale
         _fill(observation, target, memory, *self._counts, *self._scales, features)
 
-    def advance(self, observation: np.ndarray, action: np.ndarray, memory: np.ndarray) -> None:
+    def advance(
+        self, observation: np.ndarray, action: np.ndarray, memory: np.ndarray, innovation: np.ndarray | None = None
+    ) -> None:
         """Store the error of an observation and the action taken on it.
 
         Args:
             observation: (lanes, 5 n).
             action: (lanes, n), in [-1, 1].
             memory: (lanes, memory_size), advanced in place.
+            innovation: as for `fill`.
         """
+        if innovation is not None and len(self._shares):
+            means = memory[:, self._means].reshape(len(memory), len(self._shares), -1)
+            means += self._shares[:, np.newaxis] * (innovation[:, np.newaxis] - means)
+            memory[:, self._means] = means.reshape(len(memory), -1)
         target = observation[:, self._reference]
         if self._target is not None:
             target, memory[:, self._feedforward] = self._aim(observation, memory)
@@ -209,3 +241,30 @@ def _advance(
             if past_actions > 0:
                 past[actions + joint] = action[lane, joint]
             past[integral + joint] = leak * (past[integral + joint] + period * error)
+
+
+@kernel
+def _fill_observed(
+    innovation: np.ndarray,
+    load: np.ndarray,
+    means: np.ndarray,
+    shares: np.ndarray,
+    units: np.ndarray,
+    load_scale: float,
+    features: np.ndarray,
+) -> None:
+    """Fill the features of the observer, see `Features.fill`; `means` (lanes, times · 2 n) as they were before."""
+    count = innovation.shape[1]
+    for lane in range(len(innovation)):
+        out = features[lane]
+        for number in range(2 + len(shares)):
+            for k in range(count):
+                value, unit = innovation[lane, k], units[k]
+                if number == 1:
+                    unit = COARSE * unit
+                elif number > 1:
+                    mean = means[lane, (number - 2) * count + k]
+                    value = mean + shares[number - 2] * (value - mean)
+                out[number * count + k] = area_sine(value / unit)
+        for k in range(load.shape[1]):
+            out[(2 + len(shares)) * count + k] = load[lane, k] / load_scale

@@ -4,6 +4,8 @@
 
 where s is tanh, or max(x, 0), and o clips to ±1, or is tanh. PPO trains a Gaussian policy, and the last layer gives its
 mean; SAC and TQC train tanh of one. The shipped policy takes the mean as its action and is therefore deterministic.
+
+A recurrent network has a long short-term memory in front of these layers (`cell`), which then take its output for h_0.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 
 from fuzzyarm.common.checks import choice, instance, real, shown
 from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.learned_policy.cell import Cell, remember
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
 
 __all__ = ["ACTIVATIONS", "OUTPUTS", "Network"]
@@ -40,6 +43,7 @@ class Network:
         biases: b_i, (outputs,) of each layer.
         activation: s, of `ACTIVATIONS`.
         output: o, of `OUTPUTS`.
+        cell: what remembers in front of the layers; None: nothing does.
 
     Raises:
         ValueError: shapes do not fit together, or a number is not finite or has the wrong sign.
@@ -52,6 +56,7 @@ class Network:
     biases: tuple[np.ndarray, ...]
     activation: str = "tanh"
     output: str = "clip"
+    cell: Cell | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and numbers, and store the layers one after the other for the kernel."""
@@ -71,6 +76,10 @@ class Network:
             )
         width, shapes = len(self.mean), [np.shape(self.mean), np.shape(self.std)]
         expected: list[tuple[int, ...]] = [(width,), (width,)]
+        if self.cell is not None:
+            shapes.append(self.cell.weight_x.shape)
+            expected.append((self.cell.weight_x.shape[0], width))
+            width = self.cell.hidden
         for weight, bias in zip(self.weights, self.biases, strict=True):
             outputs = len(bias)
             shapes += [weight.shape, bias.shape]
@@ -87,22 +96,39 @@ class Network:
             raise ValueError("std and clip must be positive")
         layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
         flat = np.concatenate([np.ravel(part) for part in layers]).astype(np.float64)
-        arguments = np.array(self.mean, dtype=np.float64), np.array(self.std, dtype=np.float64), float(self.clip)
-        object.__setattr__(self, "_arguments", (*arguments, np.array(self.sizes), flat, *self._kinds))
+        normaliser = np.array(self.mean, dtype=np.float64), np.array(self.std, dtype=np.float64), float(self.clip)
+        layers_of = np.array(self.sizes if self.cell is None else self.sizes[1:]), flat, *self._kinds
+        object.__setattr__(self, "_normaliser", normaliser)
+        object.__setattr__(self, "_layers", layers_of)
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Widths of the layers, from the inputs to the outputs."""
-        return (len(self.mean), *map(len, self.biases))
+        """Widths of the layers, from the inputs to the outputs; the cell's output counts as one."""
+        return (len(self.mean), *(() if self.cell is None else (self.cell.hidden,)), *map(len, self.biases))
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers that a lane remembers from one action to the next, all zero when an episode begins."""
+        return 0 if self.cell is None else self.cell.memory_size
 
     @property
     def _kinds(self) -> tuple[bool, bool]:
         """Whether s is max(x, 0), and whether o is tanh."""
         return self.activation == "relu", self.output == "tanh"
 
-    def act(self, features: np.ndarray, action: np.ndarray) -> None:
-        """Fill `action` (lanes, outputs) from `features` (lanes, inputs)."""
-        _forward(features, *self._arguments, action)  # type: ignore[attr-defined]
+    def act(self, features: np.ndarray, action: np.ndarray, memory: np.ndarray | None = None) -> None:
+        """Fill `action` (lanes, outputs) from `features` (lanes, inputs).
+
+        A recurrent network advances its `memory` (lanes, memory_size) in place.
+        """
+        normaliser, layers = self._normaliser, self._layers  # type: ignore[attr-defined]
+        if self.cell is None:
+            _forward(features, *normaliser, *layers, action)
+        else:
+            seen, hidden = np.empty((len(features), self.cell.hidden)), self.cell.hidden
+            remember(features, *normaliser, *self.cell.arguments, memory, seen)
+            # What the cell gives lies within ±1, so that nothing is changed here.
+            _forward(seen, np.zeros(hidden), np.ones(hidden), 1.0, *layers, action)
 
 
 @kernel

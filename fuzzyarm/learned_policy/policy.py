@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.envs.observation import starts
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -12,11 +11,12 @@ from fuzzyarm.fuzzy_policy.lanes import in_lanes
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.features import Features
+from fuzzyarm.learned_policy.guided import guided, seen_by
 
 __all__ = ["LearnedPolicy"]
 
 # The memory of a lane: the number of calls since its last action, 0 if the next action is due; that action; then the
-# memory of the features and that of the base.
+# memories of the features, of the base and of the network.
 _PHASE = 0
 _ACTION = 1
 
@@ -25,9 +25,9 @@ class LearnedPolicy(Policy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
     From action instant k to the next the torque is u(t) = scale · a_k, with a_k smoothed as the definition says. With a
-    base it is u(t) = u_base(t), where the base gets q_a - scale · a_k as the motor angles. The state holds everything
+    base it is u(t) = u_base(t), guided by scale · a_k as `ActionDefinition` has it. The state holds everything
     that is remembered between calls: for how long the action has been held, the action, and the memories of the
-    features and of the base.
+    features, of the base and of a recurrent network.
 
     Attributes:
         bundle: the trained policy.
@@ -68,12 +68,12 @@ class LearnedPolicy(Policy):
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
         self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
-        # A slice, because `observed` takes as long as a small network.
-        self._motors, self._past = slice(starts(self.joints).q_motor, self.joints), _ACTION + self.joints
+        self._past = _ACTION + self.joints
         self._base_memory = self._past + self._features.memory_size
         self._smoothing = bundle.action.smoothing
         self._scale = np.array(bundle.action.scale)
-        self.memory_size = self._base_memory + (0 if base is None else base.memory_size)
+        self._base = slice(self._base_memory, self._base_memory + (0 if base is None else base.memory_size))
+        self.memory_size = self._base.stop + bundle.network.memory_size
 
     def without_dry_friction(self) -> LearnedPolicy:
         """Return this policy for an arm without dry friction: base and features omit it, the network stays."""
@@ -91,19 +91,18 @@ class LearnedPolicy(Policy):
         in_lanes(memory[:, _PHASE], 0.0, self._choose, observation, memory)
         _hold(memory, self._scale, self.calls_per_action, torque)
         if self.base is not None:
-            shifted = observation.copy()
-            shifted[:, self._motors] -= torque  # with a base `_hold` gives the shift of its target [rad]
-            self.base.command(shifted, memory[:, self._base_memory :], torque)
+            guided(self.base, self.bundle.action, observation, memory[:, self._base], torque)
         self._features.command(torque, memory[:, self._past : self._base_memory])
 
     def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:
         """Compute the next action of every lane and store it in the memory."""
         features, output = np.empty((len(memory), self._features.size)), np.empty((len(memory), self.joints))
         action, past = memory[:, _ACTION : self._past], memory[:, self._past : self._base_memory]
-        self._features.fill(observation, past, features)
-        self.bundle.network.act(features, output)
+        innovation, load = seen_by(self.base, self.bundle.features, observation, memory[:, self._base])
+        self._features.fill(observation, past, features, innovation, load)
+        self.bundle.network.act(features, output, memory[:, self._base.stop :])
         action[:] = self._smoothing * action + (1.0 - self._smoothing) * output
-        self._features.advance(observation, action, past)
+        self._features.advance(observation, action, past, innovation)
 
 
 @kernel

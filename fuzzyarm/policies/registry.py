@@ -85,8 +85,6 @@ def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
     from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 
-    if not isinstance(robot, ArmParameters):
-        raise ValueError(f"adaptive-observer is for two-joint arms, not for {robot.name}: take elastic-observer")
     # The certified law is designed for Table 1; for another arm the policy falls back to computed torque.
     certified = None
     if robot == ArmParameters():

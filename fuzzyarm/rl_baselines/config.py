@@ -12,7 +12,7 @@ from typing import Any, Literal, Self, get_args
 
 from fuzzyarm.common.checks import choice, instance, real, truth, whole
 from fuzzyarm.common.documents import record
-from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.definition import OBSERVER_BASE, ActionDefinition, FeatureDefinition
 
 __all__ = ["Distribution", "TrainingConfig"]
 
@@ -45,10 +45,10 @@ class TrainingConfig:
     base: str = "none"
     """Policy whose target the action shifts, such as fuzzy-4-tip; none: actions are torques."""
     robot: str | None = None
-    """Another arm: planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
+    """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm."""
     scale: tuple[float, ...] = (400.0, 180.0)
-    """Largest action of each motor: torques [N m], or with a base angles [rad], of 0.5 at most. On the command line, a
-    robot with more joints has 0.8 of its torque limits, or 0.01 rad."""
+    """Largest action of each motor: torques [N m], or with a base and no gate angles [rad], of 0.5 at most. On the
+    command line, a robot with more joints has 0.8 of its torque limits, or 0.01 rad."""
     action_period: float = 0.002
     """Time for which an action is held [s], at most 0.1; it is the control period of the training."""
     smoothing_time: float = 0.0
@@ -64,6 +64,12 @@ class TrainingConfig:
     elastic_target: bool = False
     """Count errors from the angles at which the motors of the unloaded arm belong, and add past excess torques to the
     features."""
+    gate: float = 0.0
+    """With the base elastic-observer, actions are torques [N m] beside its own that fade where its innovation is below
+    this many units of 1 µrad and 2 mrad/s; 0: actions shift the base's target."""
+    innovation_times: tuple[float, ...] = ()
+    """With the base elastic-observer, time constants [s] of means of its innovation (4 at most); with any of them, the
+    innovation and the estimated load are features."""
     hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of the network (1 to 1024 each)."""
     total_timesteps: int = 8_000_000
@@ -98,6 +104,8 @@ class TrainingConfig:
         truth("tensorboard", self.tensorboard)
         if self.robot is not None:
             instance("robot", self.robot, str)
+        if self.innovation_times and self.base != OBSERVER_BASE:
+            raise ValueError(f"innovation_times needs the base {OBSERVER_BASE}, not {self.base}; leave it out")
         # The definitions of features and action check the rest.
         _ = self.action, self.features
 
@@ -110,6 +118,7 @@ class TrainingConfig:
             integral_time=self.integral_time,
             elastic_target=self.elastic_target,
             joints=len(self.scale),
+            innovation_times=self.innovation_times,
         )
 
     @property
@@ -117,7 +126,11 @@ class TrainingConfig:
         """What the policy's action means."""
         base = None if instance("base", self.base, str) == "none" else self.base
         return ActionDefinition(
-            scale=self.scale, period=self.action_period, base=base, smoothing_time=self.smoothing_time
+            scale=self.scale,
+            period=self.action_period,
+            base=base,
+            smoothing_time=self.smoothing_time,
+            gate=self.gate,
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from fuzzyarm.envs.batch.saved_state import checked_arrays
-from fuzzyarm.envs.observation import PARTS, observed
+from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -24,8 +24,10 @@ from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.features import Features
+from fuzzyarm.learned_policy.guided import guided, seen_by
 from fuzzyarm.policies import load_policy
 from fuzzyarm.rl_baselines.config import TrainingConfig
+from fuzzyarm.rl_baselines.plant_view import plant_view
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
 
 __all__ = [
@@ -110,6 +112,7 @@ class LearningEnvs(VecEnvWrapper):
     Attributes:
         tip_errors: (lanes,) distance between tip and reference after the last step [m]. The log and the reward use it;
             the features do not hold it.
+        plant_size: how many numbers behind the features no sensor measures, see `show_plant`.
     """
 
     def __init__(
@@ -118,16 +121,22 @@ class LearningEnvs(VecEnvWrapper):
         """Make the memory of every lane."""
         joints = len(config.scale)
         self._features, self._base = Features(config.features, config.action_period, arm), base
-        self._smoothing = config.action.smoothing
+        self._meant, self._smoothing = config.action, config.action.smoothing
         self._scale, self._reward_length = np.array(config.scale), 1e-3 * config.tip_error_scale
         self.tip_errors = np.zeros(venv.num_envs)
         self._tip_error_sum, self._steps = 0.0, 0  # since `take_mean_tip_error`
         self._memory = np.zeros((venv.num_envs, self._features.memory_size))
         self._base_memory = np.zeros((venv.num_envs, 0 if base is None else base.memory_size))
         self._observation, self._action = np.zeros((venv.num_envs, PARTS * joints)), np.zeros((venv.num_envs, joints))
-        bound = np.full(self._features.size, np.inf, dtype=np.float32)
+        self.plant_size = 0
         unit = np.ones(joints, dtype=np.float32)
-        super().__init__(venv, gym.spaces.Box(-bound, bound), gym.spaces.Box(-unit, unit))
+        super().__init__(venv, _unbounded(self._features.size), gym.spaces.Box(-unit, unit))
+
+    def show_plant(self) -> None:
+        """Append what `plant_view` tells to the features from now on, for a value function that is not shipped."""
+        observation = self.venv.reset()  # shows which quantities there are
+        self.plant_size = plant_view(self.venv.vector_info, observation).shape[-1]
+        self.observation_space = _unbounded(self._features.size + self.plant_size)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every lane and return its features (lanes, size)."""
@@ -139,13 +148,11 @@ class LearningEnvs(VecEnvWrapper):
         """Turn actions (lanes, n) in [-1, 1] into torques, and store action and observation in the memory."""
         clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         self._action = self._smoothing * self._action + (1.0 - self._smoothing) * clipped
-        self._features.advance(self._observation, self._action, self._memory)
+        innovation, _ = seen_by(self._base, self._features.definition, self._observation, self._base_memory)
+        self._features.advance(self._observation, self._action, self._memory, innovation)
         torque = self._scale * self._action
         if self._base is not None:
-            shifted = self._observation.copy()
-            q_motor = observed(shifted).q_motor
-            q_motor -= torque  # with a base this is the shift of its target [rad]
-            self._base.command(shifted, self._base_memory, torque)
+            guided(self._base, self._meant, self._observation, self._base_memory, torque)
         self._features.command(torque, self._memory)
         self.venv.step_async(torque)
 
@@ -190,19 +197,34 @@ class LearningEnvs(VecEnvWrapper):
             setattr(self, f"_{name}", array)
 
     def _seen(self) -> np.ndarray:
-        features = np.empty((self.num_envs, self._features.size))
-        self._features.fill(self._observation, self._memory, features)
+        """Return what the learner sees of all lanes, (lanes, size)."""
+        features = self._features_of(self._observation, slice(None))
+        if not self.plant_size:
+            return features
+        return np.hstack([features, plant_view(self.venv.vector_info, self._observation)])
+
+    def _features_of(self, observation: np.ndarray, which: Any) -> np.ndarray:
+        """Return the features of some lanes (rows, size) for their observations (rows, 5 n)."""
+        features, base_memory = np.empty((len(observation), self._features.size)), self._base_memory[which]
+        innovation, load = seen_by(self._base, self._features.definition, observation, base_memory)
+        self._features.fill(observation, self._memory[which], features, innovation, load)
         return features
 
     def _end(self, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
         """Put the last features of the episodes that ended into the infos, and empty the memory of their lanes."""
         ended = np.flatnonzero(dones)
         last = np.array([infos[lane]["terminal_observation"] for lane in ended])
-        features = np.empty((len(ended), self._features.size))
-        self._features.fill(last, self._memory[ended], features)
+        features = self._features_of(last, ended)
+        if self.plant_size:
+            features = np.hstack([features, plant_view(self.venv.vector_info["final_info"], last, ended)])
         for row, lane in enumerate(ended):
             infos[lane]["terminal_observation"] = features[row]
         self._memory[ended], self._base_memory[ended], self._action[ended] = 0.0, 0.0, 0.0
+
+
+def _unbounded(size: int) -> gym.spaces.Box:
+    bound = np.full(size, np.inf, dtype=np.float32)
+    return gym.spaces.Box(-bound, bound)
 
 
 def sharpened_reward(tip_error: np.ndarray, effort: np.ndarray, length: float) -> np.ndarray:

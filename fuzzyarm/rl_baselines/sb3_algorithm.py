@@ -23,6 +23,8 @@ class Sb3Algorithm:
         normaliser: `VecNormalize` around the arms; its moments of the features go into the network that is shipped.
     """
 
+    _policy_sees: int | None = None  # features that the policy sees, the first ones; None: all
+
     def __init__(self, config: TrainingConfig, normaliser: Any, model: Any) -> None:
         """Begin an episode in every lane.
 
@@ -57,7 +59,7 @@ class Sb3Algorithm:
         """Return numbers that stable-baselines3 logged, by column of the curve, from their keys."""
         return {name: float(self.model.logger.name_to_value[key]) for name, key in keys.items()}
 
-    def _network_of(self, parts: Iterable[Any], last: Any, **kinds: str) -> Network:
+    def _network_of(self, parts: Iterable[Any], last: Any, **kinds: Any) -> Network:
         """Return the linear layers among parts of torch and a last one, with the normaliser of the features."""
         import torch
 
@@ -65,9 +67,10 @@ class Sb3Algorithm:
 
         moments = self.normaliser.obs_rms
         layers = [*(part for part in parts if isinstance(part, torch.nn.Linear)), last]
+        seen = slice(self._policy_sees)
         return Network(
-            mean=moments.mean.copy(),
-            std=np.sqrt(moments.var + self.normaliser.epsilon),
+            mean=moments.mean[seen].copy(),
+            std=np.sqrt(moments.var + self.normaliser.epsilon)[seen],
             clip=self.normaliser.clip_obs,
             weights=tuple(layer.weight.detach().numpy().copy() for layer in layers),
             biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),

@@ -27,11 +27,11 @@ def describe(result: Design) -> str:
         f"{result.proof_seconds:.2f} s, smallest margin {certificate.proof_margin:.2g}",
         "",
         "gains [N m/rad, N m s/rad, N m/(rad s)]:",
-        "vertex  torque " + "".join(f"{name:>12}" for name in names),
+        "vertex  torque " + "".join(f"{name:>13}" for name in names),
     ]
     for i, per_k in enumerate(controller.gains):
         for k, gain in enumerate(per_k):
             for joint in range(JOINTS):
                 head = f"i={i + 1} k={k + 1}   {joint + 1}     " if joint == 0 else f"           {joint + 1}     "
-                lines.append(head + "".join(f"{value:12.1f}" for value in gain[joint]))
+                lines.append(head + "".join(f" {value:12.1f}" for value in gain[joint]))
     return "\n".join([*lines, "", certificate.statement])

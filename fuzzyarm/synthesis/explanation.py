@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.synthesis.error_model import OneVertex
-from fuzzyarm.synthesis.search import MANY, best_solution, largest_feasible_alpha, slowest_tried, smallest_feasible_pole
+from fuzzyarm.synthesis.search import (
+    MANY,
+    best_solution,
+    largest_feasible_alpha,
+    slowest_tried,
+    smallest_feasible_gain_bound,
+    smallest_feasible_gamma,
+    smallest_feasible_pole,
+)
 from fuzzyarm.synthesis.specification import Specification
 
 __all__ = ["why_infeasible"]
@@ -14,17 +22,19 @@ MOST_SEARCHED = 4
 
 
 def why_infeasible(model: TSModel, specification: Specification) -> str:
-    """Return the specification in words and what would have to be relaxed: the fastest pole if that helps, else α.
+    """Return the specification in words and the first limit that would do alone, and by how much.
+
+    The fastest pole is tried first, then α, the gain bound and γ.
 
     Where already one vertex of a large model allows too little, its limit is searched for and named: it takes seconds,
     and the limit of all vertices is no larger.
     """
     s, alpha = specification, specification.first_alpha
-    bound = "" if s.gain_bound is None else f", gain bound {s.gain_bound:g} N m/rad"
-    bound += "" if s.fastest_pole is None else f", fastest pole {s.fastest_pole:g} 1/s"
+    given = "" if s.gain_bound is None else f", gain bound {s.gain_bound:g} N m/rad"
+    given += "" if s.fastest_pole is None else f", fastest pole {s.fastest_pole:g} 1/s"
     head = (
         f"infeasible: {model.rules} rules (kept: {', '.join(model.kept) or 'none'}), {s.form} form, "
-        f"alpha = {alpha:g} 1/s, gamma = {'free' if s.gamma is None else f'{s.gamma:g}'}{bound}"
+        f"alpha = {alpha:g} 1/s, gamma = {'free' if s.gamma is None else f'{s.gamma:g}'}{given}"
     )
     works = "works"
     if model.rules >= MANY:
@@ -37,11 +47,17 @@ def why_infeasible(model: TSModel, specification: Specification) -> str:
     if pole is not None:
         return f"{head}; fastest_pole would have to give: the smallest that {works} is about {pole:.3g} 1/s"
     largest = largest_feasible_alpha(model, specification)
-    if largest is None:
-        others = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
-        given = " or ".join(name for name, value in others.items() if value is not None)
-        return f"{head}; no decay rate down to {slowest_tried(s):g} 1/s helps: raise {given}"
-    return f"{head}; alpha would have to give: the largest that {works} is about {largest:.3g} 1/s"
+    if largest is not None:
+        return f"{head}; alpha would have to give: the largest that {works} is about {largest:.3g} 1/s"
+    head += f"; no decay rate down to {slowest_tried(s):g} 1/s helps"
+    bound = smallest_feasible_gain_bound(model, specification)
+    if bound is not None:
+        return f"{head}: the gain bound would have to give: the smallest that {works} is about {bound:.3g} N m/rad"
+    gamma = smallest_feasible_gamma(model, specification)
+    if gamma is not None:
+        return f"{head}: gamma would have to give: the smallest that {works} is about {gamma:.2g}"
+    others = {"gamma": s.gamma, "the gain bound": s.gain_bound, "fastest_pole": s.fastest_pole}
+    return f"{head}: raise {' or '.join(name for name, value in others.items() if value is not None)}"
 
 
 def _relaxed(specification: Specification) -> str:

@@ -25,6 +25,8 @@ __all__ = [
     "scaled_gain",
     "scaled_problem",
     "slowest_tried",
+    "smallest_feasible_gain_bound",
+    "smallest_feasible_gamma",
     "smallest_feasible_pole",
 ]
 
@@ -186,6 +188,37 @@ def smallest_feasible_pole(model: TSModel, specification: Specification, resolut
     return _nearest_that_works(
         works, specified, factor=2.0, limit=min(1e3 * specified, RATES[1]), resolution=resolution
     )
+
+
+def smallest_feasible_gain_bound(model: TSModel, specification: Specification, resolution: float = 0.1) -> float | None:
+    """Return the smallest feasible gain bound [N m/rad], by bisection from the smallest gains on.
+
+    None if none is specified, if another limit is left open too, or if the rest is not feasible with any.
+    """
+
+    def works(bound: float) -> bool:
+        return best_solution(model, dataclasses.replace(specification, gain_bound=bound)) is not None
+
+    if specification.gain_bound is None or None in (specification.alpha, specification.gamma):
+        return None
+    best = best_solution(model, dataclasses.replace(specification, gain_bound=None))
+    if best is None:
+        return None
+    least = best[1].largest_gain * _stiffness(best[0])
+    return _nearest_that_works(works, least, factor=1.5, limit=10.0 * least, resolution=resolution)
+
+
+def smallest_feasible_gamma(model: TSModel, specification: Specification, resolution: float = 0.3) -> float | None:
+    """Return the smallest feasible γ, in its unit, from the specified one to its millionfold, by bisection; or None."""
+    specified = specification.gamma
+
+    def works(gamma: float) -> bool:
+        return best_solution(model, dataclasses.replace(specification, gamma=gamma)) is not None
+
+    if specified is None:
+        return None
+    limit = min(1e6 * specified, GAINS[1])
+    return _nearest_that_works(works, specified, factor=10.0, limit=limit, resolution=resolution)
 
 
 def largest_feasible_alpha(model: TSModel, specification: Specification, resolution: float = 0.02) -> float | None:

@@ -23,13 +23,18 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.frozen import freeze, gain_at, pole_rate
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.verification import verify_file
-from fuzzyarm.eval.evaluation.ranking import rank_policies
+from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 from fuzzyarm.eval.evaluation.recheck import recheck_results
 from fuzzyarm.eval.evaluation.results_file import read_results
 from fuzzyarm.eval.paper.drift import EXPECTED, load_expected
 from fuzzyarm.eval.report.stored import read_evaluation
+from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.identity import digest_of_identity
+from fuzzyarm.eval.sweep.quantities import plant_record
+from fuzzyarm.eval.sweep.ranking import rank_sweeps
+from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.eval.sweep.summary import summarise
 from fuzzyarm.eval.tuning.finding import read_finding, write_finding
 from fuzzyarm.eval.tuning.steps import found
 from fuzzyarm.fuzzy_policy.controller import Controller
@@ -41,7 +46,7 @@ from fuzzyarm.rl_baselines.training import Training
 
 from .arguments import driven
 from .damage import copied, damaged_bytes, damaged_document, to_json
-from .samples import CANARY, evaluation, sweep, training
+from .samples import CANARY, evaluation, recurrent_bundle, sweep, training
 from .surface import Broken, Surface, Try
 
 __all__ = ["BUNDLES", "CONTROLLERS", "SURFACES", "no_code_ran", "prepared", "read_changed", "resumed_sweep"]
@@ -54,7 +59,7 @@ CLAIMED = ("fuzzy-1", "fuzzy-2", "paper-1", "paper-4")  # files that are quickly
 def prepared() -> None:
     """Make the samples, and use everything once."""
     evaluation(), sweep(), training(), read_evaluation(evaluation()), Training.resume(training()).algorithm.update()
-    verify_file(CONTROLLERS / "fuzzy-1.json"), _acted(_bundle()), driven(FuzzyArmEnv())
+    verify_file(CONTROLLERS / "fuzzy-1.json"), _acted(_bundle()), _acted(recurrent_bundle()), driven(FuzzyArmEnv())
 
 
 def no_code_ran() -> None:
@@ -177,9 +182,9 @@ def _acted(folder: Path) -> None:
         raise Broken(f"torque {torque}")
 
 
-def _weights(rng: np.random.Generator) -> Try:
+def _weights(source: Callable[[], Path], rng: np.random.Generator) -> Try:
     """Bytes of the weights, most of them with the digest put right; the header is text, which is changed more often."""
-    good, signed = (_bundle() / "weights.safetensors").read_bytes(), rng.random() < 0.8
+    good, signed = (source() / "weights.safetensors").read_bytes(), rng.random() < 0.8
     length = int.from_bytes(good[:8], "little")
     if rng.random() < 0.5:
         header, text = damaged_document(rng, json.loads(good[8 : 8 + length]))
@@ -190,7 +195,7 @@ def _weights(rng: np.random.Generator) -> Try:
         content, text = damaged_bytes(rng, good)
 
     def run() -> None:
-        folder = copied(_bundle(), "weights.safetensors", content)
+        folder = copied(source(), "weights.safetensors", content)
         if signed:
             document = json.loads((folder / "policy.json").read_text())
             document["weights_sha256"] = hashlib.sha256(content).hexdigest()
@@ -263,6 +268,20 @@ def _read_step(folder: Path) -> None:
     read_finding(folder, LAWS[0], robot_of(ArmParameters()).digest)
 
 
+@functools.cache
+def _summary() -> Path:
+    folder, shape = Path(tempfile.mkdtemp(prefix="abuse-")), (1, 1, 4)
+    config = SweepConfig(policies=("fuzzy-1",), cases=("nominal",), plants=4)
+    errors, completed = np.arange(1.0, 5.0).reshape(shape), np.ones(shape, bool)
+    results = SweepResults(np.zeros(4, plant_record(2)), errors, errors, np.ones(shape), completed)
+    (folder / "sweep.json").write_text(json.dumps(summarise(config, results)), encoding="utf-8")
+    return folder
+
+
+def _ranked(folder: Path) -> None:
+    markdown(rank_sweeps([folder]))
+
+
 SURFACES = (
     file_of("laws.json", _tuned, NAME, _read_tuned, None, count=400),
     file_of("steps/computed-torque.json", _tuned, "steps/computed-torque.json", _read_step, None, count=400),
@@ -279,8 +298,11 @@ SURFACES = (
         for name in CLAIMED
     ),
     file_of("policy.json", _bundle, "policy.json", _acted, None, count=800),
-    Surface("weights.safetensors", "files", 600, _weights, prepare=prepared),
+    Surface("weights.safetensors", "files", 600, functools.partial(_weights, _bundle), prepare=prepared),
+    file_of("recurrent policy.json", recurrent_bundle, "policy.json", _acted, None, count=400),
+    Surface("recurrent weights", "files", 300, functools.partial(_weights, recurrent_bundle), prepare=prepared),
     file_of("results.json", evaluation, "results.json", _read_results, None, count=800),
+    file_of("sweep.json", _summary, "sweep.json", _ranked, None, count=400),
     file_of("run.json", sweep, "run.json", resumed_sweep, _signed_run, count=600),
     file_of(
         "expected.json",

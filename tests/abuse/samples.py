@@ -10,15 +10,21 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.cell import Cell
+from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
+from fuzzyarm.learned_policy.network import Network
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 
-__all__ = ["CANARY", "SMALL_TRAINING", "evaluation", "room", "scratch", "sweep", "training"]
+__all__ = ["CANARY", "SMALL_TRAINING", "evaluation", "recurrent_bundle", "room", "scratch", "sweep", "training"]
 
 ROOM = Path(tempfile.mkdtemp(prefix="abuse-"))
 CANARY = ROOM / "canary"
@@ -88,4 +94,26 @@ def training() -> Path:
     """The folder of a training that is at its end."""
     folder = room() / "training"
     Training(PPOConfig(**SMALL_TRAINING), folder).run()
+    return folder
+
+
+@functools.cache
+def recurrent_bundle() -> Path:
+    """A recurrent network beside the elastic observer, with random weights."""
+    rng, folder, hidden = np.random.default_rng(0), room() / "recurrent", 3
+    features = FeatureDefinition(innovation_times=(0.01,))
+
+    def random(*shape: int) -> np.ndarray:
+        return rng.normal(size=shape).astype(np.float32)
+
+    network = Network(
+        mean=np.zeros(features.size),
+        std=np.ones(features.size),
+        clip=10.0,
+        weights=(random(2, hidden),),
+        biases=(random(2),),
+        cell=Cell(random(4 * hidden, features.size), random(4 * hidden, hidden), random(4 * hidden)),
+    )
+    action = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=1.0)
+    PolicyBundle(features, action, network).save(folder)
     return folder

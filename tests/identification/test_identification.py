@@ -267,11 +267,11 @@ def test_intervals_cover_the_truth():
 
 
 def test_the_stored_intervals_cover_the_truth():
-    """With 40 logs, fewer than 35 covered ones happen to a 95 % interval once in seventy."""
+    """Each parameter in nine of ten logs, and 95 % of all."""
     document = json.loads((ROOT / "benchmarks" / "results" / "identification.json").read_text())
     log = document["logs"]["angles and velocities"]
     rows = log["rows"]
     assert [row["name"] for row in rows] == list(names()) and log["runs"] >= 40
     assert all(row["told"] == log["runs"] for row in rows)
     assert sum(row["covered"] for row in rows) >= 0.93 * log["runs"] * len(rows)
-    assert sum(row["covered"] >= 0.9 * log["runs"] for row in rows) >= len(rows) - 1
+    assert all(row["covered"] >= 0.9 * log["runs"] for row in rows)

@@ -56,6 +56,14 @@ def vector(lanes, **arguments):
 CONFIGS = {
     "torques": configured(lanes=5),
     "residual": configured(lanes=5, base="fuzzy-4-tip", scale=(0.01, 0.02), elastic_target=True, smoothing_time=0.03),
+    "observer": configured(
+        lanes=5,
+        base="elastic-observer",
+        scale=(40.0, 20.0),
+        gate=1.0,
+        innovation_times=(0.004, 0.02),
+        smoothing_time=0.01,
+    ),
 }
 
 

@@ -13,27 +13,30 @@ import pytest
 
 from fuzzyarm.cli import main
 from fuzzyarm.rl_baselines import config as common_settings
-from fuzzyarm.rl_baselines import progress
+from fuzzyarm.rl_baselines import on_policy, progress
 from fuzzyarm.rl_baselines.algorithms import ppo
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
 from fuzzyarm.rl_baselines.config import TrainingConfig
+from fuzzyarm.rl_baselines.on_policy import OnPolicyConfig
 
 OWN = {field.name for field in dataclasses.fields(PPOConfig)} - {f.name for f in dataclasses.fields(TrainingConfig)}
 
 
 def test_the_first_preset_is_the_default():
     assert next(iter(PRESETS.values())) == PPOConfig()
-    assert list(PRESETS) == ["nominal", "robust", "residual"]
+    assert list(PRESETS) == ["nominal", "robust", "residual", "observer"]
 
 
 def test_settings_have_the_names_of_stable_baselines3():
     sb3 = pytest.importorskip("stable_baselines3")
     theirs = {*inspect.signature(sb3.PPO.__init__).parameters, "log_std_init"}  # the last is of its policies
-    assert OWN - theirs == {"final_learning_rate"}
+    assert OWN - theirs == {"final_learning_rate", "asymmetric_critic", "smoothness"}
     assert {"n_steps", "n_epochs", "ent_coef", "vf_coef", "max_grad_norm"} <= OWN
 
 
-@pytest.mark.parametrize(("module", "kind"), [(common_settings, TrainingConfig), (ppo, PPOConfig)])
+@pytest.mark.parametrize(
+    ("module", "kind"), [(common_settings, TrainingConfig), (on_policy, OnPolicyConfig), (ppo, PPOConfig)]
+)
 def test_every_setting_is_typed_and_followed_by_its_help(module, kind):
     tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
     (body,) = (node.body for node in ast.walk(tree) if isinstance(node, ast.ClassDef) and node.name == kind.__name__)
@@ -51,7 +54,7 @@ def test_settings_and_presets_can_be_read_without_torch():
         "print(list(ALGORITHMS['ppo'].presets), 'numba' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['nominal', 'robust', 'residual'] False"
+    assert done.stdout.strip() == "['nominal', 'robust', 'residual', 'observer'] False"
 
 
 @pytest.mark.parametrize("config", PRESETS.values(), ids=PRESETS)
@@ -112,7 +115,7 @@ def other(field):
     if isinstance(value, str):
         return {"distribution": "robust", "base": "fuzzy-4"}[field.name]
     if isinstance(value, tuple):
-        return tuple(2 * one for one in value)
+        return tuple(2 * one for one in value) or (0.01,)
     if isinstance(value, int):
         return 2 * value or 1
     return value + 1.0 if value == 0.0 else value / 2.0
@@ -139,7 +142,9 @@ def test_without_options_a_training_has_the_first_preset(chosen):
 
 @pytest.mark.parametrize("name", FIELDS)
 def test_every_setting_is_an_option(name, chosen):
-    value, more = other(FIELDS[name]), {"scale": (0.01, 0.02)} if name == "base" else {}  # actions are angles then
+    needed = {"scale": (0.01, 0.02)}  # actions are angles with a base
+    observer = needed | {"base": "elastic-observer"}
+    value, more = other(FIELDS[name]), {"base": needed, "gate": observer, "innovation_times": observer}.get(name, {})
     flag = name.replace("_", "-")
     words = [f"--no-{flag}"] if value is False else [f"--{flag}", *([] if value is True else texts(value))]
     for other_name, other_value in more.items():
@@ -157,7 +162,7 @@ BAD = {
     "--total-timesteps 4.5": "--total-timesteps 4.5 must be a whole number",
     "--scale x 0": "--scale x must be a number",
     "--distribution other": '"nominal", "robust"',
-    "--preset other": "--preset other is unknown; choose from: nominal, robust, residual",
+    "--preset other": "--preset other is unknown; choose from: nominal, robust, residual, observer",
     "--lanes -1": r"lanes = -1 is out of range; allowed: 1 to 65536",
     "--batch-size 100": "batch_size = 100 must divide lanes times n_steps = 4096",
     "--base fuzzy-5 --scale 0.1 0.1": "unknown policy 'fuzzy-5'",

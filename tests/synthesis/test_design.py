@@ -142,6 +142,20 @@ def test_what_alpha_cannot_mend_is_said_so():
         design(Specification(kept=(), gamma=1e-9, gain_bound=10.0))
 
 
+@pytest.mark.parametrize(("limit", "asked"), [("gain_bound", 10.0), ("gamma", 1e-6)])
+@pytest.mark.slow
+def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked):
+    """The named value works, a smaller one does not."""
+    one = Specification(kept=(), **{limit: asked})
+    with pytest.raises(DesignFailed, match=r"helps: (the gain bound|gamma) would have to give") as caught:
+        design(one)
+    named = float(str(caught.value).partition("is about ")[2].split()[0])
+    model = TSModel(ArmParameters(), one.kept)
+    for factor, works in ((1.01, True), (0.6, False)):
+        solution = synthesis_search.best_solution(model, dataclasses.replace(one, **{limit: factor * named}))
+        assert (solution is not None) == works
+
+
 @pytest.mark.parametrize("field", ["alpha", "gamma", "gain_bound", "fastest_pole"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_bad_specifications_are_refused(field, value):

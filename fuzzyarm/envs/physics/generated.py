@@ -124,7 +124,7 @@ def _constant_names(model: Model, constants: Sequence[Expression]) -> tuple[str,
 def _record(name: str, values: Sequence[str], structure: Structure) -> str:
     """Return the source of what a function returns: a point, a `PerJoint`, or several of them as rows."""
     joints = len(structure.rotations)
-    if name == "tip":
+    if name in ("tip", "tip_velocity"):
         return f"Point({', '.join(values)})"
     parts = [f"PerJoint({', '.join(values[k : k + joints])},)" for k in range(0, len(values), joints)]
     if name == "mass_matrix":

@@ -33,6 +33,8 @@ class Physics:
         step: ``step(state, torque, force, arm, h)``, the `State` a sub-step h [s] later.
         loaded_step: ``loaded_step(state, torque, load, arm, h)``, the same with torques on the links for the tip force.
         tip: ``tip(angles, arm)``, the `Point` of the tip [m].
+        tip_velocity: ``tip_velocity(angles, rates, arm)``, the `Point` of its velocity [m/s].
+        tip_load: ``tip_load(angles, force, arm)``, J(q)ᵀ F of a force on the tip.
         gravity: ``gravity(angles, arm)``, g(q).
         motor_friction: ``motor_friction(state, torque, bias, arm)``, Γ_f of the motors.
         inverse_dynamics: ``inverse_dynamics(angles, rates, accelerations, arm)``, M(q) q̈ + C(q, q̇) q̇ + g(q).
@@ -60,6 +62,8 @@ class Physics:
     step: Callable[..., Any]
     loaded_step: Callable[..., Any]
     tip: Callable[..., Any]
+    tip_velocity: Callable[..., Any]
+    tip_load: Callable[..., Any]
     gravity: Callable[..., Any]
     motor_friction: Callable[..., Any]
     inverse_dynamics: Callable[..., Any]

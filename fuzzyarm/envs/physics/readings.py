@@ -9,12 +9,27 @@ from typing import Any
 
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, joint_torque, mass_matrix
+from fuzzyarm.envs.physics.dynamics import (
+    Arm,
+    coriolis_torque,
+    gravity_torque,
+    joint_torque,
+    mass_matrix,
+    tip_force_torque,
+)
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import friction_torque
 from fuzzyarm.envs.physics.records import PerJoint, Point, State
 
-__all__ = ["gravity_at", "inverse_dynamics_at", "mass_matrix_at", "motor_friction", "tip_point"]
+__all__ = [
+    "gravity_at",
+    "inverse_dynamics_at",
+    "mass_matrix_at",
+    "motor_friction",
+    "tip_load",
+    "tip_point",
+    "tip_velocity",
+]
 
 
 @register_jitable(forceinline=True)
@@ -23,6 +38,22 @@ def tip_point(angles: PerJoint, arm: Arm) -> Point:
     sin1, cos1 = sine_cosine(angles.joint1)
     sin12, cos12 = sine_cosine(angles.joint1 + angles.joint2)
     return Point(arm.length1 * cos1 + arm.length2 * cos12, arm.length1 * sin1 + arm.length2 * sin12)
+
+
+@register_jitable(forceinline=True)
+def tip_velocity(angles: PerJoint, rates: PerJoint, arm: Arm) -> Point:
+    """Return the velocity of the tip [m/s] at joint angles [rad] and their rates [rad/s]."""
+    first, second = arm.length1 * rates.joint1, arm.length2 * (rates.joint1 + rates.joint2)
+    (sin1, cos1), (sin12, cos12) = sine_cosine(angles.joint1), sine_cosine(angles.joint1 + angles.joint2)
+    return Point(-sin1 * first - sin12 * second, cos1 * first + cos12 * second)
+
+
+@register_jitable(forceinline=True)
+def tip_load(angles: PerJoint, force: Point, arm: Arm) -> PerJoint:
+    """Return J(q)ᵀ F [N m] at joint angles [rad] for a force F [N] on the tip."""
+    (sin1, cos1), (sin12, cos12) = sine_cosine(angles.joint1), sine_cosine(angles.joint1 + angles.joint2)
+    load1, load2 = tip_force_torque(sin1, cos1, sin12, cos12, force.x, force.y, arm)
+    return PerJoint(load1, load2)
 
 
 @register_jitable(forceinline=True)

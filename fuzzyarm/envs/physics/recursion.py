@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
+    "NOTHING",
     "Body",
     "Chain",
     "Inertia",
@@ -28,6 +29,7 @@ __all__ = [
     "rotated",
     "rotated_inertia",
     "solution",
+    "velocity_of_tip",
 ]
 
 Vector = tuple[Any, Any, Any]
@@ -35,6 +37,7 @@ Turn = tuple[Any, Any]
 """Sine and cosine of a joint's angle."""
 
 NOTHING = (0.0, 0.0, 0.0)
+"""A vector of zeros."""
 
 
 class Inertia(NamedTuple):
@@ -157,6 +160,16 @@ def point_of_tip(chain: Chain, turns: Sequence[Turn]) -> Vector:
     for j in reversed(range(len(turns))):
         point = _sum(chain.positions[j], rotated(chain.rotations[j], _turned(turns[j], point)))
     return point
+
+
+def velocity_of_tip(chain: Chain, turns: Sequence[Turn], rates: Sequence[Any]) -> Vector:
+    """Return the tip's velocity [m/s] in the base frame: ẋ = A_j Z(q_j) (ẋ + q̇_j z × x) from the last joint on."""
+    point, velocity = chain.tip, NOTHING
+    for j in reversed(range(len(turns))):
+        velocity = (velocity[0] - rates[j] * point[1], velocity[1] + rates[j] * point[0], velocity[2])
+        velocity = rotated(chain.rotations[j], _turned(turns[j], velocity))
+        point = _sum(chain.positions[j], rotated(chain.rotations[j], _turned(turns[j], point)))
+    return velocity
 
 
 def factors(matrix: Sequence[Sequence[Any]]) -> tuple[list[list[Any]], list[Any]]:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from fuzzyarm.envs.physics.recursion import (
+    NOTHING,
     Turn,
     composite_bodies,
     factors,
@@ -17,6 +18,7 @@ from fuzzyarm.envs.physics.recursion import (
     point_of_tip,
     regrouped,
     solution,
+    velocity_of_tip,
 )
 from fuzzyarm.envs.physics.structure import Structure, bodies_of, chain_of, gravity_of
 from fuzzyarm.envs.physics.tracer import Expression, Tracer
@@ -141,6 +143,18 @@ def _tip(model: Model) -> list[Any]:
     return list(point[:2] if model.structure.planar else point)
 
 
+def _tip_velocity(model: Model) -> list[Any]:
+    velocity = velocity_of_tip(model.chain, model.turns(model.inputs("angles")), model.inputs("rates"))
+    return list(velocity[:2] if model.structure.planar else velocity)
+
+
+def _tip_load(model: Model) -> list[Any]:
+    """Return J(q)ᵀ F: less the torque that holds an arm at rest, without gravity, under the force."""
+    still, turns = [0.0] * len(model.structure.rotations), model.turns(model.inputs("angles"))
+    held = newton_euler(model.chain, model.bodies, turns, still, still, NOTHING, model.force())
+    return [0.0 - torque for torque in held]
+
+
 def _gravity(model: Model) -> list[Any]:
     still = [0.0] * len(model.structure.rotations)
     return model.torques(model.turns(model.inputs("angles")), still, still)
@@ -161,6 +175,8 @@ FUNCTIONS: dict[str, tuple[str, Callable[[Model], list[Any]]]] = {
     "step": ("state, torque, force, arm, h", _step),
     "loaded_step": ("state, torque, load, arm, h", _loaded_step),
     "tip": ("angles, arm", _tip),
+    "tip_velocity": ("angles, rates, arm", _tip_velocity),
+    "tip_load": ("angles, force, arm", _tip_load),
     "gravity": ("angles, arm", _gravity),
     "inverse_dynamics": ("angles, rates, accelerations, arm", _inverse_dynamics),
     "mass_matrix": ("angles, arm", _mass_matrix),

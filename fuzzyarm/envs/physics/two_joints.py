@@ -17,7 +17,9 @@ from fuzzyarm.envs.physics.readings import (
     inverse_dynamics_at,
     mass_matrix_at,
     motor_friction,
+    tip_load,
     tip_point,
+    tip_velocity,
 )
 from fuzzyarm.envs.physics.records import PerJoint
 
@@ -47,6 +49,8 @@ def two_joints() -> Physics:
         step=step,
         loaded_step=loaded_step,
         tip=tip_point,
+        tip_velocity=tip_velocity,
+        tip_load=tip_load,
         gravity=gravity_at,
         motor_friction=motor_friction,
         inverse_dynamics=inverse_dynamics_at,

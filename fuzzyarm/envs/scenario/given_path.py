@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-import math
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_bytes, read_toml
@@ -15,9 +16,10 @@ from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import LONGEST, flattened, timed
+from fuzzyarm.envs.scenario.kinematics import link_lengths
 from fuzzyarm.envs.scenario.paths import MOST_WAYPOINTS, Spline, any_point
 from fuzzyarm.envs.scenario.placed import Placed
-from fuzzyarm.envs.scenario.reference import Reference, joint_angles
+from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, Reference, joint_angles
 from fuzzyarm.envs.scenario.tip_reference import TipReference
 
 __all__ = ["ENDINGS", "GivenPath"]
@@ -103,25 +105,26 @@ class GivenPath:
         Raises:
             ValueError: the points have another number of coordinates than the arm, or it cannot follow them.
         """
+        try:
+            return self._followed_by(arm)
+        except ValueError as error:
+            raise ValueError(f"--path: {error}") from None
+
+    def _followed_by(self, arm: Robot | ArmParameters) -> Reference:
         size = 2 if isinstance(arm, ArmParameters) else 3
         if len(self.points[0]) != size:
             wanted = "x, y for the two-joint arm" if size == 2 else f"x, y, z for {getattr(arm, 'name', 'a robot')}"
             raise ValueError(f"the points have {len(self.points[0])} coordinates; needed: {wanted}")
-        curve = self._curve
+        curve, robot = self._curve, robot_of(arm)
+        _check_reach(curve, robot)
         if isinstance(arm, Robot):
             return self._timed(TipReference(curve, self.duration or LONGEST, arm))
         reason: ValueError | None = None
         for elbow in (1, -1):
             posture = joint_angles(curve.points(0.0)[0], arm.length, elbow)
-            if not all(map(math.isfinite, posture.tolist())):
-                low, high = abs(arm.length[0] - arm.length[1]), sum(arm.length)
-                raise ValueError(
-                    f"the path begins at {self.points[0]} m, {math.hypot(*self.points[0]):.4g} m from the base; "
-                    f"allowed: {low:g} to {high:g} m, the reach of the arm"
-                )
             try:
                 path = Placed(curve, *_PLANE)
-                slow = TipReference(path, self.duration or LONGEST, robot_of(arm), tuple(posture.tolist()))
+                slow = TipReference(path, self.duration or LONGEST, robot, tuple(posture.tolist()))
                 return flattened(self._timed(slow), arm)
             except ValueError as error:
                 reason = reason or error
@@ -134,3 +137,23 @@ class GivenPath:
 
     def _timed(self, reference: TipReference) -> TipReference:
         return timed(reference) if self.duration is None else reference
+
+
+def _check_reach(curve: Spline, robot: Robot) -> None:
+    """Raise if the curve leaves the reach of the robot, with the point that is farthest outside.
+
+    The tip stays within the summed lengths of the links from the first joint, and outside what the longest link has
+    more than all others together.
+    """
+    points = curve.points(np.linspace(0.0, 1.0, CHECKED_INSTANTS))[0]
+    base, links = robot.arrays.position[0][: points.shape[-1]], link_lengths(robot)
+    high, low = float(links.sum()), max(0.0, float(2.0 * links.max() - links.sum()))
+    distance = np.linalg.norm(points - base, axis=-1)
+    outside = np.maximum(distance - high, low - distance)
+    k = int(np.argmax(outside))
+    if outside[k] > 0.0:
+        where = ", ".join(f"{number:.4g}" for number in points[k].tolist())
+        raise ValueError(
+            f"point ({where}) m is {distance[k]:.4g} m from the base; allowed: {low:.4g} to {high:.4g} m, the reach of "
+            f"the arm: move the points by {outside[k]:.2g} m or more, or choose a path by name, placed for the arm"
+        )

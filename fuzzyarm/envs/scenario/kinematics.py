@@ -24,6 +24,7 @@ __all__ = [
     "chain",
     "drift",
     "jacobian",
+    "link_lengths",
     "reach",
     "rotation_vector",
     "velocity_limits",
@@ -94,8 +95,12 @@ def rotation_vector(rotation: np.ndarray) -> np.ndarray:
 
 def reach(robot: Robot) -> float:
     """Return how far the tip can be from the first joint at most [m]: the summed distances from joint to joint."""
-    steps = np.linalg.norm([*robot.arrays.position[1:], robot.arrays.tip], axis=-1)
-    return float(np.sum(steps))
+    return float(np.sum(link_lengths(robot)))
+
+
+def link_lengths(robot: Robot) -> np.ndarray:
+    """Return the distances from joint to joint, the last one to the tip, (n,) [m]."""
+    return np.asarray(np.linalg.norm([*robot.arrays.position[1:], robot.arrays.tip], axis=-1))
 
 
 def angle_ranges(robot: Robot) -> np.ndarray:

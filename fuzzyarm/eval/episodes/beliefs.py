@@ -1,7 +1,7 @@
 """What a policy believes of the load while it acts, sample by sample: force at the tip and payload, with deviations.
 
 A policy has beliefs if it has a method ``beliefs(state)`` that returns an object with the attributes ``force``,
-``force_deviation`` (..., 2) [N], ``payload`` and ``payload_deviation`` (...) [kg].
+``force_deviation`` (..., axes) [N], ``payload`` and ``payload_deviation`` (...) [kg].
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ import numpy as np
 
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
-__all__ = ["BELIEFS", "NO_BELIEFS", "Believing"]
-
-BELIEFS = ("force_x", "force_y", "force_x_deviation", "force_y_deviation", "payload", "payload_deviation")
-"""The numbers kept of each sample."""
+__all__ = ["NO_BELIEFS", "Believing", "belief_names"]
 
 NO_BELIEFS = np.empty((0, 0))
 """Those of a policy that says nothing."""
+
+
+def belief_names(axes: int) -> tuple[str, ...]:
+    """Return the names of the numbers kept of each sample, for a tip in a space of 2 or 3 axes."""
+    forces = [f"force_{axis}" for axis in "xyz"[:axes]]
+    return (*forces, *(f"{force}_deviation" for force in forces), "payload", "payload_deviation")
 
 
 class Believing:
@@ -51,5 +54,5 @@ class Believing:
         return action, state
 
     def rows(self) -> np.ndarray:
-        """Return what was noted, (samples, numbers of `BELIEFS`); `NO_BELIEFS` of a policy that says nothing."""
+        """Return what was noted, (samples, names of `belief_names`); `NO_BELIEFS` of a policy that says nothing."""
         return np.array(self._rows) if self._rows else NO_BELIEFS

@@ -46,7 +46,7 @@ class Rollout:
         external_force: (n, 2) or (n, 3) [N].
         reward: (n,).
         domain_use: (n,), largest share of the joint box (25) in use, 1 at its border.
-        beliefs: (n, 6), what the policy believed when it acted, the columns of `beliefs.BELIEFS`; (0, 0) of a policy
+        beliefs: (n, 2 axes + 2), what the policy believed when it acted, columns of `belief_names`; (0, 0) of a policy
             that says nothing.
     """
 
@@ -107,8 +107,8 @@ class Signals:
     ) -> Rollout:
         """Return the episode.
 
-        Arguments are the fields of `Rollout`, with its shapes (`beliefs`: (n, 6)), times [s]; `parameters` is the arm,
-        for its joints' limits.
+        Arguments are the fields of `Rollout`, with its shapes (`beliefs`: (n, 2 axes + 2)), times [s]; `parameters` is
+        the arm, for its joints' limits.
         """
         lane, last = self._lane, self._steps[-1]
         signals = {name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS}

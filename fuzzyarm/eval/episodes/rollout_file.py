@@ -13,7 +13,7 @@ import numpy as np
 
 from fuzzyarm.common.array_files import read_arrays
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.episodes.beliefs import BELIEFS, NO_BELIEFS
+from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS, belief_names
 from fuzzyarm.eval.episodes.rollout import Rollout
 
 __all__ = ["NAME", "digest", "read_rollouts", "write_rollouts"]
@@ -84,7 +84,7 @@ def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
         kind, row = _SINGLE.get(name, "f"), axes if name in _POINTS else joints
         shape: tuple[int, ...] = () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, row)
         if name == "beliefs":
-            shape = NO_BELIEFS.shape if array.size == 0 else (steps, len(BELIEFS))
+            shape = NO_BELIEFS.shape if array.size == 0 else (steps, len(belief_names(axes)))
         if array.dtype.kind != kind or array.shape != shape or steps == 0:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
         if kind == "f" and name != "step_time" and not (np.abs(array) <= _LARGEST).all():

@@ -7,6 +7,7 @@ policy that lost the path in any episode, because it ended early or its tip was 
 ranks after all that have one, by the number of such episodes.
 
 Only comparable files are ranked together: the same cases, seeds, noise, control period, arm and version of fuzzyarm.
+`eval.sweep.ranking` ranks over plants.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from rich.console import Console
@@ -29,11 +30,39 @@ from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies import resolve
 
-__all__ = ["LOST", "Leaderboard", "Standing", "markdown", "print_leaderboard", "rank_policies", "standings_of"]
+__all__ = [
+    "LOST",
+    "Leaderboard",
+    "Ranking",
+    "Standing",
+    "Table",
+    "markdown",
+    "print_leaderboard",
+    "rank_policies",
+    "ranks_of",
+    "shown",
+    "standings_of",
+]
 
 LOST = 100.0
 """Tip error [mm], half the radius of the paper's circle, above which an episode counts as lost."""
 _LEFT = ("policy", "certificate", "from")  # headings of the columns that are aligned left
+
+
+class Table(NamedTuple):
+    """A ranking as text: headings, rows of cells, and what has to be known to read it."""
+
+    headings: list[str]
+    cells: list[list[str]]
+    notes: str
+
+
+class Ranking(Protocol):
+    """What can be printed as a table of ranks."""
+
+    def table(self) -> Table:
+        """Return the table and its notes."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,8 +105,36 @@ class Leaderboard:
     @property
     def ranks(self) -> list[int]:
         """Rank of each standing, from 1; policies of equal score share a rank."""
-        orders = [standing.order for standing in self.standings]
-        return [1 + orders.index(order) for order in orders]
+        return ranks_of([standing.order for standing in self.standings])
+
+    def table(self) -> Table:
+        """Return the table and its notes."""
+        cases = list(self.standings[0].rms)
+        headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases), "certificate", "from"]
+        cells = [
+            [
+                str(rank),
+                standing.policy,
+                f"lost in {standing.lost} of {standing.episodes}" if standing.score is None else shown(standing.score),
+                *("lost" if value is None else f"{value:#.3g}" for value in standing.rms.values()),
+                _proven(standing),
+                standing.source,
+            ]
+            for rank, standing in zip(self.ranks, self.standings, strict=True)
+        ]
+        interval = any(standing.score and standing.score.low is not None for standing in self.standings)
+        notes = (
+            "Score: largest tip error of all cases"
+            + (", interquartile mean over seeds with a bootstrap interval of 95 %" if interval else "")
+            + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. All: "
+            + f"{self.conditions}."
+        )
+        return Table(headings, cells, notes)
+
+
+def ranks_of(orders: Sequence[tuple[int, float]]) -> list[int]:
+    """Return the rank of each of sorted keys, from 1; equal keys share a rank."""
+    return [1 + orders.index(order) for order in orders]
 
 
 def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = None) -> Leaderboard:
@@ -167,62 +224,32 @@ def standings_of(
     return standings
 
 
-def _cells(board: Leaderboard) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and the cells, which are text."""
-    cases = list(board.standings[0].rms)
-    headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases)]
-    headings += ["certificate", "from"]
-    cells = [
-        [
-            str(rank),
-            standing.policy,
-            _score(standing),
-            *("lost" if value is None else f"{value:#.3g}" for value in standing.rms.values()),
-            _proven(standing),
-            standing.source,
-        ]
-        for rank, standing in zip(board.ranks, board.standings, strict=True)
-    ]
-    return headings, cells
-
-
 def _proven(standing: Standing) -> str:
     """Return what is proven of a policy: of the rigid arm, of the tip of the elastic one, or nothing."""
     return "; ".join(filter(None, ["rigid arm" if standing.certified else "", standing.tip])) or "no"
 
 
-def _score(standing: Standing) -> str:
-    if standing.score is None:
-        return f"lost in {standing.lost} of {standing.episodes}"
-    mean, low, high = standing.score
+def shown(score: Estimate) -> str:
+    """Return a score [mm] with its interval, if it has one."""
+    mean, low, high = score
     return f"{mean:#.3g}" + ("" if low is None else f" ({low:#.3g} to {high:#.3g})")
 
 
-def _notes(board: Leaderboard) -> str:
-    interval = any(standing.score and standing.score.low is not None for standing in board.standings)
-    return (
-        "Score: largest tip error of all cases"
-        + (", interquartile mean over seeds with a bootstrap interval of 95 %" if interval else "")
-        + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. All: "
-        + f"{board.conditions}."
-    )
-
-
-def print_leaderboard(board: Leaderboard, console: Console) -> None:
+def print_leaderboard(board: Ranking, console: Console) -> None:
     """Print the table and its notes."""
-    headings, cells = _cells(board)
-    left = [headings.index(heading) for heading in _LEFT]
+    headings, cells, notes = board.table()
+    left = [headings.index(heading) for heading in _LEFT if heading in headings]
     table = new_table(headings, left, console=console, fold=True)
     for row in cells:
         table.add_row(*map(Text, row))
     print_table(table, console, keys=2)
-    print_paragraphs(console, [_notes(board)])
+    print_paragraphs(console, [notes])
 
 
-def markdown(board: Leaderboard) -> str:
+def markdown(board: Ranking) -> str:
     """Return the table and its notes as Markdown."""
-    headings, cells = _cells(board)
+    headings, cells, notes = board.table()
     rule = [" --- |" if heading in _LEFT else " ---: |" for heading in headings]
     lines = [f"| {' | '.join(headings)} |", f"|{''.join(rule)}"]
     lines += [f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |" for row in cells]
-    return "\n".join([*lines, "", _notes(board)])
+    return "\n".join([*lines, "", notes])

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from fuzzyarm.envs.scenario.cases import CASES, Case
-from fuzzyarm.eval.episodes.beliefs import BELIEFS
+from fuzzyarm.eval.episodes.beliefs import belief_names
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.chart import figure
 
@@ -41,10 +41,11 @@ def belief_charts(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) ->
 
 def _chart(run: Rollout, mass: float) -> str:
     """Return the SVG of one episode under a payload [kg]."""
-    column = dict(zip(BELIEFS, run.beliefs.T, strict=True))
-    truth = np.hypot(run.external_force[:, 0], run.external_force[:, 1])
-    size = np.hypot(column["force_x"], column["force_y"])
-    deviation = np.hypot(column["force_x_deviation"], column["force_y_deviation"])
+    axes = run.external_force.shape[1]
+    column = dict(zip(belief_names(axes), run.beliefs.T, strict=True))
+    truth = np.linalg.norm(run.external_force, axis=1)
+    size = np.linalg.norm(run.beliefs[:, :axes], axis=1)
+    deviation = np.linalg.norm(run.beliefs[:, axes : 2 * axes], axis=1)
     highest = max(float(truth.max()), float(size.max()), 1.0)
     every = max(len(size) // POINTS, 1)
     x = LEFT + (WIDTH - LEFT) * run.time / run.time[-1]

@@ -188,8 +188,8 @@ def _warnings(radii: Mapping[str, float | None]) -> list[str]:
     worst = "also in its nominal condition" if "nominal" in unstable else f"with {listed(unstable)}"
     return [
         f"WARNING: what is proven is proven for the rigid arm; on the elastic, sampled one this controller is unstable "
-        f"{worst}. Lower its gains: raise --gamma, or bound the poles with a lower --fastest-pole, and look at the "
-        "margins again before you run it"
+        f"{worst}. Lower its gains: lower --alpha, raise --gamma or change --fastest-pole, and look at the margins "
+        "again before you run it"
     ]
 
 

@@ -3,7 +3,7 @@
 The fuzzy controller is of the form "semidefinite", whose decay rate follows from margins at random postures. Computed
 torque and the elastic observer begin at what random postures allow (`computed_torque.bandwidth_for`,
 `observer_weights.weights_for`) and are weakened further until they are stable in every condition of `fuzzyarm margins`
-along the default reference. The adaptive observer knows the two-joint arm alone.
+along the default reference. The adaptive observer is tuned for two-joint arms alone.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ def _worst(radii: dict[str, float | None]) -> float:
 
 
 def _adaptive(context: Context) -> Finding:
-    rule = "None: its filter knows the equations of the two-joint arm alone."
-    return nothing_found(context.arm, ADAPTIVE_OBSERVER, rule, 0, "It is for two-joint arms.")
+    rule = "None: its weights are searched for two-joint arms alone."
+    return nothing_found(context.arm, ADAPTIVE_OBSERVER, rule, 0, "By its name alone it has the weights of Table 1.")
 
 
 ROBOT_STEPS = (

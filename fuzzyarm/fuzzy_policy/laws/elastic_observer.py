@@ -27,7 +27,7 @@ from numba.extending import register_jitable
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.periods import whole_substeps
-from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.physics.compiled import kernel, kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
@@ -62,6 +62,7 @@ class ElasticObserverPolicy(Policy):
         weights: of the Riccati equations.
         feedback: K (points, n, 4 n) at the points of the schedule.
         observer: L (points, 5 n, 2 n), likewise.
+        load: where d̂ lies in a lane's memory.
     """
 
     def __init__(
@@ -84,8 +85,9 @@ class ElasticObserverPolicy(Policy):
         self.weights = weights or weights_for(self.parameters, self.control_period)
         self._substeps = whole_substeps(control_period, None)
         self._schedule, self.feedback, self.observer = gain_tables(self.parameters, self.control_period, self.weights)
-        self._target_part, _, self._predicted = _memory_parts(self.joints)
+        self._target_part, self._started, self._predicted = _memory_parts(self.joints)
         self.memory_size = self._predicted.stop
+        self.load = slice(self._predicted.stop - self.joints, self._predicted.stop)
         self._know(self.parameters)
 
     def without_dry_friction(self) -> ElasticObserverPolicy:
@@ -111,6 +113,20 @@ class ElasticObserverPolicy(Policy):
         act = _compiled_of(equations_of(self.parameters), advance, self._law)
         return CompiledLaw("elastic_observer", act, (of_target, self._arguments))
 
+    def act_beside(self, observation: np.ndarray, memory: np.ndarray, extra: np.ndarray, torque: np.ndarray) -> None:
+        """Do what `act` does, with `extra` (lanes, n) [N m] added to u, of which the prediction knows."""
+        target = np.empty((len(observation), self._target.size))
+        self._target.advance(observation, memory[:, self._target_part], target, torque)
+        torque += extra
+        self._law(observation, target, memory, torque, *self._arguments)
+
+    def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""
+        predicted, found = memory[:, self._predicted], np.empty((len(observation), 2 * self.joints))
+        velocities = predicted[:, estimate_parts(self.joints).dq_motor]
+        _innovation(observation, memory[:, self._started], predicted, velocities, found)
+        return found
+
     @functools.cached_property
     def _law(self) -> Any:
         return _law_of(equations_of(self.parameters))
@@ -124,6 +140,21 @@ class ElasticObserverPolicy(Policy):
         stiffness = per_joint_of(parameters, "stiffness")
         gains = self.feedback, self.observer
         self._arguments = (*gains, *schedule, arm, stiffness, self._torque_limit, substep, self._substeps)
+
+
+@kernel
+def _innovation(
+    observation: np.ndarray, started: np.ndarray, angles: np.ndarray, velocities: np.ndarray, innovation: np.ndarray
+) -> None:
+    """Fill ν (lanes, 2 n) from what is predicted of the motors; the first n `angles` are theirs."""
+    joints = velocities.shape[1]
+    for lane in range(len(observation)):
+        for i in range(joints):
+            if started[lane, 0] == 0.0:
+                innovation[lane, i] = innovation[lane, joints + i] = 0.0
+            else:
+                innovation[lane, i] = observation[lane, i] - angles[lane, i]
+                innovation[lane, joints + i] = observation[lane, joints + i] - velocities[lane, i]
 
 
 def _memory_parts(joints: int) -> list[slice]:

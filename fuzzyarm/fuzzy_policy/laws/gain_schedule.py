@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.dynamics import mass_matrix as two_joint_mass_matrix
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import AnyArm
@@ -28,6 +28,7 @@ __all__ = [
     "POINTS",
     "GainSchedule",
     "kept_joints",
+    "loaded_inertia",
     "nearest_inertia",
     "place_in_schedule",
     "random_angles",
@@ -63,6 +64,13 @@ def schedule_of(arm: AnyArm) -> GainSchedule:
     return _of_robot(arm) if isinstance(arm, Robot) else _of_cosine(arm)
 
 
+def loaded_inertia(arm: AnyArm, schedule: GainSchedule, payload: float) -> np.ndarray:
+    """Return M (points, n, n) [kg m²] at the points of an arm's schedule with a payload [kg] at the tip."""
+    if isinstance(arm, Robot):
+        return _inertia_at_points(arm.with_payload(payload), tuple(schedule.kept.tolist()))
+    return _inertia_at_cosines(arm, payload)
+
+
 def kept_joints(robot: Robot) -> tuple[int, ...]:
     """Return the numbers of the joints on whose angles the mass matrix depends most, ascending; never the first."""
     count = min(MOST_KEPT, len(robot) - 1)
@@ -80,21 +88,27 @@ def kept_joints(robot: Robot) -> tuple[int, ...]:
 def _of_robot(robot: Robot) -> GainSchedule:
     kept = kept_joints(robot)
     points = _turned_to(random_angles(robot), kept)
-    inertia = np.array([np.mean(mass_matrix(robot, q), axis=0) for q in points])
     names = [robot.joints[joint].name for joint in kept]
     places = tuple(
         ", ".join(f"{name} = {q[0, joint]:.3g} rad" for name, joint in zip(names, kept, strict=True)) or "any angles"
         for q in points
     )
-    return GainSchedule(np.array(kept, dtype=np.int64), False, POINTS, places, inertia)
+    return GainSchedule(np.array(kept, dtype=np.int64), False, POINTS, places, _inertia_at_points(robot, kept))
+
+
+def _inertia_at_points(robot: Robot, kept: tuple[int, ...]) -> np.ndarray:
+    return np.array([np.mean(mass_matrix(robot, q), axis=0) for q in _turned_to(random_angles(robot), kept)])
 
 
 def _of_cosine(arm: Any) -> GainSchedule:
-    constants = arm_constants(arm)
-    entries = [two_joint_mass_matrix(cos2, constants) for cos2 in GRID]
-    inertia = np.array([[[m11, m12], [m12, m22]] for m11, m12, m22 in entries])
     places = tuple(f"cos q2 = {cos2:g}" for cos2 in GRID)
-    return GainSchedule(np.array([1], dtype=np.int64), True, len(GRID), places, inertia)
+    return GainSchedule(np.array([1], dtype=np.int64), True, len(GRID), places, _inertia_at_cosines(arm, 0.0))
+
+
+def _inertia_at_cosines(arm: Any, payload: float) -> np.ndarray:
+    constants = arm_constants(arm, Payload(payload))
+    entries = [two_joint_mass_matrix(float(cos2), constants) for cos2 in GRID]
+    return np.array([[[m11, m12], [m12, m22]] for m11, m12, m22 in entries])
 
 
 def random_angles(robot: Robot) -> np.ndarray:

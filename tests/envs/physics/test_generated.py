@@ -45,6 +45,12 @@ def test_readings_are_those_of_the_textbook_with_payloads(robot):
     np.testing.assert_allclose(mass, rigid_body.mass_matrix(loaded, q), atol=1e-10)
     tip = np.stack(physics.tip(angles, arm), axis=-1)
     np.testing.assert_allclose(tip, rigid_body.tip_position(loaded, q)[..., : physics.axes], atol=1e-13)
+    jacobian = rigid_body.tip_jacobian(loaded, q)[..., : physics.axes, :]
+    velocity = np.stack(physics.tip_velocity(angles, rates, arm), axis=-1)
+    np.testing.assert_allclose(velocity, np.einsum("...ij,...j->...i", jacobian, dq), atol=1e-12)
+    force = ddq[..., : physics.axes] if len(robot) >= physics.axes else np.repeat(ddq, physics.axes, axis=-1)
+    load = np.stack(physics.tip_load(angles, physics.Point(*force.T), arm), axis=-1)
+    np.testing.assert_allclose(load, np.einsum("...ji,...j->...i", jacobian, force[..., : physics.axes]), atol=1e-12)
 
 
 def test_accelerations_of_a_step_solve_the_equation_of_motion(robot):

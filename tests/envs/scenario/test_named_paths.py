@@ -110,7 +110,12 @@ def test_a_bad_file_is_named(name, text, message, tmp_path):
 
 
 def test_a_path_out_of_reach_says_by_how_much():
-    with pytest.raises(ValueError, match=r"1.5 m from the base; allowed: 0 to 1 m, the reach of the arm"):
+    with pytest.raises(ValueError, match=r"--path: .* 1.5 m from .*: 0 to 1 m, the reach of the arm: .* 0.5 m"):
         GivenPath(((1.5, 0.0), (0.5, 0.5))).reference(ArmParameters())
+    uneven = ArmParameters(length=(0.5, 0.2), mass_center=(0.25, 0.1))
+    with pytest.raises(ValueError, match=r"allowed: 0.3 to 0.7 m, the reach of the arm: move the points by 0.3 m"):
+        GivenPath(((0.5, -0.2), (0.0, 0.0), (0.5, 0.2))).reference(uneven)
+    with pytest.raises(ValueError, match=r"--path: point \(2, 0, 0\) m is 2\.\d* m from the base"):
+        GivenPath(((0.5, 0.0, 0.2), (2.0, 0.0, 0.0))).reference(robot_named("ur5"))
     with pytest.raises(ValueError, match="the points have 2 coordinates; needed: x, y, z for ur5"):
         GivenPath(((0.5, 0.0), (0.5, 0.5))).reference(robot_named("ur5"))

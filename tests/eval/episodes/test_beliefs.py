@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.eval.episodes.beliefs import BELIEFS
+from fuzzyarm.eval.episodes.beliefs import belief_names
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
@@ -20,7 +20,7 @@ def runs():
 
 
 def test_estimated_force_follows_the_true_one(runs):
-    believed = dict(zip(BELIEFS, runs[0].beliefs.T, strict=True))
+    believed = dict(zip(belief_names(2), runs[0].beliefs.T, strict=True))
     assert len(runs[0].beliefs) == len(runs[0].time)
     estimate = np.column_stack([believed["force_x"], believed["force_y"]])
     # The belief after sample k is that of the force at sample k, the record that of sample k + 1.

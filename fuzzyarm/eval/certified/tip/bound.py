@@ -127,7 +127,15 @@ def problem_of(claim: TipClaim) -> Problem:
     parameters = ArmParameters()
     path = PATHS[choice("path", claim.path, tuple(PATHS))]
     reference = JointReference(path=path, duration=claim.duration, parameters=parameters)
-    policy = load_policy(claim.policy, control_period=PERIOD, robot=parameters)
+    try:
+        policy = load_policy(claim.policy, control_period=PERIOD, robot=parameters)
+    except ValueError as error:
+        if "another robot" not in str(error) and "another arm" not in str(error):
+            raise
+        raise ValueError(
+            f"bounds are of the arm of Table 1, and {claim.policy} is for another one, which is not bounded but "
+            "measured: fuzzyarm margins, fuzzyarm sweep"
+        ) from None
     schedule = Schedule.build(reference, case.disturbance, PERIOD, PLANAR)
     if claim.steps is not None:
         steps = whole("steps", claim.steps, low=1, high=schedule.steps)

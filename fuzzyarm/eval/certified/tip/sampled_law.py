@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.laws import asked, ball_law
 from fuzzyarm.eval.certified.tip.network_law import NetworkLaw
 from fuzzyarm.eval.certified.tip.observer_law import ObserverLaw
@@ -24,5 +25,11 @@ def sampled_law(policy: Policy, references: np.ndarray) -> SampledLaw:
     if type(policy) is ElasticObserverPolicy and isinstance(policy.parameters, ArmParameters):
         return ObserverLaw(policy, references)
     if type(policy) is LearnedPolicy:
+        network = policy.bundle.network
+        if (network.activation, network.output, network.cell) != ("tanh", "clip", None):
+            kind = "a recurrent network" if network.cell else f"layers of {network.activation} and {network.output}"
+            raise NoBound(f"there is no bound for {kind}; choose a policy of PPO, whose layers are tanh and clip")
+        if policy.bundle.features.innovation_times or policy.bundle.action.gate > 0.0:
+            raise NoBound("there is no bound for a policy that sees the innovation of its base; prove the base instead")
         return NetworkLaw(policy, references)
     return FixedLaw(ball_law(policy), asked(policy, references), policy.control_period)

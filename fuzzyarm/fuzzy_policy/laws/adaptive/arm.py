@@ -1,80 +1,181 @@
-"""What the adaptive observer needs of the arm: compiled functions on arrays with one number for each joint.
+"""What the adaptive observer needs of the arm: compiled functions of the numbers that its beliefs change.
 
-`hold` advances copies of the arm over some sub-steps. An arm of another kind is another module with these names; the
-filter and the law take the number of joints from their arrays.
+These numbers are affine in the beliefs, see `belief.affine_numbers`. For the two-joint arm they are the constants of
+its equations. The constants of a robot are not affine in its masses; its numbers are those of the `Plant`, then a mass
+at the tip [kg], and the constants follow from them.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.dynamics import arm_in, coriolis_torque, gravity_torque, mass_matrix, tip_force_torque
-from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
-from fuzzyarm.envs.physics.hold import force_line, hold_of
-from fuzzyarm.envs.physics.records import size
+from fuzzyarm.envs.physics.hold import hold_of
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import flat, in_list, in_rows, places, reader, size, writer
 from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.fuzzy_policy.known_arm import Drives
 
-__all__ = ["FORCE_ROWS", "drive_constants", "dry_friction", "link_torque", "schedule", "tip_direction"]
+__all__ = ["ArmFunctions", "arm_functions", "dry_friction", "numbers_of"]
 
-FORCE_ROWS = size(force_line(two_joints().axes))
-"""Numbers of a force that is linear in time: its mean, then its change."""
-hold = hold_of(two_joints())
 REST = 1e-9  # m/s; below, a tip has no direction of travel
+# How the constants of the two-joint arm are called where it is not as in `Drives`.
+_SHORT = {"viscous_friction": "viscous", "coulomb_friction": "coulomb", "static_friction": "static"}
+_SHARED = "stribeck_velocity"  # of both joints of that arm
+# By factor of the beliefs, the factor of a random plant that multiplies the same.
+_DRAWN = {
+    "stiffness": "stiffness",
+    "damping": "damping",
+    "friction": "dry_friction",
+    "mass": "mass",
+    "motor_inertia": "motor_inertia",
+}
 
 
-@register_jitable
-def link_torque(
-    q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, force: np.ndarray, constants: np.ndarray, torque: np.ndarray
-) -> None:
-    """Fill `torque` (n,) with M q̈ + C q̇ + g - Jᵀ F [N m], the torque of the joints under a tip force F [N]."""
-    arm = arm_in(constants, 0)
-    (sin1, cos1), (sin12, cos12), (sin2, cos2) = sine_cosine(q[0]), sine_cosine(q[0] + q[1]), sine_cosine(q[1])
-    m11, m12, m22 = mass_matrix(cos2, arm)
-    coriolis = coriolis_torque(sin2, dq[0], dq[1], arm)
-    gravity = gravity_torque(sin1, sin12, arm)
-    outer = tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
-    torque[0] = m11 * ddq[0] + m12 * ddq[1] + coriolis[0] + gravity[0] - outer[0]
-    torque[1] = m12 * ddq[0] + m22 * ddq[1] + coriolis[1] + gravity[1] - outer[1]
+class ArmFunctions(NamedTuple):
+    """Compiled functions of the numbers (k,) of an arm of n joints whose tip moves in a space of some axes.
 
-
-@register_jitable
-def tip_direction(q: np.ndarray, dq: np.ndarray, constants: np.ndarray, direction: np.ndarray) -> None:
-    """Fill `direction` (2,) with v/|v| of the tip at q (n,) [rad] and q̇ (n,) [rad/s], zeros at rest."""
-    arm = arm_in(constants, 0)
-    first, second = arm.length1 * dq[0], arm.length2 * (dq[0] + dq[1])
-    (sin1, cos1), (sin12, cos12) = sine_cosine(q[0]), sine_cosine(q[0] + q[1])
-    x, y = -sin1 * first - sin12 * second, cos1 * first + cos12 * second
-    speed = np.sqrt(x * x + y * y)
-    scale = 1.0 / speed if speed > REST else 0.0
-    direction[0], direction[1] = x * scale, y * scale
-
-
-@register_jitable
-def drive_constants(constants: np.ndarray, joint: int) -> tuple[float, float, float, float]:
-    """Return motor inertia [kg m²], viscous friction [N m s/rad], stiffness [N m/rad] and damping of a joint.
-
-    `constants` (20,) are those of `Arm`.
+    Attributes:
+        hold: ``hold(state, torque, force, numbers, h, substeps)``, that of `hold_of` with the numbers of each copy of
+            the arm (k, copies) in place of its constants.
+        link_torque: ``link_torque(q, dq, ddq, force, numbers, torque)`` fills `torque` (n,) with M q̈ + C q̇ + g - Jᵀ F
+            [N m], the torque of the joints under a tip force F (axes,) [N].
+        tip_direction: ``tip_direction(q, dq, numbers, direction)`` fills `direction` (axes,) with v/|v| of the tip at
+            q (n,) [rad] and q̇ (n,) [rad/s], zeros at rest.
+        drive: ``drive(numbers, joint)``, the `Drives` of one joint.
     """
-    arm = arm_in(constants, 0)
-    if joint == 0:
-        return arm.motor_inertia1, arm.viscous1, arm.stiffness1, arm.damping1
-    return arm.motor_inertia2, arm.viscous2, arm.stiffness2, arm.damping2
+
+    hold: Any
+    link_torque: Any
+    tip_direction: Any
+    drive: Any
+
+
+def numbers_of(
+    arm: AnyArm, physics: Physics, payload: float = 0.0, factors: Mapping[str, np.ndarray] | None = None
+) -> np.ndarray:
+    """Return the numbers (k,) of an arm with these equations.
+
+    Args:
+        arm: the known one.
+        physics: its equations.
+        payload: at the tip [kg].
+        factors: of some of its constants, each (n,), by their names in `belief.FACTORS`.
+    """
+    drawn = dict.fromkeys(_DRAWN.values(), np.ones(physics.joints))
+    drawn |= {_DRAWN[name]: values for name, values in (factors or {}).items()}
+    draw = SimpleNamespace(**{name: physics.PerJoint(*values.tolist()) for name, values in drawn.items()})
+    draw.viscous_friction = physics.PerJoint(*[1.0] * physics.joints)
+    plant = physics.varied(physics.plant_of(arm), draw)
+    numbers = physics.constants(plant, 0.0, 0.0, payload) if physics is two_joints() else (*plant, payload)
+    return np.array(flat(numbers), dtype=np.float64)
 
 
 @register_jitable
-def dry_friction(velocity: float, constants: np.ndarray, joint: int) -> float:
-    """Return the torque [N m] that overcomes dry friction at a velocity [rad/s], 0 at rest; `constants` (20,)."""
-    arm = arm_in(constants, 0)
-    coulomb, static = (arm.coulomb1, arm.static1) if joint == 0 else (arm.coulomb2, arm.static2)
-    torque: float = stribeck_magnitude(velocity, coulomb, static, arm.stribeck_velocity) * np.sign(velocity)
+def dry_friction(velocity: float, drive: Drives) -> float:
+    """Return the torque [N m] that overcomes a motor's dry friction at a velocity [rad/s], 0 at rest."""
+    slip = stribeck_magnitude(velocity, drive.coulomb_friction, drive.static_friction, drive.stribeck_velocity)
+    torque: float = slip * np.sign(velocity)
     return torque
 
 
-@register_jitable
-def schedule(q: np.ndarray) -> float:
-    """Return what the regulator is tabulated over, cos q2, for joint angles (n,) [rad]."""
-    cosine: float
-    _, cosine = sine_cosine(q[1])
-    return cosine
+@functools.cache
+def arm_functions(physics: Physics) -> ArmFunctions:
+    """Return the functions of arms with these equations."""
+    joints, axes, Point = physics.joints, physics.axes, physics.Point
+    inverse_dynamics, tip_load, tip_velocity = physics.inverse_dynamics, physics.tip_load, physics.tip_velocity
+    per_joint, point, constants_in = reader(physics.PerJoint, in_list), reader(Point, in_list), _constants_in(physics)
+
+    @register_jitable
+    def link_torque(
+        q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, force: np.ndarray, numbers: np.ndarray, torque: np.ndarray
+    ) -> None:
+        arm, angles = constants_in(numbers), per_joint(q, 0)
+        inner = inverse_dynamics(angles, per_joint(dq, 0), per_joint(ddq, 0), arm)
+        outer = tip_load(angles, point(force, 0), arm)
+        for j in range(joints):
+            torque[j] = inner[j] - outer[j]
+
+    @register_jitable
+    def tip_direction(q: np.ndarray, dq: np.ndarray, numbers: np.ndarray, direction: np.ndarray) -> None:
+        velocity = tip_velocity(per_joint(q, 0), per_joint(dq, 0), constants_in(numbers))
+        square = 0.0
+        for i in range(axes):
+            square += velocity[i] * velocity[i]
+        speed = np.sqrt(square)
+        scale = 1.0 / speed if speed > REST else 0.0
+        for i in range(axes):
+            direction[i] = velocity[i] * scale
+
+    return ArmFunctions(_hold_of(physics), link_torque, tip_direction, _drive_of(physics))
+
+
+def _constants_in(physics: Physics) -> Any:
+    """Return the compiled function that gives the `Arm` of numbers (k,)."""
+    if physics is two_joints():
+        arm_in = reader(physics.Arm, in_list)
+
+        @register_jitable
+        def constants_in(numbers: np.ndarray) -> Any:
+            return arm_in(numbers, 0)
+
+    else:
+        plant_in, constants, payload = reader(physics.Plant, in_list), physics.constants, size(physics.Plant)
+
+        @register_jitable
+        def constants_in(numbers: np.ndarray) -> Any:
+            return constants(plant_in(numbers, 0), 0.0, 0.0, numbers[payload])
+
+    return constants_in
+
+
+def _hold_of(physics: Physics) -> Any:
+    """Return `ArmFunctions.hold`."""
+    plain = hold_of(physics)
+    if physics is two_joints():
+        return plain
+    constants_in, write, count = _constants_in(physics), writer(physics.Arm, in_rows), size(physics.Arm)
+
+    @register_jitable
+    def hold(
+        state: np.ndarray, torque: np.ndarray, force: np.ndarray, numbers: np.ndarray, h: float, substeps: int
+    ) -> None:
+        constants = np.empty((count, numbers.shape[1]))
+        for copy in range(numbers.shape[1]):
+            write(constants, copy, constants_in(numbers[:, copy]))
+        plain(state, torque, force, constants, h, substeps)
+
+    return hold
+
+
+def _drive_of(physics: Physics) -> Any:
+    """Return `ArmFunctions.drive`."""
+    short = physics is two_joints()
+    at = places(physics.Arm if short else physics.Plant)
+
+    def name(part: str, joint: int) -> str:
+        return part if short and part == _SHARED else f"{_SHORT.get(part, part) if short else part}{joint}"
+
+    where = np.array([[getattr(at, name(part, 1 + j)) for j in range(physics.joints)] for part in Drives._fields])
+    inertia, viscous, stiffness, damping, coulomb, static, stribeck = where
+
+    @register_jitable
+    def drive(numbers: np.ndarray, joint: int) -> Drives:
+        return Drives(
+            numbers[inertia[joint]],
+            numbers[viscous[joint]],
+            numbers[stiffness[joint]],
+            numbers[damping[joint]],
+            numbers[coulomb[joint]],
+            numbers[static[joint]],
+            numbers[stribeck[joint]],
+        )
+
+    return drive

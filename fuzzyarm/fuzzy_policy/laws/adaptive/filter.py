@@ -19,14 +19,16 @@ update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of 
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import FORCE_ROWS, hold
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 
-__all__ = ["Lanes", "confine", "constants_at", "correct", "lanes_of", "predict", "read_noise"]
+__all__ = ["Lanes", "confine", "correct", "lanes_of", "numbers_at", "predict_of", "read_noise"]
 
 TINY = 1e-300
 DIFFERENCES = 20.0  # variance of the third difference of white noise, in variances of the noise
@@ -39,7 +41,7 @@ class Lanes(NamedTuple):
         state: (4 n, copies).
         torque: (n, copies).
         force: (rows of a force line, copies).
-        constants: (constants, copies).
+        numbers: of the arm, (numbers, copies).
         jacobian: F, the rows of x, (4 n, numbers of z).
         product: likewise.
         wide: (n,) steps of the motor velocities.
@@ -48,21 +50,21 @@ class Lanes(NamedTuple):
     state: Any
     torque: Any
     force: Any
-    constants: Any
+    numbers: Any
     jacobian: Any
     product: Any
     wide: Any
 
 
 @register_jitable
-def lanes_of(joints: int, size: int, constants: int) -> Lanes:
-    """Return room for an arm of n joints, `size` numbers of z and as many constants."""
+def lanes_of(joints: int, size: int, numbers: int, rows: int) -> Lanes:
+    """Return room for an arm of n joints and so many numbers, `size` numbers of z and force lines of so many rows."""
     copies = 1 + size + joints
     return Lanes(
         np.empty((4 * joints, copies)),
         np.empty((joints, copies)),
-        np.empty((FORCE_ROWS, copies)),
-        np.empty((constants, copies)),
+        np.empty((rows, copies)),
+        np.empty((numbers, copies)),
         np.empty((4 * joints, size)),
         np.empty((4 * joints, size)),
         np.empty(joints),
@@ -70,13 +72,13 @@ def lanes_of(joints: int, size: int, constants: int) -> Lanes:
 
 
 @register_jitable
-def constants_at(p: np.ndarray, first: np.ndarray, base: np.ndarray, slopes: np.ndarray, constants: np.ndarray) -> None:
-    """Fill the constants of the arm of p, a = a_0 + S (p - p_0)."""
+def numbers_at(p: np.ndarray, first: np.ndarray, base: np.ndarray, slopes: np.ndarray, numbers: np.ndarray) -> None:
+    """Fill the numbers of the arm of p, a = a_0 + S (p - p_0)."""
     for i in range(len(base)):
         total = base[i]
         for j in range(len(p)):
             total += slopes[i, j] * (p[j] - first[j])
-        constants[i] = total
+        numbers[i] = total
 
 
 @register_jitable
@@ -146,32 +148,18 @@ def confine(z: np.ndarray, P: np.ndarray, low: np.ndarray, high: np.ndarray) -> 
         z[first + j] = min(max(z[first + j], low[j]), high[j])
 
 
-@register_jitable
-def predict(
-    z: np.ndarray,
-    P: np.ndarray,
-    torque: np.ndarray,
-    torque_slope: np.ndarray,
-    line: np.ndarray,
-    directions: np.ndarray,
-    constants: np.ndarray,
-    slopes: np.ndarray,
-    steps: np.ndarray,
-    noise: np.ndarray,
-    h: float,
-    substeps: int,
-    lanes: Lanes,
-) -> None:
-    """Advance z and P over a control period of `substeps` sub-steps h [s].
+@functools.cache
+def predict_of(physics: Physics) -> Any:
+    """Return the compiled function that advances z and P of a lane over a control period of `substeps` sub-steps h [s].
 
-    Args:
+    Its arguments:
         z: x and p, with the lateness last.
         P: covariance of its error.
         torque: what the motors apply [N m], (n,).
         torque_slope: its derivative in the lateness.
         line: the force line of what is known of the tip force, (rows,).
         directions: that of each unit force, (rows, forces).
-        constants: of the arm of p.
+        numbers: of the arm of p.
         slopes: S.
         steps: of the differences, one for each number of z but the lateness.
         noise: diagonal of Q.
@@ -179,10 +167,36 @@ def predict(
         substeps: in a control period.
         lanes: room, see `lanes_of`.
     """
-    _spread_out(z, P, torque, torque_slope, line, directions, constants, slopes, steps, lanes)
-    hold(lanes.state, lanes.torque, lanes.force, lanes.constants, h, substeps)
+    hold = arm_functions(physics).hold
+
+    @register_jitable
+    def predict(
+        z: np.ndarray,
+        P: np.ndarray,
+        torque: np.ndarray,
+        torque_slope: np.ndarray,
+        line: np.ndarray,
+        directions: np.ndarray,
+        numbers: np.ndarray,
+        slopes: np.ndarray,
+        steps: np.ndarray,
+        noise: np.ndarray,
+        h: float,
+        substeps: int,
+        lanes: Lanes,
+    ) -> None:
+        _spread_out(z, P, torque, torque_slope, line, directions, numbers, slopes, steps, lanes)
+        hold(lanes.state, lanes.torque, lanes.force, lanes.numbers, h, substeps)
+        _step(z, P, steps, noise, lanes)
+
+    return predict
+
+
+@register_jitable
+def _step(z: np.ndarray, P: np.ndarray, steps: np.ndarray, noise: np.ndarray, lanes: Lanes) -> None:
+    """Fill F from what became of the lanes, and step z and P."""
     state, F, G = lanes.state, lanes.jacobian, lanes.product
-    joints, states, size = len(torque), len(state), len(z)
+    joints, states, size = len(lanes.wide), len(state), len(z)
     for i in range(states):
         for j in range(size - 1):
             F[i, j] = (state[i, 1 + j] - state[i, 0]) / steps[j]
@@ -216,7 +230,7 @@ def _spread_out(
     torque_slope: np.ndarray,
     line: np.ndarray,
     directions: np.ndarray,
-    constants: np.ndarray,
+    numbers: np.ndarray,
     slopes: np.ndarray,
     steps: np.ndarray,
     lanes: Lanes,
@@ -230,7 +244,7 @@ def _spread_out(
     for lane in range(lanes.state.shape[1]):
         lanes.state[:, lane] = z[:states]
         lanes.torque[:, lane] = torque + z[offset : size - 1]
-        lanes.constants[:, lane] = constants
+        lanes.numbers[:, lane] = numbers
         for i in range(len(lanes.force)):
             total = line[i]
             for j in range(forces):
@@ -249,8 +263,8 @@ def _spread_out(
             for i in range(len(lanes.force)):
                 lanes.force[i, lane] += directions[i, j] * step
         else:
-            for i in range(len(constants)):
-                lanes.constants[i, lane] += slopes[i, j] * step
+            for i in range(len(numbers)):
+                lanes.numbers[i, lane] += slopes[i, j] * step
     for j in range(joints):
         lanes.torque[j, size] += torque_slope[j]
         lanes.torque[j, 1 + offset + j] += steps[offset + j]

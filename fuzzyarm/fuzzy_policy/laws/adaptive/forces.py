@@ -19,7 +19,6 @@ from __future__ import annotations
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FORCES
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
@@ -33,19 +32,19 @@ CALMING, STIRRING = 0.02, 0.7  # share of the way to more and to less calm that 
 @register_jitable
 def note_moves(m: Memory, s: Settings, before: np.ndarray) -> None:
     """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
-    first, square, mean = len(m.z) - len(s.guess), 0.0, 0.0
-    for i in range(FORCES):
+    first, forces, square, mean = len(m.z) - len(s.guess), len(before), 0.0, 0.0
+    for i in range(forces):
         change = m.z[first + i] - before[i]
         square += change * change
         m.moves[i] += SHARE * (change - m.moves[i])
         mean += m.moves[i] * m.moves[i]
-    m.moves[FORCES] += SHARE * (square - m.moves[FORCES])
-    directed = mean / (m.moves[FORCES] + s.still)
+    m.moves[forces] += SHARE * (square - m.moves[forces])
+    directed = mean / (m.moves[forces] + s.still)
     calm = 1.0 - min(max((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
     change = calm - m.flags[FLAG.calm]
     if change < 0.0:
         change *= STIRRING
-        for i in range(FORCES):
+        for i in range(forces):
             m.P[first + i, first + i] -= change * s.reopening[i]
     else:
         change *= CALMING
@@ -63,7 +62,7 @@ def spread_out(m: Memory, s: Settings) -> None:
     """Change what `predict` has added to P: less where forces are calm, more for motors after a jump of the torque."""
     joints, states = len(m.noise), 4 * len(m.noise)
     share = walk_share(m.flags[FLAG.calm], s.calm_walk)
-    for i in range(states, states + FORCES):
+    for i in range(states, states + len(s.reopening)):
         m.P[i, i] -= (1.0 - share * share) * s.noise[i]
     for j in range(joints):
         jump = 0.0

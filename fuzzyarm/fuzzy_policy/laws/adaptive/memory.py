@@ -8,9 +8,9 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FORCES
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import Belief, forces_in
 
-__all__ = ["FLAG", "KEPT", "LONGEST_LATENESS", "MOVES", "Flags", "Memory", "layout", "remembered"]
+__all__ = ["FLAG", "KEPT", "LONGEST_LATENESS", "Flags", "Memory", "layout", "remembered"]
 
 LONGEST_LATENESS = 3
 """Longest time from a command to the motors that the filter considers [control periods]."""
@@ -18,8 +18,6 @@ KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
 ANGLES = 3  # measured angles kept for their third difference
-MOVES = FORCES + 1
-"""Numbers that say whether the forces move."""
 
 
 class Flags(NamedTuple):
@@ -55,7 +53,7 @@ class Memory(NamedTuple):
         commands: torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n).
         references: q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n).
         read: measured angles [rad], newest first, (3, n).
-        moves: mean of the corrections of each force [N], then that of their square [N²], (`MOVES`,).
+        moves: mean of the corrections of each force [N], then that of their square [N²], (forces + 1,).
         noise: variance of the noise of the measured angles [rad²], (n,).
     """
 
@@ -69,9 +67,9 @@ class Memory(NamedTuple):
     noise: Any
 
 
-def layout(joints: int, beliefs: int) -> Memory:
-    """Return where the parts lie, as slices; `beliefs` is how many numbers p has."""
-    size = 4 * joints + beliefs
+def layout(joints: int, belief: Belief) -> Memory:
+    """Return where the parts lie, as slices; `belief` says where the parts of p do."""
+    size = 4 * joints + belief.lateness.stop
     return Memory(
         *consecutive(
             _FLAGS,
@@ -80,15 +78,22 @@ def layout(joints: int, beliefs: int) -> Memory:
             (LONGEST_LATENESS + 2) * joints,
             KEPT * 3 * joints,
             ANGLES * joints,
-            MOVES,
+            forces_in(belief) + 1,
             joints,
         )
     )
 
 
 @register_jitable
-def remembered(memory: np.ndarray, joints: int, beliefs: int) -> Memory:
-    """Return the parts of one lane's memory as views of it, each in its shape."""
+def remembered(memory: np.ndarray, joints: int, beliefs: int, forces: int) -> Memory:
+    """Return the parts of one lane's memory as views of it, each in its shape.
+
+    Args:
+        memory: of the lane.
+        joints: n.
+        beliefs: how many numbers p has.
+        forces: how many of them are forces.
+    """
     size = 4 * joints + beliefs
     z = _FLAGS
     covariance = z + size
@@ -96,7 +101,7 @@ def remembered(memory: np.ndarray, joints: int, beliefs: int) -> Memory:
     references = commands + (LONGEST_LATENESS + 2) * joints
     read = references + KEPT * 3 * joints
     moves = read + ANGLES * joints
-    noise = moves + MOVES
+    noise = moves + forces + 1
     return Memory(
         memory[:z],
         memory[z:covariance],

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzyarm.envs.observation import JOINTS, observed
-from fuzzyarm.envs.physics.dynamics import tip_jacobian
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS, FORCES, SPACE
+from fuzzyarm.envs.observation import PARTS, observed
+from fuzzyarm.fuzzy_policy.known_arm import travel_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.forces import walk_share
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, layout
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
@@ -32,9 +32,6 @@ FORGETTING = 0.5
 CUT_OFF = 50.0  # Hz, of the Butterworth filter of the expected force
 ORDER = 2
 SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
-_STATES = 4 * JOINTS
-_MEMORY = layout(JOINTS, BELIEFS)
-_DIAGONAL = _MEMORY.P.start + (_STATES + np.arange(FORCES)) * (_STATES + BELIEFS + 1)
 
 
 @dataclasses.dataclass
@@ -43,13 +40,13 @@ class PassState:
 
     Attributes:
         memory: of the policy, (lanes, memory_size).
-        expected: tip force [N] that is expected at the samples of this pass, (samples, lanes, 2); empty: none.
-        path: q_d of the pass before, (samples, lanes, 2).
+        expected: tip force [N] that is expected at the samples of this pass, (samples, lanes, axes); empty: none.
+        path: q_d of the pass before, (samples, lanes, n).
         references: q_d of the samples so far.
-        forces: estimated f_t, F_x, F_y after each sample so far [N], (lanes, 3) each.
+        forces: estimated f_t and F after each sample so far [N], (lanes, 1 + axes) each.
         variances: theirs.
         calm: how calm the forces were, see `forces`, (lanes,) each.
-        travels: directions of travel, (lanes, 2) each.
+        travels: directions of travel, (lanes, axes) each.
         other_path: whether a lane has left the path of the pass before: it expects nothing any more.
     """
 
@@ -74,6 +71,10 @@ class AdaptivePasses:
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         """Keep the policy."""
         self.policy = policy
+        self._states, self._forces = 4 * policy.joints, forces_in(policy.belief)
+        self._load = slice(self._states, self._states + self._forces)  # in z
+        size = len(policy.settings.spread)
+        self._diagonal = policy.memory.P.start + (self._states + np.arange(self._forces)) * (size + 1)
 
     def predict(
         self,
@@ -85,31 +86,33 @@ class AdaptivePasses:
         """Return the torques [N m] and the next state; None begins a first pass, `begin_pass` a further one.
 
         Args:
-            observation: (10,) or (lanes, 10).
+            observation: (5 n,) or (lanes, 5 n).
             state: None, or what the last call or `begin_pass` returned; it goes on in place.
             episode_start: ignored; a pass begins with its state.
             deterministic: ignored.
+
+        Raises:
+            ValueError: an argument has a wrong shape.
         """
         seen = np.array(observation, dtype=np.float64, ndmin=2)
-        lanes = len(seen)
+        lanes, size = len(seen), PARTS * self.policy.joints
+        if seen.ndim > 2 or seen.shape[1] != size:
+            raise ValueError(f"observation has shape {np.shape(observation)}; allowed: ({size},) or (lanes, {size})")
         if state is None:
-            state = _first(np.zeros((lanes, self.policy.memory_size)))
+            state = self._first(np.zeros((lanes, self.policy.memory_size)))
         if len(state.memory) != lanes:
             raise ValueError(f"the state is that of {len(state.memory)} lanes, the observation has {lanes}")
         q = observed(seen).q_reference.copy()
         sample = len(state.references)
         if sample < len(state.path):
             state.other_path |= np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH
-        torque = np.empty((lanes, JOINTS))
+        torque = np.empty((lanes, self.policy.joints))
         self.policy.act_with(seen, state.memory, torque, _window(state, sample))
-        jacobian = tip_jacobian(q, self.policy.arm.length)
-        velocity = (jacobian @ observed(seen).dq_reference[..., np.newaxis])[..., 0]
-        speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
         state.references.append(q)
-        state.forces.append(state.memory[:, _MEMORY.z][:, _STATES : _STATES + FORCES].copy())
-        state.variances.append(state.memory[:, _DIAGONAL].copy())
+        state.forces.append(state.memory[:, self.policy.memory.z][:, self._load].copy())
+        state.variances.append(state.memory[:, self._diagonal].copy())
         state.calm.append(state.memory[:, FLAG.calm].copy())
-        state.travels.append(np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0))
+        state.travels.append(travel_of(self.policy.arm, q, observed(seen).dq_reference))
         torque = self.policy.clipped(torque)
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 
@@ -124,16 +127,21 @@ class AdaptivePasses:
         memory = np.zeros_like(state.memory)
         usable = (state.memory[:, FLAG.lost] == 0.0) & ~state.other_path
         memory[usable, FLAG.taught] = 1.0
-        memory[:, _MEMORY.z] = state.memory[:, _MEMORY.z]
-        memory[:, _MEMORY.P] = self._loosened(state.memory[:, _MEMORY.P])
+        memory[:, self.policy.memory.z] = state.memory[:, self.policy.memory.z]
+        memory[:, self.policy.memory.P] = self._loosened(state.memory[:, self.policy.memory.P])
         memory[~usable] = 0.0
         expected = self._smoothed(state) * usable[:, np.newaxis]
-        return dataclasses.replace(_first(memory), expected=expected, path=np.array(state.references))
+        return dataclasses.replace(self._first(memory), expected=expected, path=np.array(state.references))
 
     def beliefs(self, state: PassState) -> Beliefs:
         """Return what is believed after the last sample, the expected force included; of lanes, also of one."""
         found = self.policy.beliefs(state.memory)
         return dataclasses.replace(found, force=found.force + _window(state, len(state.references) - 1)[:, 0])
+
+    def _first(self, memory: np.ndarray) -> PassState:
+        lanes = len(memory)
+        expected, path = np.empty((0, lanes, self._forces - 1)), np.empty((0, lanes, self.policy.joints))
+        return PassState(memory, expected, path, [], [], [], [], [], np.zeros(lanes, dtype=bool))
 
     def _loosened(self, covariance: np.ndarray) -> np.ndarray:
         """Return covariances (lanes, N²) with `FORGETTING` times their standard deviations, at most the first ones."""
@@ -144,11 +152,11 @@ class AdaptivePasses:
         return np.asarray(P * factor[:, :, np.newaxis] * factor[:, np.newaxis, :]).reshape(len(P), -1)
 
     def _smoothed(self, state: PassState) -> np.ndarray:
-        """Return the force (samples, lanes, 2) that the next pass may expect."""
+        """Return the force (samples, lanes, axes) that the next pass may expect."""
         settings = self.policy.settings
         # What P gained at each sample: the walk to the next one, and where calm went, what it was opened by.
         calm = np.array(state.calm)[..., np.newaxis]
-        walk = walk_share(calm, settings.calm_walk) ** 2 * settings.noise[_STATES : _STATES + FORCES]
+        walk = walk_share(calm, settings.calm_walk) ** 2 * settings.noise[self._load]
         walk[1:] += np.maximum(calm[:-1] - calm[1:], 0.0) * settings.reopening
         smooth, variances = np.array(state.forces), np.array(state.variances)
         for k in range(len(smooth) - 2, -1, -1):
@@ -165,14 +173,9 @@ class AdaptivePasses:
         return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
 
 
-def _first(memory: np.ndarray) -> PassState:
-    nothing = np.empty((0, len(memory), SPACE))
-    return PassState(memory, nothing, nothing, [], [], [], [], [], np.zeros(len(memory), dtype=bool))
-
-
 def _window(state: PassState, sample: int) -> np.ndarray:
-    """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, 2)."""
-    window = np.zeros((len(state.memory), KEPT + 1, SPACE))
+    """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, axes)."""
+    window = np.zeros((len(state.memory), KEPT + 1, state.expected.shape[2]))
     last = len(state.expected) - 1
     if last >= 0:
         for place, k in enumerate((*range(sample, sample - KEPT, -1), sample + 1)):

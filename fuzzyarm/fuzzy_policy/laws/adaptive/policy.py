@@ -17,35 +17,35 @@ A filter that has diverged says so (`Beliefs.diverged`), and `Policy.act` answer
 from __future__ import annotations
 
 import dataclasses
+import functools
+from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import instance
-from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.periods import whole_substeps
-from fuzzyarm.envs.physics.dynamics import tip_jacobian
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of
 from fuzzyarm.fuzzy_policy.lanes import in_lanes
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
-    BELIEF,
-    BELIEFS,
     CAUTIOUS,
     FACTORS,
-    FORCES,
-    SPACE,
-    affine_constants,
+    affine_numbers,
     allowed,
+    belief_of,
     first_guess,
     first_spread,
+    forces_in,
     walks,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import estimate_and_act
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import law_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
+from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of, unit_force
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -53,9 +53,6 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 
 _STILL = 1e-3  # correction of the forces by a sample that counts as none, in unit forces
-_STATES = 4 * JOINTS
-_MEMORY = layout(JOINTS, BELIEFS)
-_OWN = _MEMORY.noise.stop  # numbers that a lane of the filter remembers
 # Steps of the differences that make F, far above rounding and far below what bends the equations.
 _ANGLE_STEP, _VELOCITY_STEP, _LOAD_STEP, _FACTOR_STEP = 1e-7, 1e-6, 1e-2, 1e-4
 
@@ -67,13 +64,13 @@ class Beliefs:
     Masses and forces share a load: a payload may show up as a force, and the other way round.
 
     Attributes:
-        force, force_deviation: at the tip [N], (..., 2).
+        force, force_deviation: at the tip [N], (..., axes).
         payload, payload_deviation: at the tip [kg], (...).
-        factors, factors_deviation: of the known arm, by name, (..., 2): stiffness, damping, friction, mass,
-            motor_inertia.
-        offset, offset_deviation: torques beside the motors' [N m], (..., 2).
+        factors, factors_deviation: of the known arm of n joints, by name, (..., n): stiffness, damping, friction,
+            mass, motor_inertia.
+        offset, offset_deviation: torques beside the motors' [N m], (..., n).
         lateness, lateness_deviation: from a command to the motors [s], (...).
-        encoder_noise: standard deviation of the noise that is read in the angles [rad], (..., 2).
+        encoder_noise: standard deviation of the noise that is read in the angles [rad], (..., n).
         surprise: mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
         diverged: whether the filter has diverged and the fallback acts, (...).
     """
@@ -97,7 +94,9 @@ class AdaptiveObserverPolicy(Policy):
     """Identification, observer, regulator and elastic target; the law is in the module's docstring.
 
     Attributes:
-        arm: the arm, as the controller knows it.
+        arm: the arm or the robot, as the controller knows it.
+        belief: where the parts of p lie.
+        memory: where the parts of the filter's memory lie.
         weights: of the filter and of the regulator.
         fallback: what acts in lanes whose filter has diverged.
         settings: what the compiled law takes.
@@ -105,7 +104,7 @@ class AdaptiveObserverPolicy(Policy):
 
     def __init__(
         self,
-        parameters: ArmParameters | None = None,
+        parameters: AnyArm | None = None,
         control_period: float = 1e-3,
         weights: AdaptiveWeights | None = None,
         fallback: Policy | None = None,
@@ -113,32 +112,38 @@ class AdaptiveObserverPolicy(Policy):
         """Design the regulator.
 
         Args:
-            parameters: the arm, as the controller knows it.
+            parameters: the arm or the robot, as the controller knows it.
             control_period: T [s].
-            weights: of the filter and of the regulator.
+            weights: of the filter and of the regulator; None for those of `adaptive_weights_for`.
             fallback: what acts where the filter has diverged; computed torque at the tip, if not said otherwise.
 
         Raises:
             ValueError: the control period is out of range, or there are no gains for these arguments.
         """
-        self.arm = ArmParameters() if parameters is None else instance("parameters", parameters, ArmParameters)
-        super().__init__(self.arm, control_period)
-        self.weights = weights or AdaptiveWeights()
+        super().__init__(ArmParameters() if parameters is None else parameters, control_period)
+        self.arm, physics = self.parameters, equations_of(self.parameters)
+        self.belief = belief_of(physics)
+        self.memory = layout(self.joints, self.belief)
+        self.weights = weights or adaptive_weights_for(self.arm, self.control_period)
         self.fallback = fallback or TipPolicy(ComputedTorquePolicy(self.parameters, control_period))
-        self.memory_size = _OWN + self.fallback.memory_size
+        self.memory_size = self.memory.noise.stop + self.fallback.memory_size
         self.settings = self._arranged()
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
-        self.act_with(observation, memory, torque, np.zeros((len(observation), KEPT + 1, SPACE)))
+        self.act_with(observation, memory, torque, np.zeros((len(observation), KEPT + 1, forces_in(self.belief) - 1)))
 
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
-        """Do what `act` does where a part of the tip force is known beforehand, see `law.estimate_and_act`."""
-        estimate_and_act(observation, memory, torque, known, self.settings)
+        """Do what `act` does where a part of the tip force is known beforehand, see `law.law_of`."""
+        self._law(observation, memory, torque, known, self.settings)
         in_lanes(memory[:, FLAG.lost], 1.0, self._fall_back, observation, memory, torque)
 
+    @functools.cached_property
+    def _law(self) -> Any:
+        return law_of(equations_of(self.arm))
+
     def _fall_back(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        self.fallback.command(observation, memory[:, _OWN:], torque)
+        self.fallback.command(observation, memory[:, self.memory.noise.stop :], torque)
 
     def repeated(self) -> AdaptivePasses:
         """Return this policy for passes over one path again and again."""
@@ -150,32 +155,30 @@ class AdaptiveObserverPolicy(Policy):
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave."""
-        own = np.asarray(state)[..., :_OWN]
-        shape = own.shape[:-1]
-        size = _STATES + BELIEFS
-        p, P = own[..., _MEMORY.z][..., _STATES:], own[..., _MEMORY.P].reshape(*shape, size, size)
-        covariance = P[..., _STATES:, _STATES:]
+        part, belief, states = self.memory, self.belief, 4 * self.joints
+        own, forces = np.asarray(state)[..., : part.noise.stop], forces_in(belief)
+        shape, size = own.shape[:-1], part.z.stop - part.z.start
+        p, P = own[..., part.z][..., states:], own[..., part.P].reshape(*shape, size, size)
+        covariance = P[..., states:, states:]
         deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
-        # F = H (f_t, F_x, F_y), with the direction of travel and the unit vectors as columns
-        reference = own[..., _MEMORY.references].reshape(*shape, -1, 3, JOINTS)[..., 0, :, :]
-        q, dq = reference[..., 0, :], reference[..., 1, :]
-        velocity = (tip_jacobian(q, self.arm.length) @ dq[..., np.newaxis])[..., 0]
-        speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
-        travel = np.divide(velocity, speed, out=np.zeros_like(velocity), where=speed > 0.0)
-        H = np.concatenate([travel[..., np.newaxis], np.broadcast_to(np.eye(2), (*shape, 2, 2))], axis=-1)
-        force_covariance = H @ covariance[..., :FORCES, :FORCES] @ np.swapaxes(H, -1, -2)
+        # F = H (f_t, F), with the direction of travel and the unit vectors as columns
+        reference = own[..., part.references].reshape(*shape, -1, 3, self.joints)[..., 0, :, :]
+        travel = travel_of(self.arm, reference[..., 0, :], reference[..., 1, :])
+        unit = np.broadcast_to(np.eye(forces - 1), (*shape, forces - 1, forces - 1))
+        H = np.concatenate([travel[..., np.newaxis], unit], axis=-1)
+        force_covariance = H @ covariance[..., :forces, :forces] @ np.swapaxes(H, -1, -2)
         return Beliefs(
-            force=(H @ p[..., :FORCES, np.newaxis])[..., 0],
+            force=(H @ p[..., :forces, np.newaxis])[..., 0],
             force_deviation=np.sqrt(np.maximum(np.diagonal(force_covariance, axis1=-2, axis2=-1), 0.0)),
-            payload=p[..., BELIEF.payload][..., 0],
-            payload_deviation=deviation[..., BELIEF.payload][..., 0],
-            factors={name: p[..., getattr(BELIEF, name)] for name in FACTORS},
-            factors_deviation={name: deviation[..., getattr(BELIEF, name)] for name in FACTORS},
-            offset=p[..., BELIEF.offset],
-            offset_deviation=deviation[..., BELIEF.offset],
-            lateness=self.control_period * p[..., BELIEF.lateness][..., 0],
-            lateness_deviation=self.control_period * deviation[..., BELIEF.lateness][..., 0],
-            encoder_noise=np.sqrt(own[..., _MEMORY.noise]),
+            payload=p[..., belief.payload][..., 0],
+            payload_deviation=deviation[..., belief.payload][..., 0],
+            factors={name: p[..., getattr(belief, name)] for name in FACTORS},
+            factors_deviation={name: deviation[..., getattr(belief, name)] for name in FACTORS},
+            offset=p[..., belief.offset],
+            offset_deviation=deviation[..., belief.offset],
+            lateness=self.control_period * p[..., belief.lateness][..., 0],
+            lateness_deviation=self.control_period * deviation[..., belief.lateness][..., 0],
+            encoder_noise=np.sqrt(own[..., part.noise]),
             surprise=own[..., FLAG.surprise],
             diverged=own[..., FLAG.lost] != 0.0,
         )
@@ -183,34 +186,39 @@ class AdaptiveObserverPolicy(Policy):
     def _arranged(self) -> Settings:
         """Return what the kernel takes."""
         arm, weights, period = self.arm, self.weights, self.control_period
-        base, slopes = affine_constants(arm)
+        belief, joints, states = self.belief, self.joints, 4 * self.joints
+        (schedule, gains), (base, slopes) = feedback_table(arm, period, weights), affine_numbers(arm)
         low, high = allowed(arm, float(LONGEST_LATENESS))
-        shake = weights.motor_torque * self._torque_limit / np.array(arm.motor_inertia)
-        still, substeps = np.zeros(JOINTS), whole_substeps(period, None)
-        encoder = np.repeat([weights.encoder_angle, weights.encoder_velocity], JOINTS)
+        inertia, forces, beliefs = per_joint_of(arm, "motor_inertia"), forces_in(belief), belief.lateness.stop
+        shake = weights.motor_torque * self._torque_limit / inertia
+        still, substeps = np.zeros(joints), whole_substeps(period, None)
+        encoder = np.repeat([weights.encoder_angle, weights.encoder_velocity], joints)
         first_state = (weights.encoder_angle, weights.first_link_angle, *[weights.encoder_velocity] * 2)
-        load_steps = np.full(BELIEF.payload.stop, _LOAD_STEP)
-        factor_steps = np.full(BELIEFS - BELIEF.payload.stop, _FACTOR_STEP)
-        state_steps = np.repeat([_ANGLE_STEP, _VELOCITY_STEP], 2 * JOINTS)
-        cautious = np.zeros(_STATES + BELIEFS, dtype=np.bool_)
-        shared = np.zeros(_STATES + BELIEFS)
+        load_steps = np.full(belief.payload.stop, _LOAD_STEP)
+        factor_steps = np.full(beliefs - belief.payload.stop, _FACTOR_STEP)
+        state_steps = np.repeat([_ANGLE_STEP, _VELOCITY_STEP], 2 * joints)
+        cautious = np.zeros(states + beliefs, dtype=np.bool_)
+        shared = np.zeros(states + beliefs)
         for name in FACTORS:
-            shared[_STATES:][getattr(BELIEF, name)] = weights.first_scale
+            shared[states:][getattr(belief, name)] = weights.first_scale
         for name in CAUTIOUS:
-            cautious[_STATES:][getattr(BELIEF, name)] = True
+            cautious[states:][getattr(belief, name)] = True
         return Settings(
-            feedback=feedback_table(arm, period, weights),
+            feedback=gains,
+            kept=schedule.kept,
+            cosine=schedule.cosine,
+            points=schedule.points,
             base=base,
             slopes=slopes,
-            guess=first_guess(),
-            spread=np.concatenate([np.repeat(first_state, JOINTS), first_spread(arm, weights)]),
+            guess=first_guess(arm),
+            spread=np.concatenate([np.repeat(first_state, joints), first_spread(arm, weights)]),
             shared=shared,
             low=low,
             high=high,
             noise=np.concatenate([still, still, shake, still, walks(arm, weights)]) ** 2 * period,
-            doubt=weights.torque_doubt * period / (np.array(arm.motor_inertia) * self._torque_limit),
+            doubt=weights.torque_doubt * period / (inertia * self._torque_limit),
             calm_walk=weights.calm_walk,
-            reopening=walks(arm, weights)[:FORCES] ** 2 * weights.reopening,
+            reopening=walks(arm, weights)[:forces] ** 2 * weights.reopening,
             still=(_STILL * unit_force(arm)) ** 2,
             steps=np.concatenate([state_steps, load_steps, factor_steps]),
             variances=encoder**2,
@@ -218,7 +226,7 @@ class AdaptiveObserverPolicy(Policy):
             gate=weights.gate,
             dead_zone=weights.dead_zone,
             limit=self._torque_limit,
-            mass=sum(arm.mass),
+            mass=mass_of(arm),
             substep=period / substeps,
             substeps=substeps,
         )

@@ -11,9 +11,12 @@ class Settings(NamedTuple):
     """What the kernel takes, as arrays and numbers.
 
     Attributes:
-        feedback: K, see `feedback_table`.
-        base: a_0 of `affine_constants`.
-        slopes: S of `affine_constants`.
+        feedback: K, see `FeedbackTable`.
+        kept: joints over whose angles it is tabulated.
+        cosine: whether at even cosines rather than angles.
+        points: of each angle.
+        base: a_0 of `affine_numbers`.
+        slopes: S of `affine_numbers`.
         guess: p_0.
         spread: standard deviations of z when an episode begins.
         shared: what numbers of z share when an episode begins, times its standard deviation.
@@ -36,6 +39,9 @@ class Settings(NamedTuple):
     """
 
     feedback: Any
+    kept: Any
+    cosine: Any
+    points: Any
     base: Any
     slopes: Any
     guess: Any

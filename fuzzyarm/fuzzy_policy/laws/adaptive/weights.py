@@ -9,15 +9,24 @@ from __future__ import annotations
 import dataclasses
 
 from fuzzyarm.common.checks import real
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.kinematics import reach
 from fuzzyarm.fuzzy_policy.laws.observer_gains import WEIGHT_RANGE
 
-__all__ = ["AdaptiveWeights", "unit_force"]
+__all__ = ["AdaptiveWeights", "mass_of", "unit_force"]
 
 
-def unit_force(parameters: ArmParameters) -> float:
+def unit_force(arm: AnyArm) -> float:
     """Return the force [N] at the tip of the stretched arm that takes the whole torque of the first motor."""
-    return parameters.torque_limit[0] / sum(parameters.length)
+    if isinstance(arm, Robot):
+        return float(arm.drive("torque_limit")[0] / reach(arm))
+    return arm.torque_limit[0] / sum(arm.length)
+
+
+def mass_of(arm: AnyArm) -> float:
+    """Return the mass of all links [kg]."""
+    return float(sum(arm.arrays.mass)) if isinstance(arm, Robot) else sum(arm.mass)
 
 
 @dataclasses.dataclass(frozen=True)

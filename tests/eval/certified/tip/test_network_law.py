@@ -1,9 +1,12 @@
 """Learned policies on balls: every answer of the policy near a point lies in what is said of all of them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from flint import arb, ctx
 from slow_twins import slow_but
+from support.bundles import bundle
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.batch.schedule import Schedule
@@ -13,8 +16,10 @@ from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.network_law import BallNetwork, NetworkLaw, _clipped
 from fuzzyarm.eval.certified.tip.plant_set import SETS
+from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
 from fuzzyarm.learned_policy.network import Network
+from fuzzyarm.learned_policy.policy import LearnedPolicy
 
 REFERENCES = Schedule.build(JointReference(), Disturbance(), 1e-3, 2).references[:301]
 
@@ -131,3 +136,11 @@ def test_learned_policies_have_a_tube():
     assert bound.largest < 1e-5
     with pytest.raises(NoBound, match="no bound beyond t = 0"):
         find_bound(TipClaim("ppo-robust", "nominal", "near", SETS["near"], steps=20))
+
+
+@pytest.mark.parametrize("kind", [{"activation": "relu"}, {"output": "tanh"}])
+def test_layers_of_another_kind_have_no_bound(kind):
+    made = bundle()
+    policy = LearnedPolicy(dataclasses.replace(made, network=dataclasses.replace(made.network, **kind)))
+    with pytest.raises(NoBound, match="there is no bound for layers of"):
+        sampled_law(policy, REFERENCES)

@@ -7,19 +7,24 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import link_torque
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import constants_at
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, layout
+from fuzzyarm.eval.episodes.passes import record_passes
+from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 ARM = ArmParameters()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 POLICY = AdaptiveObserverPolicy()
-MEMORY = layout(2, BELIEFS)
+MEMORY = POLICY.memory
+link_torque = arm_functions(two_joints()).link_torque
 
 
 def follow(policy, disturbances, steps=1499, arms=None, late=0):
@@ -68,7 +73,7 @@ def believed_torque(state):
     """Torque [N m] that the links need along the reference, as the policy believes, less the offsets."""
     p, s = state[MEMORY.z][8:], POLICY.settings
     constants, torque = np.empty(len(s.base)), np.empty(2)
-    constants_at(p, s.guess, s.base, s.slopes, constants)
+    numbers_at(p, s.guess, s.base, s.slopes, constants)
     link_torque(*wanted(state), POLICY.beliefs(state).force, constants, torque)
     return torque - POLICY.beliefs(state).offset
 
@@ -157,3 +162,32 @@ def test_for_another_arm_the_fallback_is_computed_torque():
     lighter = dataclasses.replace(ARM, mass=(14.0, 8.0))
     policy = load_policy("adaptive-observer", robot=lighter)
     assert policy.fallback.parameters == lighter and policy.parameters == lighter
+
+
+@pytest.mark.slow
+def test_six_joints():
+    """The UR5 under loads that nobody told: errors, beliefs, a second pass and the fallback, all of six joints."""
+    robot, largest = robot_named("ur5"), {}
+    for name in ("adaptive-observer", "elastic-observer"):
+        policy = load_policy(name, robot=robot)
+        for case in ("nominal", "machining", "payload"):
+            run = record_rollout(FuzzyArmEnv(robot=robot, case=case), policy, policy_name=name, case=case, seed=0)
+            assert run.completed
+            largest[name, case] = 1e3 * run.tip_error.max()
+            if name == "adaptive-observer" and case == "machining":
+                error = np.linalg.norm(run.beliefs[1:, :3] - run.external_force[:-1], axis=1)
+                assert np.median(error) < 0.3 * np.median(np.linalg.norm(run.external_force, axis=1))
+    assert largest["adaptive-observer", "nominal"] < 0.02
+    for case in ("machining", "payload"):
+        assert 2.0 * largest["adaptive-observer", case] < largest["elastic-observer", case]
+    adaptive = load_policy("adaptive-observer", robot=robot)
+    env = FuzzyArmEnv(robot=robot, case="machining")
+    passes = record_passes(env, adaptive, 2, policy_name="adaptive-observer", case="machining", seed=0)
+    assert passes[1].tip_error.max() < 0.8 * passes[0].tip_error.max()
+    observation, _ = env.reset(seed=0)
+    _, state = adaptive.predict(observation)
+    state[adaptive.memory.z] = np.nan
+    torque, state = adaptive.predict(observation, state)
+    assert adaptive.beliefs(state).diverged and adaptive.beliefs(state).factors["mass"].shape == (6,)
+    fallback = load_policy("computed-torque-tip", robot=robot)
+    np.testing.assert_array_equal(torque, fallback.predict(observation)[0])

@@ -69,6 +69,15 @@ def test_on_another_path_nothing_is_expected():
     assert np.all(fresh.expected == 0.0)
 
 
+def test_observations_and_states_of_another_shape_are_refused():
+    repeated = POLICY.repeated()
+    _, state = repeated.predict(np.zeros((3, 10)))
+    with pytest.raises(ValueError, match=r"shape \(3, 9\); allowed: \(10,\) or \(lanes, 10\)"):
+        repeated.predict(np.zeros((3, 9)), state)
+    with pytest.raises(ValueError, match="the state is that of 3 lanes, the observation has 2"):
+        repeated.predict(np.zeros((2, 10)), state)
+
+
 def test_iterative_learning_brings_the_motors_home_and_not_the_tip():
     repeated, state, largest = load_policy("fuzzy-4-tip").repeated(), None, []
     for _ in range(3):

@@ -6,20 +6,25 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.fuzzy_policy.known_arm import with_drives
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
-    BELIEF,
-    BELIEFS,
-    FORCES,
-    affine_constants,
+    affine_numbers,
     allowed,
+    belief_of,
     first_guess,
     first_spread,
+    forces_in,
     walks,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, unit_force
 
-ARM = ArmParameters()
+ARM, ROBOT = ArmParameters(), robot_named("planar-3r")
+BELIEF = belief_of(two_joints())
+BELIEFS, FORCES = BELIEF.lateness.stop, forces_in(BELIEF)
 FIELDS = {
     "stiffness": ("stiffness",),
     "damping": ("damping",),
@@ -31,9 +36,9 @@ FIELDS = {
 
 def test_constants_of_any_belief_are_those_of_the_arm_with_these_factors_and_payload():
     rng = np.random.default_rng(0)
-    base, slopes = affine_constants(ARM)
+    base, slopes = affine_numbers(ARM)
     for _ in range(20):
-        p = first_guess()
+        p = first_guess(ARM)
         p[BELIEF.payload] = rng.uniform(0.0, 10.0)
         changes = {}
         for name, fields in FIELDS.items():
@@ -41,18 +46,38 @@ def test_constants_of_any_belief_are_those_of_the_arm_with_these_factors_and_pay
             for field in fields:
                 changes[field] = tuple(np.array(getattr(ARM, field)) * factors)
         expected = arm_constants(dataclasses.replace(ARM, **changes), Payload(float(p[BELIEF.payload][0])))
-        np.testing.assert_allclose(base + slopes @ (p - first_guess()), expected, rtol=1e-12)
+        np.testing.assert_allclose(base + slopes @ (p - first_guess(ARM)), expected, rtol=1e-12)
+
+
+def test_numbers_of_any_belief_are_those_of_the_robot_with_these_drives_masses_and_payload():
+    physics, rng = equations_of(ROBOT), np.random.default_rng(1)
+    belief, (base, slopes), p = belief_of(physics), affine_numbers(ROBOT), first_guess(ROBOT)
+    p[belief.payload] = 1.5
+    factors = {name: rng.uniform(0.7, 1.4, 3) for name in FIELDS}
+    for name, values in factors.items():
+        p[getattr(belief, name)] = values
+    friction = {name: factors["friction"] * ROBOT.drive(name) for name in FIELDS["friction"]}
+    own = ("stiffness", "damping", "motor_inertia")
+    robot = with_drives(ROBOT, **{name: factors[name] * ROBOT.drive(name) for name in own}, **friction)
+    joints = []
+    for joint, factor in zip(robot.joints, factors["mass"].tolist(), strict=True):
+        inertia = tuple(map(tuple, (factor * np.array(joint.link.inertia)).tolist()))
+        link = dataclasses.replace(joint.link, mass=factor * joint.link.mass, inertia=inertia)
+        joints.append(dataclasses.replace(joint, link=link))
+    robot = dataclasses.replace(robot, joints=tuple(joints))
+    expected = [*physics.plant_of(robot), 1.5]
+    np.testing.assert_allclose(base + slopes @ (p - first_guess(ROBOT)), expected, rtol=1e-12)
 
 
 def test_forces_come_first_and_change_no_constant():
     assert BELIEF.force.stop == FORCES
-    assert np.all(affine_constants(ARM)[1][:, :FORCES] == 0.0)
-    assert np.all(affine_constants(ARM)[1][:, BELIEF.lateness] == 0.0)
+    assert np.all(affine_numbers(ARM)[1][:, :FORCES] == 0.0)
+    assert np.all(affine_numbers(ARM)[1][:, BELIEF.lateness] == 0.0)
 
 
 def test_first_guess_lies_within_what_is_allowed_and_only_loads_walk():
     low, high = allowed(ARM, 3.0)
-    assert np.all(low <= first_guess()) and np.all(first_guess() <= high)
+    assert np.all(low <= first_guess(ARM)) and np.all(first_guess(ARM) <= high)
     assert np.all(first_spread(ARM, AdaptiveWeights()) > 0.0)
     walking = walks(ARM, AdaptiveWeights())
     assert np.all(walking[:FORCES] > 0.0) and np.all(walking[FORCES:] == 0.0)

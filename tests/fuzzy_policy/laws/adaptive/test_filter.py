@@ -4,13 +4,19 @@ import numpy as np
 import pytest
 from numba import njit
 
+from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.laws.adaptive import filter as parts
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import hold, link_torque, tip_direction
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEF, BELIEFS, FORCES, affine_constants, first_guess
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, numbers_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers, belief_of, first_guess, forces_in
 
 ARM = ArmParameters()
+BELIEF, (hold, link_torque, tip_direction, _) = belief_of(two_joints()), arm_functions(two_joints())
+BELIEFS, FORCES = BELIEF.lateness.stop, forces_in(BELIEF)
 STATES, SIZE = 8, 8 + BELIEFS
 MEASURED = [0, 1, 4, 5]
 NO_GATE, NOTHING_SILENT = 1e300, np.zeros(4)
@@ -18,7 +24,7 @@ NO_GATE, NOTHING_SILENT = 1e300, np.zeros(4)
 correct, confine, predict, lanes_of = (
     njit(parts.correct),
     njit(parts.confine),
-    njit(parts.predict),
+    njit(parts.predict_of(two_joints())),
     njit(parts.lanes_of),
 )
 read_noise = njit(parts.read_noise)
@@ -113,15 +119,15 @@ def moved(z, torque, directions, base, slopes):
     """x after a control period by the compiled plant, for one z."""
     state = z[:STATES, np.newaxis].copy()
     force = np.ascontiguousarray((directions @ z[STATES : STATES + FORCES])[:, np.newaxis])
-    constants = np.ascontiguousarray((base + slopes @ (z[STATES:] - first_guess()))[:, np.newaxis])
+    constants = np.ascontiguousarray((base + slopes @ (z[STATES:] - first_guess(ARM)))[:, np.newaxis])
     hold(state, np.ascontiguousarray(torque[:, np.newaxis]), force, constants, 2e-4, 5)
     return state[:, 0]
 
 
 def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     rng = np.random.default_rng(7)
-    base, slopes = affine_constants(ARM)
-    z = np.concatenate([[0.3, 1.0, 0.299, 0.998, 1.0, -1.5, 1.01, -1.49], first_guess()])
+    base, slopes = affine_numbers(ARM)
+    z = np.concatenate([[0.3, 1.0, 0.299, 0.998, 1.0, -1.5, 1.01, -1.49], first_guess(ARM)])
     z[STATES:][BELIEF.payload], z[STATES : STATES + FORCES] = 2.0, (20.0, -5.0, 7.0)
     P, noise, torque, slope = covariance(rng, 1e-4), rng.uniform(0.0, 1e-8, SIZE), np.array([90.0, -20.0]), np.ones(2)
     directions = np.zeros((4, FORCES))
@@ -139,8 +145,8 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     whole = np.vstack([F, np.eye(SIZE)[STATES:]])
     expected = whole @ P @ whole.T + np.diag(noise)
     found, left = z.copy(), P.copy()
-    constants = base + slopes @ (z[STATES:] - first_guess())
-    lanes = lanes_of(2, SIZE, len(base))
+    constants = base + slopes @ (z[STATES:] - first_guess(ARM))
+    lanes = lanes_of(2, SIZE, len(base), 4)
     predict(found, left, torque, slope, np.zeros(4), directions, constants, slopes, steps, noise, 2e-4, 5, lanes)
     np.testing.assert_array_equal(found[:STATES], moved(z, torque, directions, base, slopes))
     np.testing.assert_array_equal(found[STATES:], z[STATES:])
@@ -158,3 +164,18 @@ def test_link_torque_is_the_rigid_arms_less_the_forces():
     np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), rtol=1e-12)
     njit(tip_direction)(q, np.zeros(2), constants, direction)
     np.testing.assert_array_equal(direction, 0.0)
+
+
+def test_functions_of_six_joints_are_those_of_the_robot_with_its_payload():
+    rng, robot = np.random.default_rng(9), robot_named("ur5")
+    physics, loaded = equations_of(robot), robot.with_payload(2.0)
+    functions, numbers = arm_functions(physics), numbers_of(robot, physics, 2.0)
+    (q, dq, ddq), force, torque, direction = rng.normal(size=(3, 6)), rng.normal(size=3), np.empty(6), np.empty(3)
+    functions.link_torque(q, dq, ddq, force, numbers, torque)
+    J = rigid_body.tip_jacobian(robot, q)
+    np.testing.assert_allclose(torque, rigid_body.inverse_dynamics(loaded, q, dq, ddq) - J.T @ force, atol=1e-10)
+    functions.tip_direction(q, dq, numbers, direction)
+    np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), atol=1e-12)
+    drives = [functions.drive(numbers, j) for j in range(6)]
+    for name in drives[0]._fields:
+        np.testing.assert_array_equal([getattr(drive, name) for drive in drives], robot.drive(name))

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import BELIEFS, FORCES
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.forces import note_moves, spread_out, walk_share
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, layout, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
-SETTINGS = AdaptiveObserverPolicy().settings
+POLICY = AdaptiveObserverPolicy()
+SETTINGS, FORCES = POLICY.settings, forces_in(POLICY.belief)
 FORCE = slice(8, 8 + FORCES)
 
 
@@ -23,7 +24,7 @@ def corrected(m, corrections):
 
 @pytest.fixture
 def memory():
-    return remembered(np.zeros(layout(2, BELIEFS).noise.stop), 2, BELIEFS)
+    return remembered(np.zeros(POLICY.memory.noise.stop), 2, len(SETTINGS.guess), FORCES)
 
 
 @pytest.mark.parametrize("size", [1e-6, 10.0, 1e4])
@@ -48,5 +49,5 @@ def test_calm_forces_walk_less_and_jumping_torques_are_doubted(memory):
     spread_out(memory, SETTINGS)
     np.testing.assert_allclose(np.diagonal(memory.P)[FORCE], SETTINGS.calm_walk**2 * SETTINGS.noise[FORCE])
     added = np.sqrt(np.diagonal(memory.P)[4:6])  # of the motor velocities
-    inertia, weights = AdaptiveObserverPolicy().arm.motor_inertia[1], AdaptiveObserverPolicy().weights
+    inertia, weights = POLICY.arm.motor_inertia[1], POLICY.weights
     np.testing.assert_allclose(added, [0.0, 1e-3 * weights.torque_doubt * 0.25 * SETTINGS.limit[1] / inertia])

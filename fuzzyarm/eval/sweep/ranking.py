@@ -1,0 +1,203 @@
+"""Policies ranked over random plants, from the files of sweeps, the best first.
+
+The score of a policy is the largest of the cases' 99 % quantiles of the largest tip error over the plants [mm]: what a
+user has to allow for who knows neither the plant nor which load comes next. Its interval reaches from the largest of
+the lower ends of the quantiles' intervals of 95 % (`summary`) to the largest of the upper ends. Smaller is better. A
+policy that ends more than one in a hundred episodes of a case early has no score and ranks after all that have one, by
+the share of such episodes.
+
+Only comparable files are ranked together: the same cases, distribution of plants, arm and version of fuzzyarm. Their
+plants may be others and of another number, which the intervals account for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fuzzyarm.common.checks import listed, real, whole
+from fuzzyarm.common.documents import DocumentError, check_schema, read_json
+from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.eval.evaluation.ranking import Table, ranks_of, shown
+from fuzzyarm.eval.evaluation.statistics import Estimate
+from fuzzyarm.eval.sweep.run import SUMMARY
+from fuzzyarm.eval.sweep.store import SCHEMA
+
+__all__ = ["LEVEL", "PlantBoard", "PlantStanding", "is_sweep", "rank_sweeps"]
+
+LEVEL = "0.99"
+"""The quantile over the plants, as a sweep's file names it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PlantStanding:
+    """One policy of one sweep.
+
+    Attributes:
+        policy: its label.
+        source: the file it is from.
+        score: see the module [mm]; None if too many episodes ended early.
+        cases: the 99 % quantile of each case [mm], by its name; None likewise.
+        lost: number of episodes that ended early.
+        plants: number of plants in each case.
+    """
+
+    policy: str
+    source: str
+    score: Estimate | None
+    cases: dict[str, float | None]
+    lost: int
+    plants: int
+
+    @property
+    def order(self) -> tuple[int, float]:
+        """Sort key, the best policy first."""
+        return (1, self.lost / self.plants) if self.score is None else (0, self.score.mean)
+
+
+@dataclasses.dataclass(frozen=True)
+class PlantBoard:
+    """Standings, best first, and the conditions that all of them share, in words."""
+
+    standings: list[PlantStanding]
+    conditions: str
+
+    def table(self) -> Table:
+        """Return the table and its notes."""
+        cases = list(self.standings[0].cases)
+        headings = ["rank", "policy", "score [mm]", *(f"99 % of plants, {case} [mm]" for case in cases)]
+        headings += ["ended early", "plants", "from"]
+        ranks = ranks_of([standing.order for standing in self.standings])
+        cells = [
+            [
+                str(rank),
+                standing.policy,
+                "lost" if standing.score is None else shown(standing.score),
+                *("lost" if value is None else f"{value:#.3g}" for value in standing.cases.values()),
+                f"{standing.lost} of {standing.plants * len(cases)}",
+                str(standing.plants),
+                standing.source,
+            ]
+            for rank, standing in zip(ranks, self.standings, strict=True)
+        ]
+        notes = (
+            "Score: largest of the cases' 99 % quantiles of the largest tip error over the plants, with an interval of "
+            f"95 %. Lost: more than 1 % of a case's episodes ended early; such policies rank last. All: "
+            f"{self.conditions}."
+        )
+        return Table(headings, cells, notes)
+
+
+def is_sweep(path: Path) -> bool:
+    """Return whether a path is the folder of a sweep, or a file that says that it is of one."""
+    if path.is_dir():
+        return (path / SUMMARY).is_file()
+    try:
+        document = read_json(path)
+    except (DocumentError, OSError):
+        return False
+    return isinstance(document, dict) and str(document.get("schema")).startswith(SCHEMA.partition("/")[0])
+
+
+def rank_sweeps(paths: Sequence[str | Path]) -> PlantBoard:
+    """Rank the policies of sweeps: files `SUMMARY` of `fuzzyarm sweep`, or the folders that hold them.
+
+    Raises:
+        ValueError: a file is missing, damaged or given twice, or two files are not comparable; the message names the
+            first difference.
+        OSError: a file cannot be read.
+    """
+    files = [path / SUMMARY if path.is_dir() else path for path in map(Path, paths)]
+    read = [_read(file) for file in files]
+    for number, file in enumerate(files):
+        if any(file.samefile(earlier) for earlier in files[:number]):
+            raise ValueError(f"{file} is given twice; leave one out")
+        for name, value in read[0].conditions.items():
+            other = read[number].conditions[name]
+            if other != value:
+                raise ValueError(
+                    f"{files[0]} and {file} are not comparable: {name} is {listed([value])} in the first and "
+                    f"{listed([other])} in the second; sweep anew under the same conditions"
+                )
+    standings = [standing for one in read for standing in one.standings]
+    return PlantBoard(sorted(standings, key=lambda standing: standing.order), read[0].words)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Read:
+    standings: list[PlantStanding]
+    conditions: dict[str, Any]
+    words: str
+
+
+def _read(file: Path) -> _Read:
+    again = f"make it anew with fuzzyarm sweep --out {file.parent}"
+    if not file.is_file():
+        raise ValueError(f"{file} is not there; {again}")
+    try:
+        document = read_json(file)
+    except DocumentError as error:
+        raise ValueError(f"{error}; {again}") from None
+    try:
+        check_schema(document, SCHEMA)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}; {again}") from None
+    try:
+        return _from_document(file, document)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{file} is damaged ({problem}); {again}") from None
+
+
+def _from_document(file: Path, document: dict[str, Any]) -> _Read:
+    config, method, rows = document["config"], document["method"], document["rows"]
+    plants, cases = whole("plants", method["plants"], low=1), list(config["cases"])
+    for case in cases:
+        find_case(case)
+    policies = list(dict.fromkeys(row["policy"] for row in rows))
+    if not rows or [(row["policy"], row["case"]) for row in rows] != [(p, c) for p in policies for c in cases]:
+        raise ValueError("its rows are not one for each policy in each case")
+    standings = []
+    for policy in map(str, policies):
+        own = [row for row in rows if row["policy"] == policy]
+        found = {row["case"]: _estimate(row["max_mm"][LEVEL]) for row in own}
+        lost = sum(whole("ended_early", row["ended_early"], low=0, high=plants) for row in own)
+        quantiles = {case: estimate.mean if estimate else None for case, estimate in found.items()}
+        standings.append(PlantStanding(policy, str(file), _largest(list(found.values())), quantiles, lost, plants))
+    conditions = {
+        "version of fuzzyarm": document["versions"]["fuzzyarm"],
+        "cases": cases,
+        "distribution": method["distribution"],
+        "grid": config["grid"],
+        "arm": config["parameters"],
+        "robot": config["robot"],
+    }
+    robot = "the two-joint arm" if config["robot"] is None else str(config["robot"]["name"])
+    words = (
+        f"fuzzyarm {conditions['version of fuzzyarm']}, {robot}, plants of the distribution {config['distribution']}"
+    )
+    return _Read(standings, conditions, words)
+
+
+def _estimate(given: dict[str, Any]) -> Estimate | None:
+    """Return a quantile [mm] of a file with its interval; None for one larger than any bound."""
+    if given["value"] is None:
+        return None
+    low, high = (None if given[end] is None else real(end, given[end], "mm", low=0.0) for end in ("low", "high"))
+    if high is None and low is not None:
+        high = math.inf
+    return Estimate(real("value", given["value"], "mm", low=0.0), low, high)
+
+
+def _largest(found: Sequence[Estimate | None]) -> Estimate | None:
+    """Return the largest quantile of the cases, with the largest ends of their intervals."""
+    known = [estimate for estimate in found if estimate is not None]
+    if len(known) < len(found):
+        return None
+    low = [estimate.low for estimate in known if estimate.low is not None]
+    high = [estimate.high for estimate in known if estimate.high is not None]
+    largest = max(estimate.mean for estimate in known)
+    return Estimate(largest, max(low), max(high)) if low and high else Estimate(largest, None, None)

@@ -1,0 +1,174 @@
+"""The torque of the adaptive observer for its estimate z: target, feedforward and regulator; see `policy`."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+from numba.extending import register_jitable
+
+from fuzzyarm.envs.physics.elementwise import select
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, dry_friction
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, LONGEST_LATENESS, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+
+__all__ = ["act_of", "mean_torque"]
+
+
+@functools.cache
+def act_of(physics: Physics) -> Any:
+    """Return the compiled ``act(m, s, room, known, torque)``; `known` (`KEPT` + 1, axes) as `law_of` has it.
+
+    It fills the torque (n,) [N m] for z, not clipped, and what of it the next step needs.
+    """
+    desire, command = _desire_of(physics), _command_of(physics)
+
+    @register_jitable
+    def act(m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray) -> None:
+        desire(m, s, room, known)
+        command(m, s, room, torque)
+
+    return act
+
+
+@functools.cache
+def _desire_of(physics: Physics) -> Any:
+    """Return what fills the numbers of p, the directions of travel, their force lines, and τ_d of the references."""
+    _, link_torque, tip_direction, _ = arm_functions(physics)
+
+    @register_jitable
+    def desire(m: Memory, s: Settings, room: Room, known: np.ndarray) -> None:
+        joints, axes, period = len(m.noise), known.shape[1], s.substep * s.substeps
+        p = m.z[4 * joints :]
+        numbers_at(p, s.guess, s.base, s.slopes, room.numbers)
+        force, next_q, next_dq = room.column[:axes], room.joints[0], room.joints[1]
+        for k in range(KEPT):
+            q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
+            tip_direction(q, dq, room.numbers, room.travel[k])
+            for i in range(axes):
+                force[i] = known[k, i] + p[0] * room.travel[k, i] + p[1 + i]
+            link_torque(q, dq, ddq, force, room.numbers, room.link_torque[k])
+        for j in range(joints):
+            dq, ddq = m.references[0, 1, j], m.references[0, 2, j]
+            next_q[j] = m.references[0, 0, j] + period * (dq + 0.5 * period * ddq)
+            next_dq[j] = dq + period * ddq
+        tip_direction(next_q, next_dq, room.numbers, room.travel[KEPT])
+        for i in range(axes):
+            now, then = room.travel[0, i], room.travel[KEPT, i]
+            room.directions[i, 0], room.directions[axes + i, 0] = 0.5 * (now + then), then - now
+            room.line[i], room.line[axes + i] = 0.5 * (known[0, i] + known[KEPT, i]), known[KEPT, i] - known[0, i]
+
+    return desire
+
+
+@functools.cache
+def _command_of(physics: Physics) -> Any:
+    """Return what fills the torque that the motors shall apply when it reaches them."""
+    advance, drive = _advance_of(physics), arm_functions(physics).drive
+
+    @register_jitable
+    def command(m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
+        joints, period = len(m.noise), s.substep * s.substeps
+        p = m.z[4 * joints :]
+        lateness = p[len(p) - 1]
+        later, error = lateness * period, room.error
+        advance(m, s, room, lateness)
+        state = room.one[0]
+        for j in range(joints):
+            q, dq, ddq = m.references[0, 0, j], m.references[0, 1, j], m.references[0, 2, j]
+            motor = drive(room.numbers, j)
+            theta, dtheta, ddtheta, smooth = _target(m, room, period, 0, j, motor)
+            before = _target(m, room, period, 1, j, motor)[3]
+            middle = dtheta + (0.5 * period + later) * ddtheta
+            torque[j] = smooth + (0.5 + lateness) * (smooth - before) + dry_friction(middle, motor)
+            torque[j] -= p[len(p) - 1 - joints + j]
+            error[j] = state[j, 0] - (theta + later * (dtheta + 0.5 * later * ddtheta))
+            error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
+            error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
+            error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
+        payload, angles = p[len(s.reopening)] / s.mass, m.references[0, 0]
+        feedback_at(s.feedback, s.kept, s.cosine, s.points, angles, payload, room.index, room.weight, room.gain)
+        for k in range(LONGEST_LATENESS + 1, 0, -1):
+            m.commands[k] = m.commands[k - 1]
+        for j in range(joints):
+            for i in range(len(error)):
+                torque[j] -= room.gain[j, i] * error[i]
+            m.commands[0, j] = min(max(torque[j], -s.limit[j]), s.limit[j])
+
+    return command
+
+
+@register_jitable
+def _target(
+    m: Memory, room: Room, period: float, back: int, joint: int, drive: Any
+) -> tuple[float, float, float, float]:
+    """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction, `back` samples ago with today's p; see `elastic_target`."""
+    now, last = room.link_torque[back, joint], room.link_torque[back + 1, joint]
+    second, third = room.link_torque[back + 2, joint], room.link_torque[back + 3, joint]
+    rate = (11.0 * now - 18.0 * last + 9.0 * second - 2.0 * third) / (6.0 * period)
+    curvature = (2.0 * now - 5.0 * last + 4.0 * second - third) / (period * period)
+    b = drive.damping / drive.stiffness
+    q, dq, ddq = m.references[back, 0, joint], m.references[back, 1, joint], m.references[back, 2, joint]
+    velocity, acceleration = dq + (rate - b * curvature) / drive.stiffness, ddq + curvature / drive.stiffness
+    angle = q + (now - b * (rate - b * curvature)) / drive.stiffness
+    smooth = drive.motor_inertia * acceleration + drive.viscous_friction * velocity + now
+    return angle, velocity, acceleration, smooth
+
+
+@functools.cache
+def _advance_of(physics: Physics) -> Any:
+    """Return what fills the first of `one` of the room with x when the next command acts.
+
+    That is x under the commands on their way.
+    """
+    hold = arm_functions(physics).hold
+
+    @register_jitable
+    def advance(m: Memory, s: Settings, room: Room, lateness: float) -> None:
+        state, torque, line, numbers = room.one
+        joints, offset = len(torque), len(m.z) - 1 - len(torque)
+        state[:, 0], numbers[:, 0] = m.z[: len(state)], room.numbers
+        for i in range(len(line)):
+            line[i, 0] = room.line[i]
+            for j in range(len(s.reopening)):
+                line[i, 0] += room.directions[i, j] * m.z[len(state) + j]
+        whole = int(lateness)
+        rest = lateness - whole
+        for step in range(LONGEST_LATENESS):
+            if step < whole:
+                for j in range(joints):
+                    sent = (1.0 - rest) * _sent(m.commands, whole - step - 1, j)
+                    sent += rest * _sent(m.commands, whole - step, j)
+                    torque[j, 0] = sent + m.z[offset + j]
+                hold(state, torque, line, numbers, s.substep, s.substeps)
+        if rest > 0.0:
+            torque[:, 0] = m.commands[0] + m.z[offset : len(m.z) - 1]
+            hold(state, torque, line, numbers, rest * s.substep, s.substeps)
+
+    return advance
+
+
+@register_jitable
+def mean_torque(commands: np.ndarray, lateness: float, joint: int) -> float:
+    """Return the mean torque [N m] of a joint over the coming period if commands act `lateness` periods late.
+
+    `commands` (`LONGEST_LATENESS` + 2, n) [N m], newest first.
+    """
+    whole = int(lateness)
+    rest = lateness - whole
+    torque: float = (1.0 - rest) * _sent(commands, whole, joint) + rest * _sent(commands, whole + 1, joint)
+    return torque
+
+
+@register_jitable
+def _sent(commands: np.ndarray, place: int, joint: int) -> float:
+    """Return the torque [N m] at a place of the commands, without an index that depends on data."""
+    torque: float = commands[0, joint]
+    for k in range(1, len(commands)):
+        torque = select(place == k, commands[k, joint], torque)
+    return torque

@@ -1,0 +1,75 @@
+"""The networks of PPO with a value function that sees more than the policy, and smooth actions in the loss."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import MlpExtractor
+
+__all__ = ["NOISE", "GuidedPolicy"]
+
+NOISE = 0.05
+"""Standard deviation of the noise on normalised features that actions should hardly depend on."""
+
+
+class GuidedPolicy(ActorCriticPolicy):
+    """The networks of `stable_baselines3.PPO`, with three changes.
+
+    The policy sees all features but the last `unseen`, the value function all. With `silent` the last layer of the
+    policy begins with zeros: the mean action is 0 at first. With a `smoothness` λ, what PPO takes for the entropy is
+    -λ |μ(f) - μ(f + NOISE n)|² with the mean action μ and standard normal n (conditioning for action policy
+    smoothness, Mysore et al., 2021); with a coefficient of the entropy of 1 the loss gains its negative mean.
+    """
+
+    def __init__(
+        self, *arguments: Any, unseen: int = 0, silent: bool = False, smoothness: float = 0.0, **others: Any
+    ) -> None:
+        """Make the networks; the other arguments are those of stable-baselines3.
+
+        Args:
+            *arguments: spaces and learning rate.
+            unseen: number of features that only the value function sees.
+            silent: whether the mean action is 0 at first.
+            smoothness: λ.
+            **others: settings of the networks.
+        """
+        self._unseen, self._smoothness = unseen, smoothness
+        super().__init__(*arguments, **others)
+        if silent:
+            with torch.no_grad():
+                self.action_net.weight.zero_()
+                self.action_net.bias.zero_()
+
+    def evaluate_actions(
+        self, obs: Any, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        """Return values (batch, 1), log-probabilities (batch,) and what PPO takes for the entropy (batch,)."""
+        values, log_prob, entropy = super().evaluate_actions(obs, actions)
+        if self._smoothness > 0.0:
+            apart = self._mean(obs + NOISE * torch.randn_like(obs)) - self._mean(obs)
+            entropy = -self._smoothness * (apart * apart).sum(dim=1)
+        return values, log_prob, entropy
+
+    def _mean(self, obs: torch.Tensor) -> torch.Tensor:
+        """Return the mean actions (batch, n) for normalised features (batch, size)."""
+        mean: torch.Tensor = self.action_net(self.mlp_extractor.forward_actor(obs))
+        return mean
+
+    def _build_mlp_extractor(self) -> None:
+        self.mlp_extractor = _TwoSights(self.features_dim, self._unseen, self.net_arch, self.activation_fn)
+
+
+class _TwoSights(MlpExtractor):
+    """The hidden layers, those of the policy without the last features."""
+
+    def __init__(self, size: int, unseen: int, widths: Any, activation: Any) -> None:
+        super().__init__(size, widths, activation, "cpu")
+        self._seen = size - unseen
+        if unseen:
+            self.policy_net = MlpExtractor(self._seen, widths, activation, "cpu").policy_net
+
+    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
+        latent: torch.Tensor = super().forward_actor(features[:, : self._seen])
+        return latent

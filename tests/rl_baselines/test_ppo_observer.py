@@ -1,0 +1,94 @@
+"""PPO beside the observer: a start from zero, a value function that sees the plant, smooth actions, exact resume."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
+from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
+from fuzzyarm.rl_baselines.case_evaluation import evaluate_cases  # noqa: E402
+from fuzzyarm.rl_baselines.ppo_policy import NOISE  # noqa: E402
+from fuzzyarm.rl_baselines.training import Training  # noqa: E402
+
+SMALL = dataclasses.replace(
+    PRESETS["observer"],
+    total_timesteps=96,
+    lanes=3,
+    n_steps=8,
+    batch_size=12,
+    n_epochs=2,
+    references=3,
+    circles=1,
+    hidden=(8,),
+    evaluation_interval=96,
+    checkpoint_interval=24,
+    tensorboard=False,
+)
+
+
+class Stopped(Exception):
+    pass
+
+
+def stop(row):
+    if row["steps"] >= 48:
+        raise Stopped
+
+
+@pytest.mark.slow
+def test_it_resumes_to_the_bit_and_ships_only_what_sensors_tell(tmp_path):
+    whole = Training(SMALL, tmp_path / "whole")
+    whole.run()
+    with pytest.raises(Stopped):
+        Training(SMALL, tmp_path / "stopped", stop).run()
+    Training.resume(tmp_path / "stopped").run()
+    for name in ("curve.csv", "policy/policy.json", "policy/weights.safetensors"):
+        assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    network, model = PolicyBundle.load(tmp_path / "whole" / "policy").network, whole.algorithm
+    seen = SMALL.features.size
+    assert network.sizes[0] == seen < model.model.observation_space.shape[0]
+    features = 3.0 * np.random.default_rng(0).normal(size=(20, model.model.observation_space.shape[0]))
+    action = np.empty((20, 2))
+    network.act(np.ascontiguousarray(features[:, :seen]), action)
+    expected, _ = model.model.predict(model.normaliser.normalize_obs(features), deterministic=True)
+    np.testing.assert_allclose(action, expected, atol=2e-6)
+    assert np.abs(action).max() > 0.0
+
+
+@pytest.mark.slow
+def test_it_begins_with_the_observer_itself_and_the_critic_alone_sees_the_plant(tmp_path):
+    training = Training(SMALL, tmp_path)
+    found = evaluate_cases(training._shipped_policy())
+    assert (found["nominal_rms_mm"] < 1e-3) and found["machining_rms_mm"] == pytest.approx(2.0, abs=0.01)
+    policy, size = training.algorithm.model.policy, training.algorithm.model.observation_space.shape[0]
+    with torch.no_grad():
+        policy.action_net.weight.normal_()
+    one = torch.randn(5, size)
+    other = one.clone()
+    other[:, SMALL.features.size :] += 1.0
+    assert torch.equal(policy._mean(one), policy._mean(other))
+    assert not torch.equal(policy.predict_values(one), policy.predict_values(other))
+
+
+@pytest.mark.slow
+def test_smoothness_lowers_how_much_actions_change_with_small_noise(tmp_path):
+    def slope(smoothness):
+        config = dataclasses.replace(SMALL, smoothness=smoothness, total_timesteps=960, gate=0.1, learning_rate=0.01)
+        training = Training(config, tmp_path / f"{smoothness}")
+        training.run()
+        policy = training.algorithm.model.policy
+        torch.manual_seed(0)
+        features = torch.randn(400, training.algorithm.model.observation_space.shape[0])
+        with torch.no_grad():
+            apart = policy._mean(features + NOISE * torch.randn_like(features)) - policy._mean(features)
+        return float((apart**2).mean())
+
+    assert slope(1e5) < 0.5 * slope(0.0)
+
+
+def test_a_smoothness_and_an_entropy_exclude_each_other():
+    with pytest.raises(ValueError, match=r"smoothness = 1.0 and ent_coef = 0.1: one of them must be 0"):
+        PPOConfig(smoothness=1.0, ent_coef=0.1)
