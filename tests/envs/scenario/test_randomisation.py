@@ -444,7 +444,7 @@ def test_a_case_given_for_one_episode_keeps_the_drawn_reference():
     env.reset(seed=1, options={"case": "payload"})
     other.reset(seed=1)
     assert env.reference is other.reference
-    c4, expected = (e._lanes.values[8 + 3, 0] for e in (env, other))
+    c4, expected = (e._lanes.values[0, 8 + 3, 0] for e in (env, other))
     assert c4 - expected == pytest.approx(5.0 * 9.81 * 0.5, rel=1e-12)
 
 
