@@ -350,7 +350,7 @@ def test_the_arm_of_each_lane_is_the_one_with_the_fields_it_drew(own):
         expected = np.array(arm_constants(arm, Payload(at_tip)))
         if own.at == "link":
             expected += np.array(arm_constants(arm, own)) - np.array(arm_constants(arm))
-        np.testing.assert_allclose(lanes.values[8:28, lane], expected, rtol=1e-14)
+        np.testing.assert_allclose(lanes.numbers(slice(8, 28))[:, lane], expected, rtol=1e-14)
 
 
 def test_the_drawn_force_scales_that_of_the_case():
