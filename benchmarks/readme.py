@@ -39,7 +39,7 @@ from readme_design import (
     tip_bound_table,
     tip_gamma_table,
 )
-from readme_estimate import estimate_tables
+from readme_estimate import estimate_front, estimate_tables
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table, observer_tables
 from readme_markdown import made_with
@@ -105,7 +105,8 @@ SCRIPTS: dict[str, list[str]] = {
 """Benchmarks that write their result with ``--json``, and their other options."""
 WRITTEN_OTHERWISE = (
     *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
-    *("learned_observer", "plant_gradients", "dataset_scores", "ppo_observer"),  # of trainings, which are run by hand
+    # of trainings, which are run by hand
+    *("learned_observer", "estimate_front", "plant_gradients", "dataset_scores", "ppo_observer"),
 )
 """Results that commands write, or benchmarks with options of their own."""
 
@@ -202,6 +203,7 @@ def sections() -> dict[str, str]:
         "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
+        "estimate-front": estimate_front(stored["estimate_front"]),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
         "ppo-observer": observer_tables(stored["ppo_observer"]),
         "dataset-scores": dataset_table(stored["dataset_scores"]),

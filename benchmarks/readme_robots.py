@@ -45,9 +45,10 @@ def robot_speed_table(document: dict[str, Any]) -> str:
         (f"`{row['robot']}`", str(row["joints"]), f"{row['ns']:.0f}", f"{row['mujoco_ns']:.0f}", f"{row['ratio']:.0f}")
         for row in document["rows"]
     ]
+    compared = ", ".join(f"{name} {row['ratio']:.2f}" for name, row in document["generated_over_hand_written"].items())
     note = (
-        f"Equations of two joints written by hand: {document['hand_written_ns']:.0f} ns. One thread; "
-        f"`{document['command']}`; {made_with(document)}"
+        f"Equations of two joints written by hand: {document['hand_written_ns']:.0f} ns; time of the generated ones "
+        f"over theirs: {compared}. One thread; `{document['command']}`; {made_with(document)}"
     )
     return f"{table(headings, rows)}\n\n{note}"
 
@@ -92,6 +93,7 @@ def _tradeoff(rows: list[dict[str, Any]]) -> str:
         "α [1/s]",
         "fastest pole [1/s]",
         "γ [rad/(N m)]",
+        "γ at the first α and pole",
         "k_p [1/s²]",
         "k_d [1/s]",
         "radius, elastic",
@@ -107,6 +109,7 @@ def _tradeoff(rows: list[dict[str, Any]]) -> str:
             f"{row['alpha']:g}",
             f"{row['fastest_pole']:.0f}",
             f"{row['gamma']:.2g}",
+            _number(row.get("gamma_at_first_pole"), "{:.2g}"),
             f"{row['k_p']:.3g}",
             f"{row['k_d']:.3g}",
             _number(row["spectral_radius"]["nominal"], "{:.4f}"),

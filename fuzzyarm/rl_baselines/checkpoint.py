@@ -1,6 +1,6 @@
 """The checkpoint of a training: one file, replaced as a whole, so that a complete one is always there.
 
-The file is a line, ``fuzzyarm-checkpoint/2 SHA256``, followed by what `torch.save` makes of tensors, numbers and text.
+The file is a line, ``fuzzyarm-checkpoint/3 SHA256``, followed by what `torch.save` makes of tensors, numbers and text.
 It is read with ``weights_only=True``: no code in it is run. `check_like` compares what it holds with what a new
 training of the same configuration holds, before any of it is used.
 """
@@ -37,7 +37,7 @@ __all__ = [
     "write_checkpoint",
 ]
 
-_SCHEMA = b"fuzzyarm-checkpoint/2"
+_SCHEMA = b"fuzzyarm-checkpoint/3"
 _LARGEST = 2**30  # bytes
 _LARGEST_INDEX = 2**26  # bytes of all but the tensors
 _LARGEST_NUMBER = 1e100  # whose square is a number

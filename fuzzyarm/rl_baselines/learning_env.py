@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +12,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
+from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.batch.saved_state import checked_arrays
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, robot_of
@@ -26,6 +28,7 @@ from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.features import Features
 from fuzzyarm.learned_policy.guided import guided, seen_by
 from fuzzyarm.policies import load_policy
+from fuzzyarm.rl_baselines.checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.plant_view import plant_view
 from fuzzyarm.rl_baselines.sb3_vec_env import StableBaselinesVecEnv
@@ -35,6 +38,7 @@ __all__ = [
     "arm_definition",
     "arm_of",
     "base_of",
+    "check_arm",
     "default_scale",
     "learning_envs",
     "sharpened_reward",
@@ -86,6 +90,15 @@ def arm_definition(arm: AnyArm) -> ArmDefinition | None:
     """Return what a bundle says of the arm; None for the arm of Table 1."""
     robot = robot_of(arm)
     return None if arm == ArmParameters() else ArmDefinition(robot.name, robot.digest)
+
+
+def check_arm(digest: str, config: TrainingConfig, folder: Path) -> None:
+    """Raise CheckpointError if a configuration's robot is not the one whose digest the checkpoint of a folder holds."""
+    if robot_of(chosen_arm(config.robot, None)).digest != digest:
+        raise CheckpointError(
+            f"{folder} holds a training of another arm than {shown(config.robot)} is now: bring its file back as it "
+            "was, or start anew in another folder"
+        )
 
 
 def default_scale(arm: AnyArm, base: bool) -> tuple[float, ...]:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm.common.files import csv_text, write_atomically
+from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.policy import LearnedPolicy
@@ -36,7 +37,7 @@ from fuzzyarm.rl_baselines.checkpoint import (
     write_checkpoint,
 )
 from fuzzyarm.rl_baselines.config import TrainingConfig
-from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, learning_envs
+from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, base_of, check_arm, learning_envs
 
 __all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
 
@@ -104,7 +105,7 @@ class Training:
             algorithm: name of the algorithm that it must be of; None: any.
 
         Raises:
-            CheckpointError: there is no checkpoint, it is damaged, of another algorithm, or it does not fit.
+            CheckpointError: there is no checkpoint, it is damaged, of another algorithm or arm, or it does not fit.
             ValueError: more steps than `total_timesteps` are done already.
         """
         found = read_checkpoint(folder / CHECKPOINT)
@@ -124,9 +125,12 @@ class Training:
                     "give a larger number, or start another training"
                 )
         try:
+            check_arm(found["arm"], config, folder)
             training = cls(config, folder, report)
             training.rows, training.best, training._earlier = progress_in(found)
             learner, envs, generators = found["learner"], found["envs"], found["generators"]
+        except CheckpointError:
+            raise
         except (KeyError, MemoryError, OverflowError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(f"{folder / CHECKPOINT} is of another version: {_short(error)}; start anew") from None
         try:
@@ -242,6 +246,7 @@ class Training:
         content = {
             "algorithm": self._spec.name,
             "config": self.config.to_dict(),
+            "arm": robot_of(self.arm).digest,
             "steps": self.algorithm.steps,
             "rows": self.rows,
             "best": self.best,

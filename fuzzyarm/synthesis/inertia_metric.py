@@ -20,13 +20,15 @@ from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
 from fuzzyarm.fuzzy_policy.scheduled import Premise, rule_weights
 from fuzzyarm.synthesis.extremes import smallest_value
 from fuzzyarm.synthesis.inertia_samples import InertiaSamples
-from fuzzyarm.synthesis.metric_search import MetricSearch, relative
+from fuzzyarm.synthesis.metric_search import ROUNDS, MetricSearch, relative
 from fuzzyarm.synthesis.scalar_design import smallest_pole
 
 __all__ = ["Metric", "fitted_metric", "ranked_premises", "split_of"]
 
 UNSPLIT = 4  # joints of a robot whose chain needs no split
 FAR = 3  # most angles beyond the split
+SCREENED, FINALISTS = 2, 4  # rounds for all candidates, and the number of them that are searched to the end
+BLENDS = 11  # schedules tried between one with fewer premises and the one with the smallest κ
 STEP = 1e-5  # rad, of central differences
 SLACK = 1e-3  # of D_low and D_high, in units of the mean of D
 
@@ -69,22 +71,26 @@ def split_of(robot: Robot, premises: Sequence[Premise]) -> int:
     return max([min(n - 2, UNSPLIT), n - FAR, *(premise.joint + 1 for premise in premises)])
 
 
-def fitted_metric(robot: Robot, premises: tuple[Premise, ...], split: int, *, count: int, seed: int = 0) -> Metric:
-    """Return the metric with the smallest κ found.
+def fitted_metric(
+    robot: Robot, premises: tuple[Premise, ...], split: int, *, alpha: float, count: int, seed: int = 0
+) -> Metric:
+    """Return the metric found, whose κ and (3κ - 2)(α + μ) are no larger than with fewer of the premises.
 
     Args:
         robot: the robot.
-        premises: the kept ones.
+        premises: the kept ones, added in their order.
         split: a.
+        alpha: α [1/s].
         count: samples.
         seed: of the samples.
     """
     samples = InertiaSamples.of(robot, split, count, seed)
     search = MetricSearch(samples)
     search.run()
-    if premises:
-        search.schedule(rule_weights(premises, samples.q))
-        search.run()
+    for number in range(1, len(premises) + 1):
+        search, _ = _with_premise(search, robot, premises[:number], alpha)
+        search.fix_distal()  # they are fitted to the first premise, which changes most
+    search.raise_floor([_slopes(premises, k, samples.q) for k in range(len(premises))])
     inertia, low, high, unit = search.found()
     ranges = widened(np.array([joint.angle_range for joint in robot.joints]))
     near, n = ranges[1:split], len(robot)
@@ -118,27 +124,50 @@ def ranked_premises(
         count: samples.
         seed: of the samples.
     """
-    n, samples = len(robot), InertiaSamples.of(robot, len(robot), count, seed)
-    constant = MetricSearch(samples)
-    constant.run()
-    ranked = []
-    for candidate in candidates:
-        premises, search = (*kept, candidate), constant.copy()
-        weights = rule_weights(premises, samples.q)
-        search.schedule(weights)
-        search.run()
-        inertia, *_ = search.found()
-        hat = np.tensordot(weights, inertia, axes=1)
-        shares = relative(samples.inertia(), hat)
-        kappa = float(shares[:, -1].max() / shares[:, 0].min())
-        rate = 0.0
-        for premise in premises:
-            step = STEP * np.eye(n)[premise.joint]
-            change = rule_weights(premises, samples.q + step) - rule_weights(premises, samples.q - step)
-            slope = relative(np.tensordot(change / (2.0 * STEP), inertia, axes=1), hat)
-            rate += 0.5 * float(np.abs(slope).max()) * robot.joints[premise.joint].velocity_limit
-        ranked.append((smallest_pole(kappa, alpha + rate), candidate))
-    return sorted(ranked, key=lambda entry: entry[0])
+    search = MetricSearch(InertiaSamples.of(robot, len(robot), count, seed))
+    search.run()
+    for number in range(1, len(kept) + 1):
+        search, _ = _with_premise(search, robot, kept[:number], alpha)
+
+    def ranked(among: Sequence[Premise], rounds: int) -> list[tuple[float, Premise]]:
+        poles = [_with_premise(search, robot, (*kept, candidate), alpha, rounds)[1] for candidate in among]
+        return sorted(zip(poles, among, strict=True), key=lambda entry: entry[0])
+
+    first = ranked(candidates, SCREENED)
+    return [*ranked([candidate for _, candidate in first[:FINALISTS]], ROUNDS), *first[FINALISTS:]]
+
+
+def _with_premise(
+    search: MetricSearch, robot: Robot, premises: tuple[Premise, ...], alpha: float, rounds: int = ROUNDS
+) -> tuple[MetricSearch, float]:
+    """Return a search with one more premise, the last one, and its (3κ - 2)(α + μ) [1/s] at samples.
+
+    The smallest κ may cost a large μ. On the line to it from the M̂ of before, κ rises nowhere above that of before;
+    the M̂ with the smallest product is taken, and it is no larger than before either.
+    """
+    q = search.samples.q
+    before = search.copy()
+    before.schedule(rule_weights(premises, q))
+    after = before.copy()
+    after.run(rounds)
+    slopes = [_slopes(premises, k, q) for k in range(len(premises))]
+    speeds = [robot.joints[premise.joint].velocity_limit for premise in premises]
+
+    def pole(found: MetricSearch) -> float:
+        rates = [found.rate(slope) for slope in slopes]
+        return smallest_pole(found.kappa, alpha + float(np.dot(rates, speeds)))
+
+    tried = [before.blended(after, share) for share in np.linspace(0.0, 1.0, BLENDS).tolist()]
+    poles = [pole(found) for found in tried]
+    best = int(np.argmin(poles))
+    return tried[best], poles[best]
+
+
+def _slopes(premises: tuple[Premise, ...], k: int, q: np.ndarray) -> np.ndarray:
+    """Return ∂h/∂q (B, 2^premises) [1/rad] by the angle of premise k at angles (B, n) [rad], by central differences."""
+    step = STEP * np.eye(q.shape[-1])[premises[k].joint]
+    change = rule_weights(premises, q + step) - rule_weights(premises, q - step)
+    return np.asarray(change / (2.0 * STEP))
 
 
 def _rate(scheduled: TrigMatrix, premise: Premise, ranges: np.ndarray) -> float:

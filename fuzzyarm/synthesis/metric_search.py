@@ -18,14 +18,17 @@ import numpy as np
 from fuzzyarm.synthesis.inertia_samples import InertiaSamples
 from fuzzyarm.synthesis.semidefinite_program import Family, minimise, symmetric_units
 
-__all__ = ["MetricSearch", "relative"]
+__all__ = ["ROUNDS", "MetricSearch", "relative"]
+
+ROUNDS = 20
+"""Programs that are solved for one schedule at most."""
 
 FIRST = 24  # samples to begin with
 ADDED = 5  # of each constraint and round
-ROUNDS = 14
+FLOOR_ROUNDS, FLOOR_COST = 4, 2e-3  # and the share by which κ and the rates may rise for a larger floor
+SHARES = (1.0, 0.6, 0.3, 0.1)  # of the way from the best M̂ so far to an answer of the program
 ACTIVE = 0.02  # smallest eigenvalue of a constraint in scaled coordinates that keeps its sample in the program
-CLOSE = 2e-3  # violation of the samples outside of the program, relative, at which the search ends
-FIRST_KAPPA = 50.0
+CLOSE = 2e-3  # what κ might still fall by, relative, at which the search ends
 
 
 def relative(matrices: np.ndarray, to: np.ndarray) -> np.ndarray:
@@ -51,7 +54,7 @@ class MetricSearch:
         self.units, self.distal_units = symmetric_units(self.size), symmetric_units(self.distal)
         self.inertia = 0.1 * np.eye(self.size)[np.newaxis]
         self.low, self.high = np.zeros((self.distal, self.distal)), 10.0 * np.eye(self.distal)
-        self.kappa = FIRST_KAPPA
+        self.kappa = np.inf
         self.near, self.far = set(range(FIRST)), set(range(FIRST)) if self.distal else set()
 
     def copy(self) -> MetricSearch:
@@ -61,28 +64,79 @@ class MetricSearch:
         return other
 
     def schedule(self, weights: np.ndarray) -> None:
-        """Go on with rules of weights (B, N) from the constant inertia found before; D_low and D_high are settled."""
-        self.weights, self.inertia, self.far = weights, np.repeat(self.inertia, weights.shape[1], axis=0), set()
-        if self.distal:
-            self._settle()
+        """Go on with one more premise: rules of weights (B, N), each with the inertia that it had without."""
+        copies = weights.shape[1] // len(self.inertia)
+        self.weights, self.inertia = weights, np.tile(self.inertia, (copies, 1, 1))
 
-    def run(self) -> None:
-        """Iterate until the samples outside of the program are hardly violated."""
-        best = np.inf
-        for _ in range(ROUNDS):
-            self._step(sorted(self.near), sorted(self.far))
-            gaps, distal_gaps = self._gaps()
-            kappa = self._kappa()
-            violated = min([gap.min() for gap in distal_gaps], default=0.0) < -CLOSE
-            if kappa < np.inf and not violated and kappa > best * (1.0 - CLOSE):
+    def fix_distal(self) -> None:
+        """Leave D_low and D_high what they are from now on, which makes the programs small."""
+        self.far = set()
+
+    def run(self, rounds: int = ROUNDS) -> None:
+        """Iterate until the samples in the program allow no smaller κ; what is found holds for all samples.
+
+        The M̂, D_low and D_high that reach a κ are a convex set. Where an answer of the program violates the samples
+        outside of it, a point between it and the best one so far may not. So κ never rises, and more rules have none
+        that is larger than that of the fewer rules a search goes on from.
+        """
+        self._settle()
+        self.kappa, best = self._kappa(), self._proposal()
+        self._add_violated()
+        for _ in range(rounds):
+            gain = self._step(sorted(self.near), sorted(self.far))
+            answer, start = self._proposal(), best
+            self._add_violated()
+            for share in SHARES:
+                self.inertia, self.low, self.high = (
+                    share * new + (1.0 - share) * old for new, old in zip(answer, start, strict=True)
+                )
+                self._settle()
+                kappa = self._kappa()
+                if kappa < self.kappa:
+                    self.kappa, best = kappa, self._proposal()
+            self.inertia, self.low, self.high = best
+            self._add_violated()
+            if gain < CLOSE * self.kappa:
                 break
-            if kappa < np.inf:
-                self.kappa = kappa
-                best = best if violated else min(best, kappa)
-            self.near |= {int(k) for gap in gaps for k in np.argsort(gap)[:ADDED]}
-            if self.far:
-                self.far = {k for k in self.far if min(gap[k] for gap in distal_gaps) < ACTIVE}
-                self.far |= {int(k) for gap in distal_gaps for k in np.argsort(gap)[:ADDED]}
+
+    def raise_floor(self, slopes: list[np.ndarray]) -> None:
+        """Raise the smallest eigenvalue of M̂ as far as κ and the rates μ_k allow, κ a little larger than it is.
+
+        Many M̂ have the same κ. The gain γ/σ between Euclidean norms is the smaller, the larger the floor σ.
+
+        Args:
+            slopes: ∂h/∂q_k (B, N) [1/rad] of each kept angle.
+        """
+        largest = (1.0 + FLOOR_COST) * self.kappa
+        rates, best = np.array([self.rate(slope) for slope in slopes]), self.copy()
+        for _ in range(FLOOR_ROUNDS):
+            self._floor_step(sorted(self.near), slopes, (1.0 + FLOOR_COST) * rates, largest)
+            self._add_violated()
+            start = best
+            for share in SHARES:
+                found = start.blended(self, share)
+                within = found.kappa <= largest and all(
+                    found.rate(slope) <= (1.0 + FLOOR_COST) * rate for slope, rate in zip(slopes, rates, strict=True)
+                )
+                if within and found._floors().min() > best._floors().min():
+                    best = found
+            self.near |= {int(k) for k in np.argsort(best._floors())[:ADDED]}
+            self.inertia, self.kappa = best.inertia, best.kappa
+
+    def rate(self, slope: np.ndarray) -> float:
+        """Return μ_k [1/rad]: half the largest eigenvalue of ∂M̂/∂q_k relative to M̂, from ∂h/∂q_k, shape (B, N)."""
+        hat, change = (np.tensordot(weights, self.inertia, axes=1) for weights in (self.weights, slope))
+        return 0.5 * float(np.abs(relative(change, hat)).max())
+
+    def blended(self, end: MetricSearch, share: float) -> MetricSearch:
+        """Return this search with S_r, D_low and D_high moved by a share towards those of another one."""
+        other = self.copy()
+        other.inertia, other.low, other.high = (
+            old + share * (new - old) for new, old in zip(end._proposal(), self._proposal(), strict=True)
+        )
+        other._settle()
+        other.kappa = other._kappa()
+        return other
 
     def found(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return S_r (N, n, n), D_low, D_high and the diagonal matrix of the units of D, in SI units."""
@@ -90,11 +144,27 @@ class MetricSearch:
         unit = np.diag(1.0 / self.distal_row**2)
         return self.inertia / (self.row[:, np.newaxis] * self.row), self.low / distal, self.high / distal, unit
 
+    def _proposal(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.inertia, self.low, self.high
+
     def _settle(self) -> None:
-        """Move D_low and D_high to where all samples allow them."""
-        D, unit = self.samples.distal, np.eye(self.distal)
-        self.low = self.low + min(np.linalg.eigvalsh(D - self.low)[:, 0].min(), 0.0) * unit
-        self.high = self.high - min(np.linalg.eigvalsh(self.high - D)[:, 0].min(), 0.0) * unit
+        """Move D_low and D_high to where all samples allow them, and scale M̂ to where it touches the lower inertia."""
+        if self.distal:
+            D, unit = self.samples.distal, np.eye(self.distal)
+            self.low = self.low + min(np.linalg.eigvalsh(D - self.low)[:, 0].min(), 0.0) * unit
+            self.high = self.high - min(np.linalg.eigvalsh(self.high - D)[:, 0].min(), 0.0) * unit
+        scheduled = np.tensordot(self.weights, self.inertia, axes=1)
+        if np.linalg.eigvalsh(scheduled)[:, 0].min() > 0.0:
+            share = relative(self.samples.inertia(self.low), scheduled)[:, 0].min()
+            self.inertia = max(share, 0.0) * self.inertia
+
+    def _add_violated(self) -> None:
+        """Add the samples to the program that violate its constraints most."""
+        gaps, distal_gaps = self._gaps()
+        self.near |= {int(k) for gap in gaps for k in np.argsort(gap)[:ADDED]}
+        if self.far:
+            self.far = {k for k in self.far if min(gap[k] for gap in distal_gaps) < ACTIVE}
+            self.far |= {int(k) for gap in distal_gaps for k in np.argsort(gap)[:ADDED]}
 
     def _kappa(self) -> float:
         """Return κ of all samples, inf where M̂ or the lower inertia is not positive definite."""
@@ -119,8 +189,41 @@ class MetricSearch:
         D = self.samples.distal
         return gaps, [np.linalg.eigvalsh(D - self.low)[:, 0], np.linalg.eigvalsh(self.high - D)[:, 0]]
 
-    def _step(self, near: list[int], far: list[int]) -> None:
-        """Solve the program of some samples and take its S_r and, if those are not yet fixed, D_low and D_high."""
+    def _floors(self) -> np.ndarray:
+        """Return the smallest eigenvalue of M̂ (B,) in SI units."""
+        scheduled = np.tensordot(self.weights, self.inertia, axes=1) / (self.row[:, np.newaxis] * self.row)
+        return np.asarray(np.linalg.eigvalsh(scheduled)[:, 0])
+
+    def _floor_step(self, near: list[int], slopes: list[np.ndarray], rates: np.ndarray, kappa: float) -> None:
+        """Take the S_r with the largest σ in σ I <= M̂ under which bounds of κ and of the rates hold at some samples."""
+
+        def times(weights: np.ndarray) -> np.ndarray:
+            shape = len(near), len(self.inertia) * len(self.units), self.size, self.size
+            return np.asarray((weights[near][:, :, np.newaxis, np.newaxis, np.newaxis] * self.units).reshape(shape))
+
+        hat = times(self.weights)
+        nothing = np.zeros((len(near), self.size, self.size))
+        none = nothing[:, np.newaxis]
+        lowest, highest = (self.samples.inertia(D)[near] for D in (self.low, self.high))
+        families = [
+            Family(lowest, np.concatenate([-hat, none], axis=1)),
+            Family(-highest, np.concatenate([kappa * hat, none], axis=1)),
+            Family(nothing, np.concatenate([hat, none - np.diag(self.row**2)], axis=1)),
+        ]
+        for slope, rate in zip(slopes, rates.tolist(), strict=True):
+            families += [
+                Family(nothing, np.concatenate([2.0 * rate * hat + sign * times(slope), none], axis=1))
+                for sign in (1.0, -1.0)
+            ]
+        x, _ = minimise(-np.eye(hat.shape[1] + 1)[-1], families)
+        if np.isfinite(x).all():
+            self.inertia = np.tensordot(x[:-1].reshape(-1, len(self.units)), self.units, axes=1)
+
+    def _step(self, near: list[int], far: list[int]) -> float:
+        """Solve the program of some samples and take its S_r and, if those are not yet fixed, D_low and D_high.
+
+        Returns how much smaller κ might get, -t; 0 where the solver has no answer.
+        """
         n, units = self.size, self.units
         distal = self.distal_units if far else self.distal_units[:0]
         columns, others = len(self.inertia) * len(units), len(distal)
@@ -149,8 +252,9 @@ class MetricSearch:
         q[-1] = 1.0
         x, _ = minimise(q, families)
         if not np.isfinite(x).all():
-            return
+            return 0.0
         self.inertia = np.tensordot(x[:columns].reshape(-1, len(units)), units, axes=1)
         if far:
             self.low = np.tensordot(x[columns : columns + others], distal, axes=1)
             self.high = np.tensordot(x[columns + others : -1], distal, axes=1)
+        return -float(x[-1])

@@ -124,7 +124,8 @@ def design_scheduled(
             premises = (*premises, best_premise(robot, premises, specification.alpha or ALPHAS[0]))
     _check_premises(robot, premises)
     progress("bounding the inertia")
-    metric = fitted_metric(robot, premises, split_of(robot, premises), count=SAMPLES)
+    alpha = specification.alpha or ALPHAS[0]
+    metric = fitted_metric(robot, premises, split_of(robot, premises), alpha=alpha, count=SAMPLES)
     searched = time.perf_counter() - begin
     begin = time.perf_counter()
     failed = ""

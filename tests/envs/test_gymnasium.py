@@ -168,6 +168,19 @@ def test_videos_are_recorded(tmp_path):
     assert truncated and video.stat().st_size > 10_000
 
 
+@pytest.mark.slow
+def test_videos_of_a_robot_are_recorded(tmp_path):
+    pytest.importorskip("moviepy")
+    made = gym.make("FuzzyArm-v0", robot="planar-3r", render_mode="rgb_array")
+    env = wrappers.RecordVideo(made, str(tmp_path / "videos"), video_length=30, disable_logger=True)
+    env.reset(seed=0)
+    for _ in range(31):
+        env.step(np.zeros(3))
+    env.close()
+    (video,) = (tmp_path / "videos").glob("*.mp4")
+    assert video.stat().st_size > 10_000
+
+
 # --- registry, checker and seeds ---------------------------------------------------------------------------------
 
 

@@ -17,8 +17,8 @@ from fuzzyarm.cli.show import loaded
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.export.c_files import c_name, export_c
-from fuzzyarm.export.c_program import program_of
+from fuzzyarm.export.c_files import c_name, export_c, sources_of
+from fuzzyarm.export.c_program import MOST_REMEMBERED, program_of
 from fuzzyarm.export.c_text import pruned
 from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
 from fuzzyarm.export.partial import Interpreter
@@ -224,6 +224,13 @@ def test_what_cannot_be_written_says_where():
 
 def unsupported(x):
     return np.arctan(x)
+
+
+def test_a_law_that_remembers_too_much_is_refused_before_it_is_written():
+    law = load_policy("computed-torque")
+    law.memory_size = MOST_REMEMBERED + 1
+    with pytest.raises(ValueError, match=f"it remembers {MOST_REMEMBERED + 1} numbers"):
+        sources_of("large", law, "double")
 
 
 def test_the_program_of_a_law_has_no_step_that_depends_on_nothing():

@@ -127,5 +127,5 @@ def test_what_is_not_registered_is_named():
 
 
 def test_every_module_of_the_folder_is_an_algorithm():
-    modules = {module.name for module in pkgutil.iter_modules(algorithms.__path__)}
+    modules = {module.name.replace("_", "-") for module in pkgutil.iter_modules(algorithms.__path__)}
     assert modules <= set(ALGORITHMS) and "ppo" in modules

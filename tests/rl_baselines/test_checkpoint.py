@@ -52,7 +52,7 @@ def foreign(path):
     buffer = io.BytesIO()
     torch.save({"config": _Foreign()}, buffer)
     data = buffer.getvalue()
-    path.write_bytes(b"fuzzyarm-checkpoint/2 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
+    path.write_bytes(b"fuzzyarm-checkpoint/3 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
 
 
 @pytest.mark.parametrize(

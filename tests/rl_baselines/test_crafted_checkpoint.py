@@ -123,7 +123,7 @@ def test_whatever_stands_anywhere_is_refused_or_taken(content, tmp_path):
 
 
 def sealed(path, data):
-    path.write_bytes(b"fuzzyarm-checkpoint/2 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
+    path.write_bytes(b"fuzzyarm-checkpoint/3 " + hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
 
 
 def repacked(change, compression=zipfile.ZIP_STORED):

@@ -16,6 +16,7 @@ from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.policies import load_policy
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.learning_env import arm_definition, arm_of, default_scale
+from fuzzyarm.rl_baselines.training import Training
 
 SHORT = [
     word
@@ -65,6 +66,37 @@ def test_what_does_not_fit_is_refused_in_one_line(name, tmp_path, capsys):
     assert main(["train", "ppo", *words, *SHORT, "--out", str(tmp_path / "run")]) == 2
     errors = capsys.readouterr().err
     assert message in errors and "Traceback" not in errors
+
+
+def test_a_run_of_a_changed_robot_is_not_resumed(tmp_path, capsys):
+    """The file is read again: another arm is refused, the same one in other words is not."""
+    toml = tmp_path / "arm.toml"
+    toml.write_text("stiffness = [4e4, 3e4]\n")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    config = PPOConfig(robot=str(toml), lanes=2, n_steps=64, batch_size=64, hidden=(8,), tensorboard=False)
+    Training(config, folder)._write_checkpoint()
+    again = ["train", "ppo", "--resume", "--total-timesteps", "1", "--out", str(folder)]
+    toml.write_text("stiffness = [4e4, 3.1e4]\n")
+    assert main(again) == 2
+    errors = capsys.readouterr().err
+    assert "another arm" in errors and "arm.toml" in errors and errors.count("\n") == 1
+    toml.write_text("# as before\nstiffness = [40000, 30000]\n")
+    assert Training.resume(folder).algorithm.steps == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["sac", "tqc"])
+def test_replay_learners_ship_a_policy_of_the_robot_and_go_on(algorithm, tmp_path):
+    sizes = ["--lanes", "4", "--learning-starts", "64", "--buffer-size", "500", "--hidden", "8", "--batch-size", "16"]
+    words = ["--robot", "ur5", *sizes, "--gradient-steps", "2"]
+    folder = tmp_path / "run"
+    assert main(["train", algorithm, *words, "--total-timesteps", "256", "--out", str(folder)]) == 0
+    assert main(["train", algorithm, "--resume", "--total-timesteps", "384", "--out", str(folder)]) == 0
+    bundle = PolicyBundle.load(folder / "policy")
+    assert bundle.arm == ArmDefinition("ur5", robot_named("ur5").digest) and bundle.training["steps_done"] == 384
+    torque, _ = load_policy(folder / "policy", robot="ur5").predict(np.zeros((5, 30)))
+    assert torque.shape == (5, 6) and np.isfinite(torque).all()
 
 
 @pytest.mark.slow

@@ -14,9 +14,10 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache
+from numba.core.codegen import get_host_cpu_features
 from numba.core.dispatcher import Dispatcher
 
 __all__ = ["announced_compilation", "kernel", "kernel_for", "without_kernels"]
@@ -35,6 +36,18 @@ def _number_functions() -> None:
     FunctionIdentity._unique_ids = itertools.count(secrets.randbits(_NUMBERS))
 
 
+def _use_whole_vectors() -> None:
+    """Let LLVM use vectors of 512 bits on processors that have them.
+
+    By default it stops at 256 bits, which spares power. Wider vectors round no differently. A user's own
+    NUMBA_CPU_NAME and NUMBA_CPU_FEATURES stand, and functions that are compiled already stay as they are.
+    """
+    features = get_host_cpu_features()
+    if config.CPU_NAME is None and config.CPU_FEATURES is None and "+avx512f" in features.split(","):
+        config.CPU_FEATURES = f"{features},-prefer-256-bit"
+
+
+_use_whole_vectors()
 _number_functions()
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_number_functions)

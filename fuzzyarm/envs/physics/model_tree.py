@@ -147,12 +147,24 @@ def _text(path: Path) -> str:
 
 def _explained(message: str, text: str) -> str:
     """Return an error of the parser in one line; for a closed chain with the joint that closes it."""
-    line = re.search(r"line (\d+)", message)
-    if "multiple parents" in message and line:
-        named = re.search(r'name\s*=\s*"([^"]*)"', "".join(text.splitlines()[int(line[1]) - 1 :]))
-        joint = shown(named[1]) if named else f"in line {line[1]}"
-        return f"joint {joint} closes the chain: its link has two joints to it; take one of them out of the model"
+    if "multiple parents" in message:
+        return (
+            f"joint {shown(_closing_joint(text))} closes the chain: its link has two joints to it; take one of them "
+            "out of the model"
+        )
     return " ".join(message.split())
+
+
+def _closing_joint(text: str) -> str:
+    """Return the name of the first joint of a URDF whose child link is already that of another joint."""
+    children = set()
+    for joint in re.findall(r"<joint\s.*?</joint", re.sub("<!--.*?-->", "", text, flags=re.DOTALL), re.DOTALL):
+        name, child = (re.search(f"{place}=\\s*[\"']([^\"']*)", joint) for place in (r"\sname\s*", r"<child\s+link\s*"))
+        if name and child:
+            if child[1] in children:
+                return name[1]
+            children.add(child[1])
+    return ""
 
 
 def _known(spec: Any) -> str:

@@ -42,7 +42,7 @@ def with_premises(*premises):
         designed(),
         premises=premises,
         rates=np.ones(len(premises)),
-        inertia=designed().inertia + spread + np.swapaxes(spread, 1, 2),
+        inertia=designed().inertia + (spread + np.swapaxes(spread, 1, 2)),  # in this order it is symmetric exactly
     )
 
 

@@ -18,10 +18,12 @@ from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate
 from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
-from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, rule_weights
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
 from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled
-from fuzzyarm.synthesis.metric_search import relative
+from fuzzyarm.synthesis.inertia_samples import InertiaSamples
+from fuzzyarm.synthesis.metric_search import MetricSearch, relative
+from fuzzyarm.synthesis.scalar_design import best_feedback
 
 COS_2, COS_3 = Premise(1, "cos q"), Premise(2, "cos q")
 TIGHT = 0.98  # share of a bound that samples reach
@@ -59,10 +61,28 @@ def test_bounds_hold_at_samples_and_are_tight(controller):
 
 
 def test_more_rules_bring_the_fastest_pole_down():
-    kappas = [designed(*kept).controller.kappa for kept in ((), (COS_2,), (COS_2, COS_3))]
-    poles = [designed(*kept).controller.fastest_pole for kept in ((), (COS_2,), (COS_2, COS_3))]
+    """κ and the fastest pole fall with rules, and so does γ at the fastest pole of one rule."""
+    controllers = [designed(*kept).controller for kept in ((), (COS_2,), (COS_2, COS_3))]
+    kappas, poles = [c.kappa for c in controllers], [c.fastest_pole for c in controllers]
     assert kappas == sorted(kappas, reverse=True) and poles == sorted(poles, reverse=True)
-    assert kappas[0] < 5.2
+    assert kappas[0] < 5.2 and {c.alpha for c in controllers} == {20.0}
+    rates = [20.0 + float(c.rates @ c.speeds) for c in controllers]
+    gains = [best_feedback(c.kappa, rate, poles[0]).gamma / c.floor for c, rate in zip(controllers, rates, strict=True)]
+    assert gains == sorted(gains, reverse=True)
+
+
+def test_a_search_with_more_rules_begins_with_what_fewer_have():
+    """The smaller schedule is one of the larger ones, at no angle worth keeping too."""
+    samples = InertiaSamples.of(robot_named("panda"), 7, 400, seed=0)
+    search = MetricSearch(samples)
+    search.run()
+    more = search.copy()
+    more.schedule(rule_weights((Premise(2, "sin q"),), samples.q))
+    more.run(rounds=1)
+    assert 1.0 < more.kappa <= search.kappa
+    hat = np.tensordot(more.weights, more.inertia, axes=1) / (more.row[:, np.newaxis] * more.row)
+    shares = relative(samples.inertia(), hat)
+    assert shares.min() == pytest.approx(1.0, rel=1e-9) and shares.max() == pytest.approx(more.kappa, rel=1e-9)
 
 
 def test_the_best_premise_is_found():
