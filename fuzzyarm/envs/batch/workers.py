@@ -29,8 +29,8 @@ class Workers:
     def __init__(self, count: int, threads: int | None) -> None:
         """Divide the lanes into pieces of whole blocks."""
         self.threads = threads or max(1, min(_cores(), count // LANES_PER_THREAD))
-        smallest = _SMALLEST if threads is None else BLOCK
-        size = max(smallest, -(-count // (_PIECES * self.threads * BLOCK)) * BLOCK)
+        share, piece = (-(-count // (parts * BLOCK)) * BLOCK for parts in (self.threads, _PIECES * self.threads))
+        size = max(min(_SMALLEST, share), piece)
         self._pieces = [(start, min(start + size, count)) for start in range(0, count, size)]
         self._pool: ThreadPoolExecutor | None = None
         self._owner = 0
