@@ -27,6 +27,7 @@ from readme_adaptive import (
     adaptive_robot_table,
 )
 from readme_arms import own_arm_tables, tuned_arms_table
+from readme_comparison import comparison_table
 from readme_design import (
     bounds_table,
     complexity_table,
@@ -99,6 +100,7 @@ SCRIPTS: dict[str, list[str]] = {
     "tip_gamma": [],
     "tip_mutations": [],
     "predictive": [],
+    "comparison": ["--figure", str(FIGURES / "comparison.png")],
     "classical_on_reward": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
@@ -200,6 +202,7 @@ def sections() -> dict[str, str]:
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
         "leaderboard-plants": plants_leaderboard(RESULTS / "plant_ranking.json"),
         "sweep": sweep_table(stored["sweep"]),
+        "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
         "estimate-front": estimate_front(stored["estimate_front"]),

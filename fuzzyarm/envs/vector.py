@@ -60,7 +60,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
     for all lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
     ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is how many threads share a step
-    (default: one per 1024 lanes, at most one per core); results do not depend on it.
+    (default: one per 512 lanes, at most one per core); results do not depend on it.
 
     ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets the stream of
     that lane continue.
@@ -107,7 +107,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance), plants
         )
         self._references = self._own_references(reference, plants)
-        self._lanes = Lanes(
+        self.lanes = Lanes(
             plants,
             each_lane(Scenario, self._disturbances, self._references),
             self.num_envs,
@@ -144,7 +144,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seeds is not None and not isinstance(seed, Sequence | np.ndarray):
             super().reset(seed=seeds[0])
         if which is None:
-            observation, vectors, scalars = self._lanes.layout.split(self._lanes.reset(seeds, scenarios, initial))
+            observation, vectors, scalars = self.lanes.layout.split(self.lanes.reset(seeds, scenarios, initial))
             self._begun, self._over = True, None
             return observation, self._info(vectors, scalars)
         return self._reset_some(which, seeds, scenarios, initial)
@@ -154,14 +154,14 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.step()")
         given = checks.array_of("actions", actions)
-        needed = self._lanes.action_shape
+        needed = self.lanes.action_shape
         if given.shape != needed:
             raise ValueError(f"actions have shape {given.shape}; needed: {needed}, motor torques [N m]")
         torque = real_numbers("actions", given)
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
-        split = self._lanes.layout.split
-        observation, vectors, scalars = split(self._lanes.step(torque))
+        split = self.lanes.layout.split
+        observation, vectors, scalars = split(self.lanes.step(torque))
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
         if np.count_nonzero(ended) == 0:
@@ -171,10 +171,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._over = which
             return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **reasons(scalars)}
         final = final_info(
-            observation, self._lanes.layout.each(vectors), scalars, self._lanes.randomisation_info(), ended
+            observation, self.lanes.layout.each(vectors), scalars, self.lanes.randomisation_info(), ended
         )
         reward = reward.copy()
-        observation[which], vectors[:, which], scalars[:, which] = split(self._lanes.restart(which))
+        observation[which], vectors[:, which], scalars[:, which] = split(self.lanes.restart(which))
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
 
     def get_state(self) -> dict[str, np.ndarray]:
@@ -186,7 +186,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call envs.reset() before envs.get_state()")
-        state = self._lanes.get_state()
+        state = self.lanes.get_state()
         return state if self._over is None else {**state, _OVER: np.isin(np.arange(self.num_envs), self._over)}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
@@ -203,12 +203,12 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 "lanes of this state wait for a reset; make the environment with the autoreset_mode that it had"
             )
         over = None if mask is None else masked_lanes(_OVER, mask, self.num_envs)
-        self._lanes.set_state(state, over)
+        self.lanes.set_state(state, over)
         self._begun, self._over = True, over
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
-        self._lanes.close()
+        self.lanes.close()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a pickled state; pickling removes the write protection of arrays, which is set again."""
@@ -221,10 +221,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _info(self, vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
         """Return info of every lane."""
-        info = values(self._lanes.layout.each(vectors), scalars)
+        info = values(self.lanes.layout.each(vectors), scalars)
         info.update(self._masks)
         if self._randomisation.varies:
-            drawn = masked(self._lanes.randomisation_info(), self._everywhere)
+            drawn = masked(self.lanes.randomisation_info(), self._everywhere)
             info.update(masked({"randomisation": drawn}, self._everywhere))
         return info
 
@@ -238,7 +238,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"the episode is over in lanes {lanes}: call envs.reset(options={{{RESET_MASK!r}: terminated | "
                 "truncated}) before envs.step()"
             )
-        observation, vectors, scalars = self._lanes.layout.split(self._lanes.step_or_restart(torque, over))
+        observation, vectors, scalars = self.lanes.layout.split(self.lanes.step_or_restart(torque, over))
         info = self._info(vectors, scalars)
         # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
         scalars = scalars.copy()
@@ -259,15 +259,15 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if scenarios is not None and len(scenarios) > 1:
             scenarios = [scenarios[lane] for lane in which]
         theirs = None if seeds is None else [seeds[lane] for lane in which]
-        results = self._lanes.reset(theirs, scenarios, None if initial is None else initial[which], which)
-        layout = self._lanes.layout
+        results = self.lanes.reset(theirs, scenarios, None if initial is None else initial[which], which)
+        layout = self.lanes.layout
         _, vectors, scalars = layout.split(np.zeros(layout.width * self.num_envs))
         _, vectors[:, which], scalars[:, which] = layout.split(results)
         begun = np.isin(np.arange(self.num_envs), which)
         waiting = np.setdiff1d([] if self._over is None else self._over, which)
         self._begun, self._over = True, waiting if len(waiting) else None
-        drawn = self._lanes.randomisation_info()
-        return self._lanes.observation(), partial_info(self._lanes.layout.each(vectors), scalars, drawn, begun)
+        drawn = self.lanes.randomisation_info()
+        return self.lanes.observation(), partial_info(self.lanes.layout.each(vectors), scalars, drawn, begun)
 
     def _per_lane(self, name: str, value: Any) -> list[Any]:
         """Return a list of one entry for all lanes, or of one per lane."""

@@ -17,9 +17,10 @@ from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.scenario.reference import Reference
+    from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
-__all__ = ["Policy", "Predictor", "Repeated"]
+__all__ = ["Policy", "Predictor", "Repeated", "limit"]
 
 
 class Predictor(Protocol):
@@ -105,11 +106,20 @@ class Policy(abc.ABC):
         at = self.integral_at
         before = memory if at is None else memory[:, at : at + self.joints].copy()
         self.act(observation, memory, torque)
-        return bool(_limit(torque, self._torque_limit, memory, before, -1 if at is None else at))
+        return bool(limit(torque, self._torque_limit, memory, before, -1 if at is None else at))
+
+    def compiled(self) -> CompiledLaw | None:
+        """Return the law for loops that are compiled with the plant, see `compiled_law`; None where there is none."""
+        return None
 
     def certificate(self, reference: Reference) -> PolicyCertificate | None:
         """Return what is proven of this policy along a reference; None where nothing is."""
         return None
+
+    @property
+    def torque_limit(self) -> np.ndarray:
+        """Largest torques (n,) [N m] of the robot."""
+        return self._torque_limit
 
     def clipped(self, torque: np.ndarray) -> np.ndarray:
         """Return torques (..., n) [N m] within the robot's limits."""
@@ -174,19 +184,20 @@ class Policy(abc.ABC):
 
 
 @kernel
-def _limit(torque: np.ndarray, limit: np.ndarray, memory: np.ndarray, before: np.ndarray, first: int) -> bool:
-    """Bring torques (lanes, n) within ±limit (n,), in place; hold integrals; return whether all torques are numbers.
+def limit(torque: np.ndarray, largest: np.ndarray, memory: np.ndarray, before: np.ndarray, first: int) -> bool:
+    """Bring torques (lanes, n) [N m] within ±`largest` (n,); hold integrals; return whether all torques are numbers.
 
-    The integrals are memory[:, first : first + n], and were `before` (lanes, n); a negative `first`: there are none.
+    Both are changed in place. The integrals are memory[:, first : first + n], and were `before` (lanes, n); a negative
+    `first`: there are none.
     """
     numbers = True
     for lane in range(len(torque)):
-        for joint in range(len(limit)):
-            wanted, largest = torque[lane, joint], limit[joint]
+        for joint in range(len(largest)):
+            wanted, most = torque[lane, joint], largest[joint]
             if first >= 0:
                 change = memory[lane, first + joint] - before[lane, joint]
-                if (wanted > largest and change < 0.0) or (wanted < -largest and change > 0.0):
+                if (wanted > most and change < 0.0) or (wanted < -most and change > 0.0):
                     memory[lane, first + joint] = before[lane, joint]
-            torque[lane, joint] = min(max(wanted, -largest), largest)
+            torque[lane, joint] = min(max(wanted, -most), most)
             numbers &= not np.isnan(wanted)
     return numbers

@@ -389,7 +389,7 @@ def test_a_state_that_is_not_finite_terminates_with_finite_numbers():
     env = FuzzyArmEnv(case="machining")
     list(play(env, random_torques(0, 5)))
     too_fast = np.r_[STILL[:4], 1e200, 0.0, 1e200, 0.0]  # the Coriolis torque overflows
-    env._lanes.values[:8, 0] = too_fast
+    env._lanes.values[0, :8, 0] = too_fast
     observation, reward, terminated, truncated, info = env.step([0.0, 0.0])
     assert (reward, terminated, truncated, info["in_domain"]) == (0.0, True, False, False)
     assert info["reason"] == "the state is not finite" and env.observation_space.contains(observation)

@@ -12,7 +12,7 @@ out)``:
 - place_of: (n,) where each payload is, see `Physics.payload_place`.
 - ranges: (numbers of `draw_record`, 2), see `DomainRandomisation.ranges`.
 - initial: (n, numbers of the state) states; nan in the first entry: at rest on the reference.
-- values: (numbers of `Lane`, lanes), written.
+- values: (blocks, numbers of `Lane`, `BLOCK`), written.
 - clock: (numbers of `Clock`, lanes), written; holds the key of the lane's last episode before, of this one after.
 - drawn: (numbers of `draw_record`, lanes), written; or with no lanes, not written.
 - table: (rows, numbers of a row).
@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.batch.block import assess_block_of, clip_of, gather_of, loads_of
-from fuzzyarm.envs.batch.layout import CLOCK, Layout, Results, Start
+from fuzzyarm.envs.batch.block import assess_block_of, clip_of, loads_of
+from fuzzyarm.envs.batch.layout import CLOCK, Layout, Noise, Results, Start
 from fuzzyarm.envs.batch.randomness import NEXT_KEY, RANDOMISATION, draw, uniform
 from fuzzyarm.envs.batch.reporting import inside, observe_of, report_of
 from fuzzyarm.envs.batch.schedule import reference_record
@@ -37,8 +37,9 @@ from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import (
     BLOCK,
+    in_block,
+    in_blocks,
     in_columns,
-    in_rows,
     joint_by_joint,
     places,
     reader,
@@ -57,7 +58,7 @@ def begin_of(layout: Layout) -> Any:
     """Return the kernel that begins a new episode in some lanes, see the module for its arguments and their shapes."""
     physics, Lane, parts = layout.physics, layout.Lane, layout.parts
     read_plant, read_state = reader(physics.Plant, in_columns), reader(physics.State, in_columns)
-    read_reference, write_lane = reader(reference_record(physics.joints), in_columns), writer(Lane, in_rows)
+    read_reference, write_lane = reader(reference_record(physics.joints), in_columns), writer(Lane, in_blocks)
     draw_all, varied, resting, show = (
         _draw_of(physics.joints),
         varied_of(physics),
@@ -171,7 +172,17 @@ def _show_of(layout: Layout) -> Any:
 
     It writes the first results of a lane: no torque, no force and no bias act yet.
     """
-    gather, _ = gather_of(layout)
+    lane, work_at = layout.LANE, layout.WORK
+    parts = (
+        (layout.physics.State, lane.state, work_at.hold.state),
+        (layout.physics.Arm, lane.arm, work_at.hold.arm),
+        (layout.physics.Limits, lane.limits, work_at.limits),
+        (Noise, lane.noise, work_at.noise),
+    )
+    (state_in, arm_in, limits_in, noise_in), (state, arm, limits, noise) = (
+        [reader(kind, in_blocks, source) for kind, source, _ in parts],
+        [writer(kind, in_block, place) for kind, _, place in parts],
+    )
     load_nothing, clip, assess_block = loads_of(layout).load_nothing, clip_of(layout), assess_block_of(layout)
     report, observe = report_of(layout), observe_of(layout)
 
@@ -186,12 +197,15 @@ def _show_of(layout: Layout) -> Any:
         results: Results,
         position: int,
     ) -> None:
-        gather(work, 1, values, lane)
+        state(work, 0, state_in(values, lane))
+        arm(work, 0, arm_in(values, lane))
+        limits(work, 0, limits_in(values, lane))
+        noise(work, 0, noise_in(values, lane))
         load_nothing(work, table, clock[CLOCK.row, lane])
         clip(work, 1)
         assess_block(work, 1)
         report(work, 1, clock, lane, period, results, position)
-        observe(values, clock, table, lane, results, position)
+        observe(work, 1, clock, table, lane, results, position)
 
     return show
 

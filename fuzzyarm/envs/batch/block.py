@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.batch.layout import CLOCK, Layout, Results
+from fuzzyarm.envs.batch.layout import CLOCK, Layout, Noise, Results
 from fuzzyarm.envs.batch.reporting import inside, observe_of, report_of
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.physics.elementwise import select
@@ -66,59 +66,61 @@ def advance_block_of(layout: Layout) -> Any:
         first: int,
         results: Results,
     ) -> None:
-        gather(work, lanes, values, first)
-        load(work, lanes, values, clock, table, first)
+        block = values[first // BLOCK]
+        gather(work, lanes, block)
+        load(work, lanes, block, clock, table, first)
         clip(work, lanes)
         hold_block(work, lanes, period / substeps, substeps)
         assess_block(work, lanes)
-        copy_back(work, lanes, values, first)
+        copy_back(work, lanes, block)
         report(work, lanes, clock, first, period, results, first)
-        for i in range(lanes):
-            observe(values, clock, table, first + i, results, first + i)
+        observe(work, lanes, clock, table, first, results, first)
 
     return advance_block
 
 
 @functools.cache
 def gather_of(layout: Layout) -> tuple[Any, Any]:
-    """Return ``gather(work, lanes, values, first)`` and ``copy_back(work, lanes, values, first)``.
+    """Return ``gather(work, lanes, block)`` and ``copy_back(work, lanes, block)``.
 
-    The one copies state, arm and limits of `lanes` lanes from `first` on into `work`, the other keeps the new state.
+    The one copies state, arm, limits and noise of the first `lanes` lanes of a block (numbers of `Lane`, `BLOCK`) into
+    `work`, the other keeps the new state.
     """
     lane, work_at, physics = columns(layout.Lane), columns(layout.Work), layout.physics
     hold = layout.WORK.hold
     state_part = Part(lane.state.start, hold.state.motor.joint1, size(physics.State))
     arm_part = Part(lane.arm.start, hold.arm[0], size(physics.Arm))
     limits_part = Part(lane.limits.start, work_at.limits.start, size(physics.Limits))
+    noise_part = Part(lane.noise.start, work_at.noise.start, size(Noise))
 
     @register_jitable(forceinline=True)
-    def gather(work: np.ndarray, lanes: int, values: np.ndarray, first: int) -> None:
-        # Row by row here and in `report`: rows may lie a power of two apart, where columns would evict each other.
-        _gather_part(work, lanes, values, first, state_part)
-        _gather_part(work, lanes, values, first, arm_part)
-        _gather_part(work, lanes, values, first, limits_part)
+    def gather(work: np.ndarray, lanes: int, block: np.ndarray) -> None:
+        _gather_part(work, lanes, block, state_part)
+        _gather_part(work, lanes, block, arm_part)
+        _gather_part(work, lanes, block, limits_part)
+        _gather_part(work, lanes, block, noise_part)
 
     @register_jitable(forceinline=True)
-    def copy_back(work: np.ndarray, lanes: int, values: np.ndarray, first: int) -> None:
+    def copy_back(work: np.ndarray, lanes: int, block: np.ndarray) -> None:
         for k in range(state_part.rows):
             for i in range(lanes):
-                values[state_part.lane + k, first + i] = work[(state_part.work + k) * BLOCK + i]
+                block[state_part.lane + k, i] = work[(state_part.work + k) * BLOCK + i]
 
     return gather, copy_back
 
 
 @register_jitable(forceinline=True)
-def _gather_part(work: np.ndarray, lanes: int, values: np.ndarray, first: int, part: Part) -> None:
+def _gather_part(work: np.ndarray, lanes: int, block: np.ndarray, part: Part) -> None:
     for k in range(part.rows):
         for i in range(lanes):
-            work[(part.work + k) * BLOCK + i] = values[part.lane + k, first + i]
+            work[(part.work + k) * BLOCK + i] = block[part.lane + k, i]
 
 
 class Loads(NamedTuple):
     """What `loads_of` returns.
 
     Attributes:
-        load: ``load(work, lanes, values, clock, table, first)`` writes force, bias and target of the step that begins,
+        load: ``load(work, lanes, block, clock, table, first)`` writes force, bias and target of the step that begins,
             and moves the clocks to its end.
         load_nothing: ``load_nothing(work, table, row)`` writes no command, bias nor force in the block's first lane,
             and the target of a row.
@@ -145,12 +147,10 @@ def loads_of(layout: Layout) -> Loads:
     )
 
     @register_jitable(forceinline=True)
-    def load(
-        work: np.ndarray, lanes: int, values: np.ndarray, clock: np.ndarray, table: np.ndarray, first: int
-    ) -> None:
+    def load(work: np.ndarray, lanes: int, block: np.ndarray, clock: np.ndarray, table: np.ndarray, first: int) -> None:
         for i in range(lanes):
             at = inside(clock[CLOCK.row, first + i], len(table) - 1)
-            now, factor = read_row(table, at), values[factor_at, first + i]
+            now, factor = read_row(table, at), block[factor_at, i]
             write_force(work, i, ForceLine(times(now.force.mean, factor), times(now.force.change, factor)))
             write_bias(work, i, now.bias)
             write_target(work, i, read_row(table, at + 1).target)

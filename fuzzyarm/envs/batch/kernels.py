@@ -14,20 +14,20 @@ import numpy as np
 from numba import float64, int64, types
 
 from fuzzyarm.envs.batch.beginning import begin_of
-from fuzzyarm.envs.batch.block import advance_block_of
+from fuzzyarm.envs.batch.block import advance_block_of, gather_of
 from fuzzyarm.envs.batch.layout import VECTORS, Layout, Scalars, layout_of
 from fuzzyarm.envs.batch.reporting import observe_of
-from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.physics.compiled import kernel, kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import BLOCK, in_block, in_list, over_joints, reader, size, writer
 
-__all__ = ["Kernels", "kernels_of"]
+__all__ = ["Kernels", "first_not_finite", "kernels_of"]
 
 _read_scalars = reader(Scalars, in_list)
 _NOT_FINITE = -1
 
 # Types of the arguments: of both kernels, and of `advance` alone.
-_ARRAYS = (float64[:, ::1], int64[:, ::1], float64[:, ::1], float64, int64)
+_ARRAYS = (float64[:, :, ::1], int64[:, ::1], float64[:, ::1], float64, int64)
 _ADVANCE = (*_ARRAYS, float64[:, ::1], int64, int64, float64[::1])
 
 
@@ -74,16 +74,15 @@ def kernels_of(physics: Physics) -> Kernels:
 def advance_of(layout: Layout) -> Any:
     """Return the kernel ``advance(values, clock, table, period, substeps, action, start, stop, out)``.
 
-    It holds the torques for one control step, in the lanes from `start` to `stop`, and returns the first lane, of all,
-    whose action is not finite, or -1; no lane moves if there is one.
+    It holds the torques for one control step, in the lanes from `start` to `stop`.
 
-    - values: (numbers of `Lane`, lanes), changed in place.
+    - values: (blocks, numbers of `Lane`, `BLOCK`), changed in place.
     - clock: (numbers of `Clock`, lanes), changed in place; every lane must be before its last row.
     - table: (rows, numbers of a row), the schedules of all episodes below each other.
     - period: control period [s].
     - substeps: sub-steps in it.
-    - action: (lanes, joints) motor torques [N m]; clipped to the limits.
-    - start, stop: first lane, and the lane after the last.
+    - action: (lanes, joints) motor torques [N m], all finite; clipped to the limits.
+    - start, stop: first lane, the first one of a block, and the lane after the last.
     - out: (`Layout.width` lanes,), the results of all lanes, see `Layout.split`; written.
     """
     advance_block, parts, work_size = advance_block_of(layout), layout.parts, size(layout.Work) * BLOCK
@@ -100,11 +99,7 @@ def advance_of(layout: Layout) -> Any:
         start: int,
         stop: int,
         out: np.ndarray,
-    ) -> int:
-        for lane in range(action.shape[0]):
-            for joint in range(joints):
-                if not np.isfinite(action[lane, joint]):
-                    return lane
+    ) -> None:
         work, results = np.empty(work_size), parts(out)
         for first in range(start, stop, BLOCK):
             lanes = min(BLOCK, stop - first)
@@ -112,9 +107,23 @@ def advance_of(layout: Layout) -> Any:
                 for joint in range(joints):
                     work[(command + joint) * BLOCK + i] = action[first + i, joint]
             advance_block(work, lanes, values, clock, table, period, substeps, first, results)
-        return -1
 
     return advance
+
+
+@kernel
+def first_not_finite(action: np.ndarray) -> int:
+    """Return the first lane whose torques (lanes, joints) are not all finite, -1 if there is none."""
+    bad = 0
+    for lane in range(action.shape[0]):
+        for joint in range(action.shape[1]):
+            bad |= not np.isfinite(action[lane, joint])
+    if bad:
+        for lane in range(action.shape[0]):
+            for joint in range(action.shape[1]):
+                if not np.isfinite(action[lane, joint]):
+                    return lane
+    return -1
 
 
 def advance_one_of(layout: Layout) -> Any:
@@ -182,12 +191,16 @@ def observe_again_of(layout: Layout) -> Any:
     It writes what the last step, or the beginning of the episode, let be observed, of the results (`Layout.width`
     lanes,) of all lanes only the observations [rad, rad/s, rad/s²]; nothing moves. Arguments as in `advance_of`.
     """
-    observe, parts = observe_of(layout), layout.parts
+    observe, parts, work_size = observe_of(layout), layout.parts, size(layout.Work) * BLOCK
+    gather, _ = gather_of(layout)
 
     @kernel_for(layout.physics.digest)
     def observe_again(values: np.ndarray, clock: np.ndarray, table: np.ndarray, out: np.ndarray) -> None:
         results = parts(out)
-        for lane in range(values.shape[1]):
-            observe(values, clock, table, lane, results, lane)
+        work, lanes = np.empty(work_size), clock.shape[1]
+        for first in range(0, lanes, BLOCK):
+            count = min(BLOCK, lanes - first)
+            gather(work, count, values[first // BLOCK])
+            observe(work, count, clock, table, first, results, first)
 
     return observe_again

@@ -8,17 +8,18 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.assignment import Assignment
-from fuzzyarm.envs.batch.kernels import kernels_of
+from fuzzyarm.envs.batch.blocks import by_rows, in_blocks
+from fuzzyarm.envs.batch.kernels import first_not_finite, kernels_of
 from fuzzyarm.envs.batch.layout import CLOCK, START, Clock
 from fuzzyarm.envs.batch.randomness import key_before, key_of
+from fuzzyarm.envs.batch.results_memory import ResultsMemory
 from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays, digest
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
 from fuzzyarm.envs.physics.compiled import announced_compilation
-from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import flat, size
+from fuzzyarm.envs.physics.equations import AnyArm, common_equations
+from fuzzyarm.envs.physics.records import BLOCK, flat, size
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantity, draw_record
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
@@ -36,7 +37,7 @@ class Lanes:
         control_period: [s].
         substeps: in a control period.
         randomisation: what each episode draws.
-        threads: how many a step may use; None: one per 1024 lanes, at most one per core.
+        threads: how many a step may use; None: one per 512 lanes, at most one per core.
 
     Raises:
         ValueError: a reference does not fit the plant of its lane.
@@ -58,12 +59,12 @@ class Lanes:
         self.period, self.substeps = float(control_period), substeps
         self.count, self.randomisation = count, randomisation
         self.parameters, self._plant_of = distinct(plants, count)
-        self.physics = _common_equations(self.parameters)
+        self.physics = common_equations(self.parameters)
         self.kernels, self.action_shape = kernels_of(self.physics), (count, self.physics.joints)
         self.layout = self.kernels.layout
         self._plants = np.array([flat(self.physics.plant_of(arm)) for arm in self.parameters])
         self._ranges = randomisation.ranges(self.physics.joints)
-        self.values = np.full((size(self.layout.Lane), count), np.nan)
+        self.values = np.full((-(-count // BLOCK), size(self.layout.Lane), BLOCK), np.nan)
         self.clock = np.zeros((size(Clock), count), dtype=np.int64)
         self.clock[CLOCK.key] = np.random.SeedSequence().generate_state(count, np.uint64).view(np.int64)
         self.drawn = np.empty((size(draw_record(self.physics.joints)), count if randomisation.varies else 0))
@@ -71,6 +72,7 @@ class Lanes:
         self._assigned = Assignment(self._tabulated(scenarios, np.arange(count)))
         self._workers = Workers(count, threads)
         self.threads = self._workers.threads
+        self._memory = ResultsMemory(self.layout.width * count)
 
     def reset(
         self,
@@ -128,9 +130,14 @@ class Lanes:
         """The first arguments of `Kernels.advance` and `Kernels.advance_one`, with their shapes."""
         return self.values, self.clock, self._assigned.tables.table, self.period, self.substeps
 
+    def numbers(self, rows: slice) -> np.ndarray:
+        """Return some of the numbers that lanes carry, (rows, lanes), see `Layout.Lane`; a copy."""
+        return by_rows(self.values[:, rows], self.count)
+
     def torque_limit(self, lane: int) -> list[float]:
         """Return the limits (joints,) of the motors' torques [N m] in a lane whose episode has begun."""
-        limits: list[float] = self.values[list(self.layout.LANE.limits.torque), lane].tolist()
+        rows = list(self.layout.LANE.limits.torque)
+        limits: list[float] = self.values[lane // BLOCK, rows, lane % BLOCK].tolist()
         return limits
 
     @property
@@ -177,14 +184,15 @@ class Lanes:
         """
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
-        results, arrays, advance = np.empty(self.layout.width * self.count), self.arrays, self.kernels.advance
-        if self.threads == 1:
-            bad = advance(*arrays, action, 0, self.count, results)
-        else:
-            bad = max(self._workers.run(lambda start, stop: advance(*arrays, action, start, stop, results)))
+        bad = first_not_finite(action)
         if bad >= 0:
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(f"action {found} N m of lane {bad} is not finite; allowed: ±{limit} N m")
+        results, arrays, advance = self._memory.array(), self.arrays, self.kernels.advance
+        if self.threads == 1:
+            advance(*arrays, action, 0, self.count, results)
+        else:
+            self._workers.run(lambda start, stop: advance(*arrays, action, start, stop, results))
         return results
 
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> np.ndarray:
@@ -234,7 +242,7 @@ class Lanes:
                 "reset without options first"
             )
         return {
-            "values": self.values.copy(),
+            "values": by_rows(self.values, self.count),
             "clock": self.clock.copy(),
             "drawn": self.drawn.copy(),
             "made_of": self._digest(),
@@ -252,7 +260,8 @@ class Lanes:
             ValueError: the state is of other plants, scenarios, randomisations, periods, or number of lanes; or an
                 array is of another type or shape, or not such as an episode of these lanes has. Nothing has changed.
         """
-        own = {"values": self.values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}
+        values = by_rows(self.values, self.count)
+        own = {"values": values, "clock": self.clock, "drawn": self.drawn, "made_of": self._digest()}
         made_of = checks.instance("state", state, dict).get("made_of")
         if not (isinstance(made_of, np.ndarray) and np.array_equal(made_of, own["made_of"])):
             raise ValueError(
@@ -261,7 +270,7 @@ class Lanes:
         arrays = checked_arrays(state, own)
         check_contents(arrays, self._begun_with(arrays["clock"][CLOCK.key]), size(self.physics.State), over)
         self._assigned.all_return()
-        self.values, self.clock, self.drawn = arrays["values"], arrays["clock"], arrays["drawn"]
+        self.values, self.clock, self.drawn = in_blocks(arrays["values"]), arrays["clock"], arrays["drawn"]
         if self.randomisation.varies:
             self._drawn_info = by_quantity(self.drawn, self.physics.joints)
 
@@ -271,7 +280,7 @@ class Lanes:
         begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
         own, start_of, place_of = self._assigned.own, *self._assigned.own_places
         self._begin_in(np.arange(self.count), own, (start_of, place_of), begun.values())
-        return begun
+        return begun | {"values": by_rows(begun["values"], self.count)}
 
     def _digest(self) -> np.ndarray:
         """Return the digest (32 bytes, uint8) of the configuration of the lanes."""
@@ -288,12 +297,3 @@ class Lanes:
         self.__dict__.update(state)
         with announced_compilation():
             self.kernels.prepare(self.count)
-
-
-def _common_equations(arms: Sequence[AnyArm]) -> Physics:
-    """Return the equations of all these arms; ValueError if they differ."""
-    first, *others = map(equations_of, arms)
-    if any(other is not first for other in others):
-        same = "joint axes, joint rotations, and which of their other numbers are zero"
-        raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each")
-    return first

@@ -1,11 +1,11 @@
 """The arrays that the kernels work on, as records: what a lane carries, what a block holds, what a step leaves behind.
 
-values (numbers of `Layout.Lane`, lanes)  a lane through its episode
-clock (numbers of `Clock`, lanes)         where it is in its schedule, and its random stream
-table (rows, numbers of a row)            the schedules of all episodes below each other, see `schedule`
-starts (schedules, numbers of `Start`)    where each schedule begins, and what its episode starts with
-work (numbers of `Layout.Work` x BLOCK)   the block of lanes that is being advanced
-out                                       `Results` of a step, in one piece of memory
+values (blocks, numbers of `Lane`, BLOCK)  lanes through their episodes: a block of them is one piece of memory
+clock (numbers of `Clock`, lanes)          where they are in their schedules, and their random streams
+table (rows, numbers of a row)             the schedules of all episodes below each other, see `schedule`
+starts (schedules, numbers of `Start`)     where each schedule begins, and what its episode starts with
+work (numbers of `Layout.Work` x BLOCK)    the block of lanes that is being advanced
+out                                        `Results` of a step, in one piece of memory
 
 What depends on the equations, on how many joints and axes there are, is in the `Layout` of a `Physics`.
 """
@@ -143,8 +143,8 @@ class Layout:
         Work: what a block holds of each lane while it is advanced by one control step. `hold` is what the physics
             advances; then the limits, and the target at the end of the step; `command` are the agent's torques [N m],
             then clipped, `bias` those that act beside them; `before` is the state at the start of the step, in case
-            that at its end is not finite; then the assessment at the end, and two flags: 1.0 where the state there was
-            `finite`, and where torques were beyond the limits, `clipped`.
+            that at its end is not finite; then the encoders' noise and what they read, the assessment at the end, and
+            two flags: 1.0 where the state there was `finite`, and where torques were beyond the limits, `clipped`.
         LANE: places in `Lane`.
         WORK: places in `Work`.
     """
@@ -239,6 +239,8 @@ def layout_of(physics: Physics) -> Layout:
         command=PerJoint,
         bias=PerJoint,
         before=State,
+        noise=Noise,
+        reading=record_type("Reading", q=PerJoint, dq=PerJoint),
         assessment=assessment_record(physics.joints, physics.axes),
         finite=Any,
         clipped=Any,

@@ -12,7 +12,8 @@ from fuzzyarm.envs.batch.layout import CLOCK, SCALARS, Layout, Noise, Results, S
 from fuzzyarm.envs.batch.randomness import noise_counter, normal_pair
 from fuzzyarm.envs.batch.schedule import reference_record
 from fuzzyarm.envs.observation import starts
-from fuzzyarm.envs.physics.records import BLOCK, in_rows, joint_by_joint, places, reader, size
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import BLOCK, in_block, joint_by_joint, places, reader, size, writer
 from fuzzyarm.envs.termination import reason_of
 
 __all__ = ["ANGLE_ROOM", "VELOCITY_ROOM", "inside", "observe_of", "report_of"]
@@ -61,7 +62,7 @@ def report_of(layout: Layout) -> Any:
     rows, full = tuple(_vector_rows(layout)), min(lengths) == longest
     scalar_rows = tuple(getattr(at.assessment, name) for name in SCALARS[_S.tip_error : _S.torque_clipped])
     finite, angles, velocities = at.finite, at.assessment.angles_inside, at.assessment.velocities_inside
-    clipped, copied = at.clipped, _S.tip_error
+    clipped, copied, block, wide = at.clipped, _S.tip_error, np.uint64(BLOCK), np.uint64(longest)
 
     @register_jitable(forceinline=True)
     def report(
@@ -70,16 +71,19 @@ def report_of(layout: Layout) -> Any:
         vectors, scalars, total = results.vectors, results.scalars, len(results.scalars) // len(SCALARS)
         for k in range(len(rows)):
             row, to = rows[k], longest * (k * total + place)
-            for i in range(lanes):
-                for axis in range(longest):
-                    number = work[(row + axis) * BLOCK + i]
-                    vectors[to + longest * i + axis] = number if full or axis < lengths[k] else 0.0
+            # Without a sign, an index needs no look whether it counts from the end, and the loop is SIMD code.
+            into, source = np.uint64(to), np.uint64(row * BLOCK)
+            for i in range(np.uint64(lanes)):
+                for axis in range(wide):
+                    number = work[source + axis * block + i]
+                    vectors[into + wide * i + axis] = number if full or axis < lengths[k] else 0.0
         for i in range(lanes):
             row_now, row_first = clock[CLOCK.row, first + i], clock[CLOCK.first, first + i]
             scalars[_S.time * total + place + i] = (row_now - row_first) * period
         for k in range(len(scalar_rows)):
-            for i in range(lanes):
-                scalars[(copied + k) * total + place + i] = work[scalar_rows[k] * BLOCK + i]
+            into, source = np.uint64((copied + k) * total + place), np.uint64(scalar_rows[k] * BLOCK)
+            for i in range(np.uint64(lanes)):
+                scalars[into + i] = work[source + i]
         for i in range(lanes):
             reason = reason_of(work[finite * BLOCK + i], work[angles * BLOCK + i], work[velocities * BLOCK + i])
             over = clock[CLOCK.row, first + i] == clock[CLOCK.last, first + i]
@@ -92,47 +96,113 @@ def report_of(layout: Layout) -> Any:
 
 @functools.cache
 def observe_of(layout: Layout) -> Any:
-    """Return ``observe(values, clock, table, lane, results, place)``.
+    """Return ``observe(work, lanes, clock, table, first, results, place)``.
 
-    It writes the motor readings, with noise if there is any, within the observation space; and the reference.
+    It writes what the `lanes` lanes from `first` on read of their motors, with noise if there is any, within the
+    observation space, and their references, into the flat results from `place` on.
     """
-    physics, lane_at, numbers = layout.physics, layout.LANE, layout.observed
-    joints, start, angle_range = physics.joints, starts(physics.joints), physics.angle_range
-    lane_state, lane_limits = (
-        reader(physics.State, in_rows, lane_at.state),
-        reader(physics.Limits, in_rows, lane_at.limits),
+    physics, at, numbers = layout.physics, layout.WORK, layout.observed
+    joints, start, PerJoint = physics.joints, starts(physics.joints), physics.PerJoint
+    reference_columns, own = size(reference_record(joints)), start.q_reference
+    read_state, read_limits = (
+        reader(physics.State, in_block, at.hold.state),
+        reader(physics.Limits, in_block, at.limits),
     )
-    lane_noise, reference_columns = reader(Noise, in_rows, lane_at.noise), size(reference_record(joints))
-    counter, per_step = noise_counter(joints), np.uint64(2 * joints)
-    low_of, high_of = joint_by_joint(_lowest, physics.PerJoint, 2), joint_by_joint(_highest, physics.PerJoint, 2)
+    read_reading, write_reading = (make(type(at.reading), in_block, at.reading) for make in (reader, writer))
+    Reading, noisy, add_noise = type(at.reading), _noisy_of(layout), _add_noise_of(layout)
+    bounds, between = _bounds_of(physics), joint_by_joint(_between, PerJoint, 3)
+    first_row = at.reading.q.joint1
 
     @register_jitable(forceinline=True)
     def observe(
-        values: np.ndarray, clock: np.ndarray, table: np.ndarray, lane: int, results: Results, place: int
+        work: np.ndarray, lanes: int, clock: np.ndarray, table: np.ndarray, first: int, results: Results, place: int
     ) -> None:
-        observation, row, to = results.observation, inside(clock[CLOCK.row, lane], len(table)), numbers * place
-        state, limits, noise = lane_state(values, lane), lane_limits(values, lane), lane_noise(values, lane)
-        for joint in range(joints):
-            observation[to + start.q_motor + joint] = state.motor[joint]
-            observation[to + start.dq_motor + joint] = state.motor_velocity[joint]
-        if noise.angle > 0.0 or noise.velocity > 0.0:
-            key = np.uint64(clock[CLOCK.key, lane])
-            word = counter + per_step * np.uint64(row - clock[CLOCK.first, lane])
-            for k in range(0, 2 * joints, 2):
-                first, second = normal_pair(key, word + np.uint64(k))
-                observation[to + k] += (noise.angle if k < joints else noise.velocity) * first
-                observation[to + k + 1] += (noise.angle if k + 1 < joints else noise.velocity) * second
-        lowest, highest = angle_range(limits)
-        low, high = low_of(lowest, highest), high_of(lowest, highest)
-        for joint in range(joints):
-            at = to + start.q_motor + joint
-            observation[at] = min(max(observation[at], low[joint]), high[joint])
-            at, room = to + start.dq_motor + joint, VELOCITY_ROOM * limits.velocity[joint]
-            observation[at] = min(max(observation[at], -room), room)
-        for k in range(reference_columns):
-            observation[to + start.q_reference + k] = table[row, k]
+        for i in range(lanes):
+            state = read_state(work, i)
+            write_reading(work, i, Reading(state.motor, state.motor_velocity))
+        if noisy(work, lanes):
+            add_noise(work, lanes, clock, first)
+        for i in range(lanes):
+            read, (low, high, slowest, fastest) = read_reading(work, i), bounds(read_limits(work, i))
+            write_reading(work, i, Reading(between(read.q, low, high), between(read.dq, slowest, fastest)))
+        observation = results.observation
+        for i in range(lanes):
+            row, to = np.uint64(inside(clock[CLOCK.row, first + i], len(table))), np.uint64(numbers * (place + i))
+            for k in range(np.uint64(own)):
+                observation[to + k] = work[(np.uint64(first_row) + k) * np.uint64(BLOCK) + np.uint64(i)]
+            for k in range(np.uint64(reference_columns)):
+                observation[to + np.uint64(own) + k] = table[row, k]
 
     return observe
+
+
+@functools.cache
+def _bounds_of(physics: Physics) -> Any:
+    """Return the compiled function that gives the bounds of an observation, of angles and of velocities, by limits."""
+    low_of, high_of = joint_by_joint(_lowest, physics.PerJoint, 2), joint_by_joint(_highest, physics.PerJoint, 2)
+    slowest_of, fastest_of = (
+        joint_by_joint(_slowest, physics.PerJoint, 1),
+        joint_by_joint(_fastest, physics.PerJoint, 1),
+    )
+    angle_range = physics.angle_range
+
+    @register_jitable(forceinline=True)
+    def bounds(limits: Any) -> tuple[Any, Any, Any, Any]:
+        low, high = angle_range(limits)
+        return low_of(low, high), high_of(low, high), slowest_of(limits.velocity), fastest_of(limits.velocity)
+
+    return bounds
+
+
+@functools.cache
+def _noisy_of(layout: Layout) -> Any:
+    """Return ``noisy(work, lanes)``: whether any of these lanes has encoder noise."""
+    angle, velocity = layout.WORK.noise.angle, layout.WORK.noise.velocity
+
+    @register_jitable(forceinline=True)
+    def noisy(work: np.ndarray, lanes: int) -> bool:
+        found = 0.0
+        for i in range(lanes):
+            found = max(found, max(work[angle * BLOCK + i], work[velocity * BLOCK + i]))
+        return found > 0.0
+
+    return noisy
+
+
+@functools.cache
+def _add_noise_of(layout: Layout) -> Any:
+    """Return ``add_noise(work, lanes, clock, first)``: it adds to the readings what is drawn for this instant."""
+    joints, read_noise = layout.physics.joints, reader(Noise, in_block, layout.WORK.noise)
+    row, counter, per_step = layout.WORK.reading.q.joint1, noise_counter(joints), np.uint64(2 * joints)
+
+    @register_jitable
+    def add_noise(work: np.ndarray, lanes: int, clock: np.ndarray, first: int) -> None:
+        for i in range(lanes):
+            noise = read_noise(work, i)
+            if noise.angle > 0.0 or noise.velocity > 0.0:
+                key = np.uint64(clock[CLOCK.key, first + i])
+                word = counter + per_step * np.uint64(clock[CLOCK.row, first + i] - clock[CLOCK.first, first + i])
+                for k in range(0, 2 * joints, 2):
+                    one, other = normal_pair(key, word + np.uint64(k))
+                    work[(row + k) * BLOCK + i] += (noise.angle if k < joints else noise.velocity) * one
+                    work[(row + k + 1) * BLOCK + i] += (noise.angle if k + 1 < joints else noise.velocity) * other
+
+    return add_noise
+
+
+@register_jitable(forceinline=True)
+def _between(number: Any, low: Any, high: Any) -> Any:
+    return min(max(number, low), high)
+
+
+@register_jitable(forceinline=True)
+def _slowest(limit: Any) -> Any:
+    return -(VELOCITY_ROOM * limit)
+
+
+@register_jitable(forceinline=True)
+def _fastest(limit: Any) -> Any:
+    return VELOCITY_ROOM * limit
 
 
 @register_jitable(forceinline=True)

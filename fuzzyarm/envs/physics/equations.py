@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +25,7 @@ __all__ = [
     "bounds_of",
     "checked_parameters",
     "chosen_arm",
+    "common_equations",
     "equations_of",
     "robot_of",
 ]
@@ -126,3 +128,12 @@ def _named(robot: str) -> AnyArm:
 def robot_of(arm: AnyArm) -> Robot:
     """Return an arm as a robot."""
     return Robot.of(arm) if isinstance(arm, ArmParameters) else arm
+
+
+def common_equations(arms: Sequence[AnyArm]) -> Physics:
+    """Return the equations of all these arms; ValueError if they differ."""
+    first, *others = map(equations_of, arms)
+    if any(other is not first for other in others):
+        same = "joint axes, joint rotations, and which of their other numbers are zero"
+        raise ValueError(f"the arms of a batch must have the same structure: {same}; make one batch for each")
+    return first

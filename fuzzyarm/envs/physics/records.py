@@ -36,6 +36,7 @@ __all__ = [
     "columns",
     "flat",
     "in_block",
+    "in_blocks",
     "in_columns",
     "in_list",
     "in_rows",
@@ -182,6 +183,11 @@ def in_block(place: int) -> str:
     return f"array[{place * BLOCK} + at]"
 
 
+def in_blocks(place: int) -> str:
+    """Address an array (blocks, numbers of the record, `BLOCK`); `at` is the lane, counted through all blocks."""
+    return f"array[at // {BLOCK}, {place}, at % {BLOCK}]"
+
+
 def in_rows(place: int) -> str:
     """Address an array (numbers of the record, lanes); `at` is the lane."""
     return f"array[{place}, at]"
@@ -202,7 +208,7 @@ def reader(record: type, address: Callable[[int], str], where: Any = None) -> An
 
     Args:
         record: what is read.
-        address: how the array is addressed: `in_block`, `in_rows`, `in_columns` or `in_list`.
+        address: how the array is addressed: `in_block`, `in_blocks`, `in_rows`, `in_columns` or `in_list`.
         where: the `places` of its numbers, a part of those of a larger record; None: the first ones.
     """
     names: dict[str, Any] = {}

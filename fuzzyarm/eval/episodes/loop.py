@@ -134,23 +134,24 @@ class TipErrors:
         largest: largest tip error [m], (lanes,).
         steps: number of control steps, (lanes,).
         completed: whether the reference was followed to its end, booleans (lanes,).
+        squares: sum of the squares of the tip errors [m²], (lanes,).
     """
 
     def __init__(self, lanes: int) -> None:
         """Begin with no steps."""
         self.largest, self.steps = np.zeros(lanes), np.zeros(lanes)
         self.completed = np.zeros(lanes, dtype=bool)
-        self._squares = np.zeros(lanes)
+        self.squares = np.zeros(lanes)
 
     def add(self, step: Step) -> None:
         """Take a step into account."""
         error = np.where(step.running, step.info["tip_error"], 0.0)
         np.maximum(self.largest, error, out=self.largest)
-        self._squares += error * error
+        self.squares += error * error
         self.steps += step.running
         self.completed |= step.completed
 
     @property
     def rms(self) -> np.ndarray:
         """Root mean square tip error [m], (lanes,)."""
-        return np.asarray(np.sqrt(self._squares / self.steps))
+        return np.asarray(np.sqrt(self.squares / self.steps))

@@ -8,14 +8,20 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.eval.episodes.closed_loops import Channel, closed_loops
 from fuzzyarm.eval.episodes.loop import Step, TipErrors, episodes
 from fuzzyarm.eval.episodes.rollout import Rollout, Signals
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
 from fuzzyarm.eval.sweep.results import METRICS, SweepResults
-from fuzzyarm.fuzzy_policy.policy import Predictor
+from fuzzyarm.fuzzy_policy.compiled_law import compiled_law
+from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
-__all__ = ["replay", "run_plants", "steps"]
+__all__ = ["WORTHWHILE", "replay", "run_plants", "steps"]
+
+
+WORTHWHILE = 1000
+"""Episodes from which on a kernel of law and plant is used: to compile it, once on a machine, takes a few seconds."""
 
 
 class _Noise:
@@ -50,12 +56,17 @@ class _Delay:
 
 def steps(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> Iterator[Step]:
     """Run one episode of every lane of the plants' environment, with each plant's noise and delay."""
-    start, cases = plants.begin(envs), envs.num_envs // len(plants.members)
-    noise = np.tile(plants.values["noise"], cases)
-    delay = np.tile(plants.values["delay"], cases).astype(np.int64)
-    sense = _Noise(noise) if noise.any() else None
+    start, (noise, delay) = plants.begin(envs), _channel(plants, envs)
+    sense = None if noise is None else _Noise(noise)
     actuate = _Delay(delay, plants.config.joints) if delay.any() else None
     return episodes(envs, policy, start, sense=sense, actuate=actuate)
+
+
+def _channel(plants: Plants, envs: FuzzyArmVectorEnv) -> Channel:
+    """Return noise and delay of every lane of the plants' environment."""
+    cases = envs.num_envs // len(plants.members)
+    noise = np.tile(plants.values["noise"], cases)
+    return Channel(noise if noise.any() else None, np.tile(plants.values["delay"], cases).astype(np.int64))
 
 
 def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: Sequence[int]) -> SweepResults:
@@ -85,15 +96,30 @@ def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: 
 
 def _metrics(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict[str, np.ndarray]:
     """Return `METRICS` (lanes,) of one policy."""
-    errors = TipErrors(envs.num_envs)
-    for step in steps(plants, envs, policy):
-        errors.add(step)
+    errors = _compiled(plants, envs, policy)
+    if errors is None:
+        errors = TipErrors(envs.num_envs)
+        for step in steps(plants, envs, policy):
+            errors.add(step)
     return {
         "max_mm": 1e3 * errors.largest,
         "rms_mm": 1e3 * errors.rms,
         "seconds": CONTROL_PERIOD * errors.steps,
         "completed": errors.completed,
     }
+
+
+def _compiled(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors | None:
+    """Return the errors of one policy from one kernel; None where it has no law for that, or a torque is not finite."""
+    if not isinstance(policy, Policy) or envs.num_envs < WORTHWHILE:
+        return None
+    law = compiled_law(policy)
+    if law is None:
+        return None
+    observation, info = plants.begin(envs)
+    channel = _channel(plants, envs)
+    seen = observation if channel.noise is None else _Noise(channel.noise)(observation, info)
+    return closed_loops(envs.lanes, seen, policy, law, channel)
 
 
 def replay(config: SweepConfig, policies: Mapping[str, Predictor], member: int, policy: str, case: str) -> Rollout:

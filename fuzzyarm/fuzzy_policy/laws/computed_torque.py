@@ -21,6 +21,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, spread_of
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
 from fuzzyarm.fuzzy_policy.laws.sampled_margins import ONE_AT_A_TIME, LinearLaw, Place, places_of, worst_radius
@@ -59,11 +60,16 @@ class ComputedTorquePolicy(Policy):
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         chosen = bandwidth_for(self.parameters, self.control_period) if bandwidth is None else bandwidth
         self.bandwidth = real("bandwidth", chosen, "rad/s", above=0.0)
-        self._arm = constants_of(self.parameters), drives_of(self.parameters)
+        arm = constants_of(self.parameters), drives_of(self.parameters)
+        self._arguments = (*arm, self.bandwidth, self.control_period)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
-        self._law(observation, memory, torque, *self._arm, self.bandwidth, self.control_period)
+        self._law(observation, memory, torque, *self._arguments)
+
+    def compiled(self) -> CompiledLaw:
+        """Return the law for compiled loops."""
+        return CompiledLaw("computed_torque", spread_of(self._law), self._arguments)
 
     @functools.cached_property
     def _law(self) -> Any:

@@ -22,6 +22,7 @@ import functools
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import observed
@@ -30,7 +31,8 @@ from fuzzyarm.envs.physics.compiled import kernel, kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_columns, in_list, reader
+from fuzzyarm.envs.physics.records import BLOCK, in_columns, in_list, reader
+from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
 from fuzzyarm.fuzzy_policy.known_arm import (
     constants_of,
     per_joint_of,
@@ -44,7 +46,7 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     gain_tables,
     state_part,
 )
-from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, predict_of
+from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, prediction_of
 from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
 from fuzzyarm.fuzzy_policy.policy import Policy
 
@@ -105,6 +107,12 @@ class ElasticObserverPolicy(Policy):
         self._target.advance(observation, memory[:, self._target_part], target, torque)
         self._law(observation, target, memory, torque, *self._arguments)
 
+    def compiled(self) -> CompiledLaw:
+        """Return the law for compiled loops."""
+        advance, of_target = self._target.compiled
+        act = _compiled_of(equations_of(self.parameters), advance, self._law)
+        return CompiledLaw("elastic_observer", act, (of_target, self._arguments))
+
     def act_beside(self, observation: np.ndarray, memory: np.ndarray, extra: np.ndarray, torque: np.ndarray) -> None:
         """Do what `act` does, with `extra` (lanes, n) [N m] added to u, of which the prediction knows."""
         target = np.empty((len(observation), self._target.size))
@@ -155,12 +163,27 @@ def _memory_parts(joints: int) -> list[slice]:
 
 
 @functools.cache
+def _compiled_of(physics: Physics, advance: Any, law: Any) -> Any:
+    """Return `ElasticObserverPolicy.act` for compiled loops, of the target's function and the law's."""
+    target_part, target_size = _memory_parts(physics.joints)[0], 3 * physics.joints
+
+    @register_jitable
+    def act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, arguments: Any) -> None:
+        of_target, own = arguments
+        target = np.empty((len(observation), target_size))
+        advance(observation, memory[:, target_part], target, torque, *of_target)
+        law(observation, target, memory, torque, *own)
+
+    return act
+
+
+@functools.cache
 def _law_of(physics: Physics) -> Any:
     """Return the compiled law for arms with these equations."""
     joints, (_, started_part, predicted_part) = physics.joints, _memory_parts(physics.joints)
     arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
-    estimated, begin, predict = estimated_of(joints), begin_of(physics), predict_of(physics)
-    correct, act = correct_of(joints), act_of(joints)
+    begin, correct, act = begin_of(physics), correct_of(joints), act_of(joints)
+    room_size, put, advance, take = prediction_of(physics)
 
     @kernel_for(physics.digest)
     def observe_and_act(
@@ -182,19 +205,24 @@ def _law_of(physics: Physics) -> Any:
         """Correct, act and predict in every lane; `torque` holds u_ff and becomes u, unclipped."""
         arm, o = arm_in(constants, 0), observed(observation)
         started, predicted = memory[:, started_part], memory[:, predicted_part]
-        estimate = estimated(predicted)
         innovation, error = np.empty(2 * joints), np.empty(4 * joints)
         index, weight = np.empty(1 << len(kept), dtype=np.int64), np.empty(1 << len(kept))
-        applied = np.empty((1, joints))
-        for lane in range(len(observation)):
-            if started[lane, 0] == 0.0:
-                started[lane, 0] = 1.0
-                begin(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
-            place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
-            correct(lane, o, predicted, observer, index, weight, innovation)
-            act(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
-            for i in range(joints):
-                applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
-            predict(predicted, lane, per_joint(applied, 0), per_joint(estimate.load, lane), arm, h, substeps)
+        applied, room = np.empty((1, joints)), np.empty(room_size)
+        for first in range(0, len(observation), BLOCK):
+            lanes = min(BLOCK, len(observation) - first)
+            for place in range(lanes):
+                lane = first + place
+                if started[lane, 0] == 0.0:
+                    started[lane, 0] = 1.0
+                    begin(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
+                place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
+                correct(lane, o, predicted, observer, index, weight, innovation)
+                act(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
+                for i in range(joints):
+                    applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
+                put(room, place, predicted, lane, per_joint(applied, 0))
+            advance(room, lanes, arm, h, substeps)
+            for place in range(lanes):
+                take(room, place, predicted, first + place)
 
     return observe_and_act

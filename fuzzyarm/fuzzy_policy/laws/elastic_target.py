@@ -115,6 +115,11 @@ class ElasticTarget:
         """
         self._advance(observation, memory, target, feedforward, *self._arguments)
 
+    @property
+    def compiled(self) -> tuple[Any, tuple[Any, ...]]:
+        """What `advance` calls, and what it gives it beside its own arguments; for compiled loops."""
+        return self._advance, self._arguments
+
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the compiled function."""
         return without_kernels(self.__dict__)

@@ -16,6 +16,7 @@ from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, spread_of
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, controller_certificate
@@ -55,6 +56,10 @@ class FuzzyPolicy(Policy):
     def certificate(self, reference: Reference) -> PolicyCertificate:
         """Return what is proven of the controller, which is the same for every reference."""
         return controller_certificate(self.controller)
+
+    def compiled(self) -> CompiledLaw:
+        """Return the law for compiled loops."""
+        return CompiledLaw("fuzzy", _ACT, self._arguments)
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate (12), see `Policy`."""
@@ -119,6 +124,9 @@ def _fuzzy_law(
         torque[lane, 0], torque[lane, 1] = torque1, torque2
         for joint in range(JOINTS):
             integral[lane, joint] += period * e[joint]
+
+
+_ACT = spread_of(_fuzzy_law)
 
 
 @register_jitable

@@ -3,34 +3,42 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_columns, reader, writer
+from fuzzyarm.envs.physics.records import BLOCK, in_block, in_columns, places, reader, record_type, size, writer
 from fuzzyarm.fuzzy_policy.laws.elastic_target import target_parts
 from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, estimate_parts
 
-__all__ = ["act_of", "begin_of", "correct_of", "estimated_of", "predict_of"]
+__all__ = ["Prediction", "act_of", "begin_of", "correct_of", "estimated_of", "predict_of", "prediction_of"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
 @register_jitable
 def _add_product(
-    table: np.ndarray, index: np.ndarray, weight: np.ndarray, x: np.ndarray, sign: float, y: np.ndarray
+    table: np.ndarray, index: np.ndarray, weight: np.ndarray, x: np.ndarray, sign: float, y: np.ndarray, lane: int
 ) -> None:
-    """Add ±G x to y (rows,), with G (rows, columns) interpolated between the points `index` of a table."""
+    """Add ±G x to y[lane] (rows,), with G (rows, columns) interpolated between the points `index` of a table."""
     for corner in range(len(index)):
-        gain, share = table[index[corner]], sign * weight[corner]
-        for i in range(gain.shape[0]):
+        point, share = index[corner], sign * weight[corner]
+        for i in range(table.shape[1]):
             product = 0.0
-            for k in range(gain.shape[1]):
-                product += gain[i, k] * x[k]
-            y[i] += share * product
+            for k in range(table.shape[2]):
+                product += table[point, i, k] * x[k]
+            y[lane, i] += share * product
+
+
+def _first_of_parts(joints: int) -> Estimate:
+    """Return where the first number of each part of (x, d) lies.
+
+    Compiled code addresses the numbers of a lane by these: making a view of a row takes as long as a product with it.
+    """
+    return Estimate(*(part.start for part in estimate_parts(joints)))
 
 
 @functools.cache
@@ -50,7 +58,7 @@ def estimated_of(joints: int) -> Any:
 @functools.cache
 def correct_of(joints: int) -> Any:
     """Return the compiled function that corrects a lane's (x̂, d̂)⁻ by what is measured, and gives ν (2 n,)."""
-    estimated = estimated_of(joints)
+    q_motor, _, dq_motor, _, _ = _first_of_parts(joints)
 
     @register_jitable
     def correct(
@@ -62,11 +70,10 @@ def correct_of(joints: int) -> Any:
         weight: np.ndarray,
         innovation: np.ndarray,
     ) -> None:
-        estimate = estimated(predicted)
         for i in range(joints):
-            innovation[i] = o.q_motor[lane, i] - estimate.q_motor[lane, i]
-            innovation[joints + i] = o.dq_motor[lane, i] - estimate.dq_motor[lane, i]
-        _add_product(observer, index, weight, innovation, 1.0, predicted[lane])
+            innovation[i] = o.q_motor[lane, i] - predicted[lane, q_motor + i]
+            innovation[joints + i] = o.dq_motor[lane, i] - predicted[lane, dq_motor + i]
+        _add_product(observer, index, weight, innovation, 1.0, predicted, lane)
 
     return correct
 
@@ -74,7 +81,8 @@ def correct_of(joints: int) -> Any:
 @functools.cache
 def act_of(joints: int) -> Any:
     """Return the compiled function that turns a lane's u_ff into u = u_ff - d̂ - K (x̂ - x_d); `error` is room (4 n,)."""
-    estimated, (theta_part, dtheta_part, _) = estimated_of(joints), target_parts(joints)
+    q_motor, q_link, dq_motor, dq_link, load = _first_of_parts(joints)
+    theta_d, dtheta_d, _ = (part.start for part in target_parts(joints))
 
     @register_jitable
     def act(
@@ -89,15 +97,14 @@ def act_of(joints: int) -> Any:
         error: np.ndarray,
         torque: np.ndarray,
     ) -> None:
-        theta_d, dtheta_d, estimate = target[:, theta_part], target[:, dtheta_part], estimated(predicted)
         for i in range(joints):
-            unbent = estimate.load[lane, i] / stiffness[i]
-            error[i] = estimate.q_motor[lane, i] - (theta_d[lane, i] - unbent)
-            error[joints + i] = estimate.q_link[lane, i] - o.q_reference[lane, i]
-            error[2 * joints + i] = estimate.dq_motor[lane, i] - dtheta_d[lane, i]
-            error[3 * joints + i] = estimate.dq_link[lane, i] - o.dq_reference[lane, i]
-            torque[lane, i] -= estimate.load[lane, i]
-        _add_product(feedback, index, weight, error, -1.0, torque[lane])
+            unbent = predicted[lane, load + i] / stiffness[i]
+            error[i] = predicted[lane, q_motor + i] - (target[lane, theta_d + i] - unbent)
+            error[joints + i] = predicted[lane, q_link + i] - o.q_reference[lane, i]
+            error[2 * joints + i] = predicted[lane, dq_motor + i] - target[lane, dtheta_d + i]
+            error[3 * joints + i] = predicted[lane, dq_link + i] - o.dq_reference[lane, i]
+            torque[lane, i] -= predicted[lane, load + i]
+        _add_product(feedback, index, weight, error, -1.0, torque, lane)
 
     return act
 
@@ -140,3 +147,56 @@ def predict_of(physics: Physics) -> Any:
         write_state(predicted, lane, state)
 
     return predict
+
+
+class Prediction(NamedTuple):
+    """What a compiled law needs to predict many lanes at once.
+
+    Attributes:
+        size: numbers in its room, a flat array (size,).
+        put: ``put(room, place, predicted, lane, torque)`` takes a lane's (x̂, d̂) and its torques, a record, into place
+            `place` of the room, of which there are `BLOCK`.
+        advance: ``advance(room, lanes, arm, h, substeps)`` advances x̂ in the first places over a control period,
+            d̂ held.
+        take: ``take(room, place, predicted, lane)`` takes x̂ back.
+    """
+
+    size: int
+    put: Any
+    advance: Any
+    take: Any
+
+
+@functools.cache
+def prediction_of(physics: Physics) -> Prediction:
+    """Return the prediction of the nominal arm with these equations.
+
+    The loop over lanes is the innermost one, over one small array with rows of constant length: SIMD code, as in
+    `hold.hold_block_of`, with the bits of one lane alone.
+    """
+    Room = record_type("Room", state=physics.State, torque=physics.PerJoint, load=physics.PerJoint)
+    at, loaded_step, load = places(Room), physics.loaded_step, estimate_parts(physics.joints).load.start
+    in_state = reader(physics.State, in_columns)
+    in_load = reader(physics.PerJoint, in_columns, places(physics.PerJoint, load))
+    state_in, read_state = writer(physics.State, in_columns), reader(physics.State, in_block, at.state)
+    read_room, write_room = reader(Room, in_block), writer(Room, in_block)
+    write_state = writer(physics.State, in_block, at.state)
+
+    @register_jitable
+    def put(room: np.ndarray, place: int, predicted: np.ndarray, lane: int, torque: Any) -> None:
+        write_room(room, place, Room(in_state(predicted, lane), torque, in_load(predicted, lane)))
+
+    def advance(room: np.ndarray, lanes: int, arm: Any, h: float, substeps: int) -> None:
+        for _ in range(substeps):
+            for place in range(lanes):
+                now = read_room(room, place)
+                write_state(room, place, loaded_step(now.state, now.torque, now.load, arm, h))
+
+    # The name reaches the machine code: no two of them may have the same.
+    advance.__qualname__ = f"predict_block_{physics.digest}"
+
+    @register_jitable
+    def take(room: np.ndarray, place: int, predicted: np.ndarray, lane: int) -> None:
+        state_in(predicted, lane, read_state(room, place))
+
+    return Prediction(size(Room) * BLOCK, put, register_jitable(advance), take)

@@ -23,6 +23,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, spread_of
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
 from fuzzyarm.fuzzy_policy.laws.sampled_margins import LinearLaw, Place
@@ -71,6 +72,10 @@ class ScheduledPolicy(Policy):
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
         self._law(observation, memory, torque, *self._arguments)
+
+    def compiled(self) -> CompiledLaw:
+        """Return the law for compiled loops."""
+        return CompiledLaw("scheduled", spread_of(self._law), self._arguments)
 
     @functools.cached_property
     def _law(self) -> Any:

@@ -14,14 +14,18 @@ reference like q_d, so the inequalities of the certificate hold for it, too; d t
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
 from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, compiled_law
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.fuzzy_policy.laws.iterative_learning import TorqueLearning
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -75,6 +79,15 @@ class TipPolicy(Policy):
         own_feedforward, feedforward = self._act(observation, memory, torque)
         torque += feedforward - own_feedforward
 
+    def compiled(self) -> CompiledLaw | None:
+        """Return the law for compiled loops, None where the law that tracks θ_d has none."""
+        law = compiled_law(self.law)
+        if law is None:
+            return None
+        advance, of_target = self._target.compiled
+        act = _compiled_of(self.joints, self.law.memory_size, advance, law.act)
+        return CompiledLaw(f"tip_{law.name}", act, (law.arguments, of_target))
+
     def feedback_and_feedforward(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the two parts of the torque, (lanes, 2) each [N m], not clipped, and advance the memory in place."""
         torque = np.empty((len(observation), observation.shape[1] // PARTS))
@@ -98,6 +111,35 @@ class TipPolicy(Policy):
         self.law.act(resting, np.zeros(law_memory.shape), own_feedforward)
         self.law.act(seen, law_memory, torque)
         return own_feedforward, feedforward
+
+
+@functools.cache
+def _compiled_of(joints: int, law_memory: int, advance: Any, act_of_law: Any) -> Any:
+    """Return `TipPolicy.act` for compiled loops, of the target's function and the law's."""
+    start = starts(joints)
+    measured, desired = start.q_reference, start.ddq_reference - start.q_reference
+
+    @register_jitable
+    def act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, arguments: Any) -> None:
+        of_law, of_target = arguments
+        lanes = len(observation)
+        seen, resting = np.empty_like(observation), np.empty_like(observation)
+        own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
+        advance(observation, memory[:, law_memory:], seen[:, measured:], feedforward, *of_target)
+        for lane in range(lanes):
+            for k in range(measured):
+                seen[lane, k] = observation[lane, k]
+            for k in range(measured, seen.shape[1]):
+                resting[lane, k] = seen[lane, k]
+            for k in range(desired):
+                resting[lane, k] = seen[lane, measured + k]
+        act_of_law(resting, np.zeros((lanes, law_memory))[:, :law_memory], own_feedforward, of_law)
+        act_of_law(seen, memory[:, :law_memory], torque, of_law)
+        for lane in range(lanes):
+            for joint in range(joints):
+                torque[lane, joint] += feedforward[lane, joint] - own_feedforward[lane, joint]
+
+    return act
 
 
 def _motors_stay_in_box(reference: Reference) -> bool:

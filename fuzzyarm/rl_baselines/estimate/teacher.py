@@ -52,7 +52,7 @@ class Teacher:
         """Return u* (lanes, 2) [N m], within its limits, before the step for observations (lanes, 10)."""
         o = observed(observation)
         q, dq, ddq = o.q_reference, o.dq_reference, o.ddq_reference
-        arm, state = self._plants(), self._lanes.values[:_STATES].T
+        arm, state = self._plants(), self._lanes.numbers(slice(_STATES)).T
         tau = rigid_inverse_dynamics(q, dq, ddq, arm)
         motion, motor, smooth = self._target(dq, ddq, tau, arm)
         load = self._load(q)
@@ -68,16 +68,13 @@ class Teacher:
 
     def _plants(self) -> Arm:
         """Return the constants of every lane's arm as it is, payload included."""
-        at = self._lanes.layout.LANE.arm
-        return Arm(*(self._lanes.values[row] for row in at))
+        return Arm(*self._lanes.numbers(columns(self._lanes.layout.Lane).arm))
 
     def _load(self, q: np.ndarray) -> np.ndarray:
         """Return Jᵀ F (lanes, 2) [N m] of the coming control period at the reference q (lanes, 2) [rad]."""
         table = self._lanes.arrays[2]
         rows = table[self._lanes.clock[CLOCK.row]]
-        force = (
-            self._lanes.values[self._lanes.layout.LANE.force_factor][:, np.newaxis] * rows[:, _ROW.force][:, :JOINTS]
-        )
+        force = self._lanes.numbers(columns(self._lanes.layout.Lane).force_factor).T * rows[:, _ROW.force][:, :JOINTS]
         load: np.ndarray = np.einsum("lai,la->li", tip_jacobian(q, self._arm.length), force)
         return load
 

@@ -173,12 +173,12 @@ def test_the_single_environment_is_the_lane_bit_for_bit(lane, alone):
 def test_one_torque_that_is_not_finite_moves_no_lane_and_names_its_own(threads, lane, value):
     lanes = lanes_of(np.arange(MOST), threads)
     lanes.reset(range(MOST))
-    values, clock = lanes.values.copy(), lanes.clock.copy()
+    values, clock = lanes.numbers(slice(None)), lanes.clock.copy()
     torque = TORQUES[0].copy()
     torque[lane] = (1.5, value)
     with pytest.raises(ValueError, match=rf"action \[1\.5, {value}\] N m of lane {lane} is not finite"):
         lanes.step(torque)
-    assert np.array_equal(lanes.values, values) and np.array_equal(lanes.clock, clock)
+    assert np.array_equal(lanes.numbers(slice(None)), values) and np.array_equal(lanes.clock, clock)
     lanes.close()
 
 
@@ -206,10 +206,11 @@ def test_a_restart_of_some_lanes_leaves_the_others_alone():
     which = np.array([0, 3, 4, 31, 32, 39])
     others = np.setdiff1d(np.arange(40), which)
     lanes.restart(which)
-    assert np.array_equal(lanes.values[:, others], undisturbed.values[:, others])
+    numbers, expected = (one.numbers(slice(None)) for one in (lanes, undisturbed))
+    assert np.array_equal(numbers[:, others], expected[:, others])
     assert np.array_equal(lanes.clock[:, others], undisturbed.clock[:, others])
     assert np.array_equal(lanes.drawn[:, others], undisturbed.drawn[:, others])
-    assert not np.any(np.all(lanes.values[:8, which] == undisturbed.values[:8, which], axis=0))
+    assert not np.any(np.all(numbers[:8, which] == expected[:8, which], axis=0))
     for torque in TORQUES[5:10, :40]:
         rows, expected = by_lane(lanes.step(torque.copy())), by_lane(undisturbed.step(torque.copy()))
         assert np.array_equal(rows[others], expected[others])

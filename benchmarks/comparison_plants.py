@@ -1,0 +1,90 @@
+"""The plants and forces of `comparison.py`: what nobody trained on, and the errors of policies on it.
+
+The plants are those of the sweeps' distribution ``loads``, from a seed that no training, tuning or test uses. Beside
+the paper's three cases each of them meets two forces that no training has drawn: blows, and a force that turns around.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, Case, add_case
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.episodes import run_plants
+from fuzzyarm.eval.sweep.results import SweepResults
+
+__all__ = ["CHUNK", "COMPARED_CASES", "SEED", "errors_of"]
+
+SEED, CHUNK = 700_000, 250  # the first plant's; plants at once
+
+
+@dataclasses.dataclass(frozen=True)
+class Blows:
+    """Blows of `size` [N] for `length` [s] every `interval` [s], each a right angle further than the one before."""
+
+    size: float = 250.0
+    length: float = 0.01
+    interval: float = 0.19
+
+    def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
+        """Return the force (..., 2) [N] at times (...) [s]; the tip's velocity plays no part."""
+        number, since = np.divmod(np.asarray(time, dtype=float), self.interval)
+        size, angle = np.where(since < self.length, self.size, 0.0), 0.5 * np.pi * number
+        return np.stack([size * np.cos(angle), size * np.sin(angle)], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Turning:
+    """A force of `size` [N] that turns around `frequency` times a second, whatever the tip does."""
+
+    size: float = 110.0
+    frequency: float = 6.5
+
+    def at(self, time: np.ndarray, tip_velocity: np.ndarray) -> np.ndarray:
+        """Return the force (..., 2) [N] at times (...) [s]; the tip's velocity plays no part."""
+        angle = 2.0 * np.pi * self.frequency * np.asarray(time, dtype=float)
+        return np.stack([self.size * np.cos(angle), self.size * np.sin(angle)], axis=-1)
+
+
+_UNSEEN = (
+    Case("blows", "Blows", Disturbance(tip_force=Blows())),
+    Case("turning", "A force that turns", Disturbance(tip_force=Turning())),
+)
+for _case in _UNSEEN:
+    if _case.name not in CASES:
+        add_case(_case)
+
+COMPARED_CASES: tuple[str, ...] = (*PAPER_CASES, *(case.name for case in _UNSEEN))
+"""The paper's cases, then the forces that no training has drawn."""
+
+
+def errors_of(
+    policies: Mapping[str, Any], plants: int, jobs: int | None, report: Callable[[int], None]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rms and the largest tip errors (policies, cases, plants) [mm]; inf where an episode ended early.
+
+    Args:
+        policies: by label.
+        plants: how many.
+        jobs: processes; None: one per core.
+        report: called with the number of plants that are done.
+    """
+    config = SweepConfig(policies=("fuzzy-1",), cases=COMPARED_CASES, plants=plants, seed=SEED, chunk=CHUNK)
+    work, parts = functools.partial(_chunk, config, dict(policies)), {}
+    for number, part in Engine(jobs=jobs).run(work, range(config.chunks)):
+        parts[number] = part
+        report(sum(len(one.plants) for one in parts.values()))
+    found = SweepResults.joined([parts[number] for number in sorted(parts)])
+    lost = ~found.completed
+    return np.where(lost, np.inf, found.rms_mm), np.where(lost, np.inf, found.max_mm)
+
+
+def _chunk(config: SweepConfig, policies: dict[str, Any], number: int) -> SweepResults:
+    return run_plants(config, policies, config.members(number))

@@ -1,0 +1,43 @@
+"""Law and plant in one kernel: the numbers of the ordinary loop, to the last bit."""
+
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.eval.sweep import episodes
+from fuzzyarm.eval.sweep.config import SweepConfig
+from fuzzyarm.eval.sweep.episodes import run_plants
+from fuzzyarm.eval.sweep.results import METRICS
+from fuzzyarm.fuzzy_policy.compiled_law import compiled_law
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+
+POLICIES = "fuzzy-4", "fuzzy-1-tip", "computed-torque", "computed-torque-tip", "elastic-observer"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("distribution", ["loads", "all"])
+def test_a_kernel_of_law_and_plant_has_the_bits_of_the_loop(name, distribution, monkeypatch):
+    # 65 plants in three cases are more than one group of lanes, and no whole number of blocks; some end early.
+    config = SweepConfig(policies=(name,), plants=65, distribution=distribution, seed=3)
+    ranges = (("payload", 0.0, 60.0),)
+    heavy = SweepConfig(policies=(name,), plants=40, distribution=distribution, ranges=ranges, cases=("machining",))
+    for one in (config, heavy):
+        results = []
+        for threshold in (1, 10**9):
+            monkeypatch.setattr(episodes, "WORTHWHILE", threshold)
+            results.append(run_plants(one, {name: load_policy(name)}, one.members(0)))
+        for metric in METRICS:
+            assert np.array_equal(getattr(results[0], metric), getattr(results[1], metric)), metric
+
+
+def test_a_law_that_a_subclass_changes_is_not_compiled():
+    class Gentle(FuzzyPolicy):
+        def act(self, observation, memory, torque):
+            super().act(observation, memory, torque)
+            torque *= 0.5
+
+    policy = load_policy("fuzzy-4")
+    assert compiled_law(policy).name == "fuzzy"
+    assert compiled_law(Gentle(policy.controller)) is None
+    assert compiled_law(load_policy("ppo-robust")) is None
