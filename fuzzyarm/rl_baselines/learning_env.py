@@ -12,7 +12,6 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.batch.saved_state import checked_arrays
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, robot_of
@@ -96,7 +95,7 @@ def check_arm(digest: str, config: TrainingConfig, folder: Path) -> None:
     """Raise CheckpointError if a configuration's robot is not the one whose digest the checkpoint of a folder holds."""
     if robot_of(chosen_arm(config.robot, None)).digest != digest:
         raise CheckpointError(
-            f"{folder} holds a training of another arm than {shown(config.robot)} is now: bring its file back as it "
+            f"{folder} holds a training of another arm than {config.robot} is now: bring its file back as it "
             "was, or start anew in another folder"
         )
 

@@ -25,7 +25,7 @@ def steps_until_the_end(env, **reset):
         info = env.unwrapped._lanes  # the reference itself is the state to be in: no policy is needed
         row = info.arrays[1][0, 0]
         values, table = info.arrays[0], info.arrays[2]
-        values[:4, 0], values[4:8, 0] = np.tile(table[row, :2], 2), 0.0
+        values[0, :4, 0], values[0, 4:8, 0] = np.tile(table[row, :2], 2), 0.0
         *_, terminated, truncated, _ = env.step(HOLDING)
         if terminated or truncated:
             return step, truncated

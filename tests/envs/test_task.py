@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.two_joints import LAYOUT, WIDTH, Target, advance, assess, finite, hold, split, state_of
 
+from fuzzyarm.envs.batch.blocks import in_blocks
 from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, Clock
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
@@ -17,7 +18,7 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, in_list, reader, size
+from fuzzyarm.envs.physics.records import BLOCK, PerJoint, in_list, reader, size
 from fuzzyarm.envs.physics.two_joints import Limits
 from fuzzyarm.envs.task import clipped
 
@@ -76,13 +77,13 @@ def lanes_of(state, torque, bias, force, arm, limits, target, rows=2):
     table = np.repeat(np.concatenate([reference, target, force, bias]).T, rows, axis=0)
     first = rows * np.arange(lanes)
     clock = np.stack([first, first, first + rows - 1, np.zeros(lanes, dtype=np.int64)])
-    return values, clock, table, np.ascontiguousarray(torque.T)
+    return in_blocks(values), clock, table, np.ascontiguousarray(torque.T)
 
 
 def step(values, clock, table, action):
     """Advance every lane by one control step; returns observations, vectors and scalars by name."""
     out = np.full(WIDTH * len(action), np.nan)
-    assert advance(values, clock, table, PERIOD, SUBSTEPS, action, 0, len(action), out) == -1
+    advance(values, clock, table, PERIOD, SUBSTEPS, action, 0, len(action), out)
     observations, vectors, scalars = split(out)
     return observations, dict(zip(VECTORS, vectors, strict=True)), dict(zip(SCALARS, scalars, strict=True))
 
@@ -99,21 +100,23 @@ def test_every_result_has_its_own_place(lanes):
 
 def test_advance_writes_every_entry_and_leaves_table_and_action_alone():
     values, clock, table, action = lanes_of(*batch(5))
-    kept = [values[8:].copy(), clock[1:].copy(), table.copy(), action.copy()]
+    kept = [values[:, 8:].copy(), clock[1:].copy(), table.copy(), action.copy()]
     observations, vectors, scalars = step(values, clock, table, action)
     assert np.isfinite(observations).all()
     assert all(np.isfinite(part).all() for part in (*vectors.values(), *scalars.values()))
-    assert all(map(np.array_equal, kept, [values[8:], clock[1:], table, action]))
-    assert np.array_equal(clock[0], kept[1][0] + 1) and len(values) == size(LAYOUT.Lane) and len(clock) == size(Clock)
+    assert all(map(np.array_equal, kept[1:], [clock[1:], table, action]))
+    assert np.array_equal(kept[0], values[:, 8:], equal_nan=True)  # nan where there is no lane
+    assert np.array_equal(clock[0], kept[1][0] + 1)
+    assert values.shape[1] == size(LAYOUT.Lane) and len(clock) == size(Clock)
 
 
 def test_each_result_is_reported_under_its_name():
     """Every quantity that is simply passed on, from distinct numbers."""
     state, torque, bias, force, arm, limits, target = batch(5)
     values, clock, table, action = lanes_of(state, torque, bias, force, arm, 10.0 * limits, target)
-    factors = values[34] = np.linspace(0.5, 1.5, 5)
+    factors = values[0, 34, :5] = np.linspace(0.5, 1.5, 5)
     observations, vectors, scalars = step(values, clock, table, action)
-    after = values[:8].T
+    after = values[0, :8, :5].T
     assert np.array_equal(vectors["q_motor"], after[:, :2]) and np.array_equal(vectors["q_link"], after[:, 2:4])
     assert np.array_equal(vectors["dq_motor"], after[:, 4:6]) and np.array_equal(vectors["dq_link"], after[:, 6:])
     assert np.array_equal(vectors["tip_reference"], target[:2].T)
@@ -209,7 +212,7 @@ def test_each_way_out_of_the_domain_is_told_by_its_number(entry, reason):
     rows = lanes_of(lanes, *(np.zeros((n, 2)) for n in (2, 2, 4)), constants, np.tile(limits[:, None], 2), lanes[:7])
     values, clock, table, action = rows
     out = np.empty(2 * WIDTH)
-    assert advance(values, clock, table, 1e-12, 1, action, 0, 2, out) == -1  # too short a step to move
+    advance(values, clock, table, 1e-12, 1, action, 0, 2, out)  # too short a step to move
     scalars = dict(zip(SCALARS, split(out)[2], strict=True))
     assert scalars["reason"].tolist() == [0.0, reason]
     assert scalars["truncated"].tolist() == [1.0, 0.0]  # the last row, but a lane that left is not truncated
@@ -270,7 +273,7 @@ def test_an_arm_held_by_friction_stays_put_and_balanced():
     lane = lanes_of(state, torque, zero, np.zeros((4, 1)), arm, limits, target, rows=201)
     for _ in range(200):
         _, vectors, _ = step(*lane)
-    assert np.array_equal(lane[0][4:6], zero)
+    assert np.array_equal(lane[0][0, 4:6, :1], zero)
     np.testing.assert_allclose(vectors["friction_torque"][0], [-0.9, 0.9] * STATIC, rtol=0.0, atol=1e-9)
 
 
@@ -286,7 +289,7 @@ def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
     hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
     known = limits_of(limits, 0), target_of(target, 0)
     expected = assess(state_of(state), PerJoint(*applied), PerJoint(*bias), Arm(*arm), *known)
-    assert np.array_equal(values[:8], state) and np.array_equal(vectors["torque"], applied.T)
+    assert np.array_equal(values[0, :8, :20], state) and np.array_equal(vectors["torque"], applied.T)
     assert np.array_equal(vectors["tip"], np.stack(expected.tip, axis=-1))
     assert np.array_equal(vectors["friction_torque"], friction(expected).T)
     for name in SCALARS[1:7]:
@@ -308,7 +311,7 @@ def test_each_lane_is_the_lane_alone_bit_for_bit():
         observations, vectors, scalars = step(*together)
         for k, lane in enumerate(alone):
             one_observation, one_vectors, one_scalars = step(*lane)
-            assert np.array_equal(together[0][:, k], lane[0][:, 0])
+            assert np.array_equal(together[0][k // BLOCK, :, k % BLOCK], lane[0][0, :, 0])
             assert np.array_equal(observations[k], one_observation[0])
             assert all(np.array_equal(vectors[name][k], one_vectors[name][0]) for name in VECTORS)
             assert all(scalars[name][k] == one_scalars[name][0] for name in SCALARS)

@@ -113,7 +113,7 @@ def advance_of(layout: Layout) -> Any:
 
 @kernel
 def first_not_finite(action: np.ndarray) -> int:
-    """Return the first lane whose torques (lanes, joints) are not all finite, -1 if there is none."""
+    """Return the first lane whose torques (lanes, joints) [N m] are not all finite, -1 if there is none."""
     bad = 0
     for lane in range(action.shape[0]):
         for joint in range(action.shape[1]):

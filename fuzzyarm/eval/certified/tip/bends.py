@@ -90,6 +90,7 @@ TANH = Smooth(arb.tanh, lambda x: 1 - x.tanh() ** 2, 0.77)
 ASINH = Smooth(arb.asinh, lambda x: 1 / (1 + x * x).sqrt(), 0.386)
 """|f''| = x/(1 + x²)^(3/2) <= 2/(3 √3) = 0.3850, rounded up."""
 STRAIGHT = Clip(None)
+"""f(x) = x, for what has no limit."""
 
 
 def append_bent(forms: Forms, rows: np.ndarray, at: list[Any], bends: Sequence[Bend]) -> None:
