@@ -6,10 +6,13 @@ brackets, which changes neither its operands nor its rounding.
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from fuzzyarm.export.c_helpers import HELPERS
 from fuzzyarm.export.trace import Block, Branch, Function, Kind, Loops, Matrix, Scalar, Step, Value, kind_of
@@ -89,11 +92,14 @@ class Writer:
         return lines + [_INDENT + text.format(self._text(value, Kind.REAL)) for text, value in outputs]
 
     def literal(self, number: float, kind: Kind = Kind.REAL) -> str:
-        """Return a known number."""
+        """Return a known number; one too small for float is the smallest normal one, as it guards a division."""
         if kind is not Kind.REAL:
             return str(int(number))
         if number != number:  # what is no number; C99 has no literal for it
             return f"({self.literal(0.0)} / {self.literal(0.0)})"
+        smallest = float(np.finfo(np.float32).tiny) if self._real == "float" else 0.0
+        if 0.0 < abs(number) < smallest:
+            number = math.copysign(smallest, number)
         text = repr(float(number)) + ("f" if self._real == "float" else "")
         return f"({text})" if text.startswith("-") else text
 

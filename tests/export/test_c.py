@@ -19,7 +19,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export.c_files import c_name, export_c, sources_of
 from fuzzyarm.export.c_program import MOST_REMEMBERED, program_of
-from fuzzyarm.export.c_text import pruned
+from fuzzyarm.export.c_text import Writer, pruned
 from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
 from fuzzyarm.export.partial import Interpreter
 from fuzzyarm.export.refusals import Unsupported
@@ -118,6 +118,15 @@ def test_in_float_the_torques_are_near(tmp_path):
     torque, _ = answers(policy, seen.astype(np.float32), starts)
     own, _ = compiled(policy, tmp_path, "float").run(seen, starts)
     assert 1e-6 < np.abs(own - torque).max() < 1.0
+
+
+def test_what_guards_a_division_guards_it_in_float():
+    double, single = Writer("double", ()), Writer("float", ())
+    for number in (1e-300, -1e-300):
+        assert float(double.literal(number).strip("()")) == number
+        guard = np.float32(single.literal(number).strip("f()"))
+        assert np.isfinite(np.float32(1.0) / guard) and np.sign(guard) == np.sign(number)
+    assert single.literal(0.0) == "0.0f"
 
 
 @needs_compiler
