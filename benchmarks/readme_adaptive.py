@@ -59,7 +59,7 @@ def adaptive_plants_table(document: dict[str, Any], sweeps: dict[str, dict[str, 
         commands.append(f"`{sweep['command']}`")
         for row in sweep["rows"]:
             cells = [_text(row["max_mm"][key]["value"]) for key in ("0.5", "0.99")]
-            cells += [_text(row["worst"][0]["max_mm"]), str(row["ended_early"])]
+            cells += [_text(max(plant["max_mm"] for plant in row["worst"])), str(row["ended_early"])]
             rows.append([f"`{name}`", CASES[row["case"]].title, str(sweep["config"]["plants"]), *cells])
     for row in document["populations"]:
         cells = [_text(row[key]) for key in ("median_mm", "quantile_99_mm", "worst_mm")]
