@@ -112,6 +112,7 @@ def test_local_processes_run_a_policy_of_ones_own_with_the_numbers_of_one(import
     assert 1e3 * signals["tip_error"].max() == own[3]
 
 
+@pytest.mark.slow
 def test_ray_sends_the_package_of_a_policy_of_ones_own(imported, tmp_path):
     """In a process of its own: Ray does not wait for its processes, which warns.
 

@@ -97,6 +97,7 @@ def test_a_batch_answers_as_each_lane_would_alone_bit_for_bit(policy):
         assert action.tobytes() == actions[lane].tobytes() and following.tobytes() == after[lane].tobytes()
 
 
+@pytest.mark.slow
 def test_the_observer_rests_under_gravity_without_correction():
     robot, law = robot_named("ur5"), policy_of("elastic-observer", "ur5").without_dry_friction()
     q, still = np.array(home_posture(robot)), np.zeros(6)
