@@ -21,6 +21,7 @@ from fuzzyarm.export.refusals import Unsupported
 from fuzzyarm.export.sheet import certified_numbers
 from fuzzyarm.export.vectors import CALLS, random_observations
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
@@ -47,10 +48,15 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
         number: of the type in `NUMBERS`.
 
     Raises:
-        ValueError: the policy's source has something that cannot be written in C.
+        ValueError: the policy's source has something that cannot be written in C, or the law is of no use in float.
         OSError: a file cannot be written.
     """
     choice("number", number, NUMBERS)
+    if number == "float" and isinstance(policy, AdaptiveObserverPolicy):
+        raise Unsupported(
+            f"{label} needs double: in float its covariance loses its digits, and the tip errs by centimetres; "
+            'choose number "double"'
+        )
     name = c_name(label)
     texts = sources_of(label, policy, number) | {f"{name}_vectors.csv": _vectors(policy)}
     for file, text in texts.items():

@@ -120,6 +120,13 @@ def test_in_float_the_torques_are_near(tmp_path):
     assert 1e-6 < np.abs(own - torque).max() < 1.0
 
 
+def test_a_law_that_float_ruins_is_refused_in_it(tmp_path, capsys):
+    assert main(["export", "c", "adaptive-observer", "--number", "float", "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert "adaptive-observer needs double" in error and error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_guards_a_division_guards_it_in_float():
     double, single = Writer("double", ()), Writer("float", ())
     for number in (1e-300, -1e-300):
