@@ -104,7 +104,7 @@ class TrainingConfig:
         truth("tensorboard", self.tensorboard)
         if self.robot is not None:
             instance("robot", self.robot, str)
-        if self.innovation_times and self.base != OBSERVER_BASE:
+        if instance("innovation_times", self.innovation_times, tuple) and self.base != OBSERVER_BASE:
             raise ValueError(f"innovation_times needs the base {OBSERVER_BASE}, not {self.base}; leave it out")
         # The definitions of features and action check the rest.
         _ = self.action, self.features

@@ -38,6 +38,7 @@ def test_the_gate_is_the_mean_square_of_the_innovation_in_its_units_over_one_mor
     np.testing.assert_allclose(gate(innovation, 2.0), [0.0, 0.5, 1e-6], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_an_action_of_zero_leaves_the_observer_as_it_is_bit_for_bit():
     made = bundle(BESIDE, innovation_times=TIMES).network
     silent = beside(biases=(*made.biases[:-1], np.zeros(2)), weights=(*made.weights[:-1], np.zeros((2, 8))))

@@ -250,6 +250,7 @@ def test_payload_and_stiffness_change_the_radius_and_the_margin() -> None:
         assert at_the_edge == pytest.approx(1.0, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_a_robot_has_the_loops_of_the_two_joint_arm_that_it_is() -> None:
     """The same arm by its parameters and as a robot, whose equations are generated: equal loops, with a payload."""
     robot, loaded = Robot.of(ARM), Payload(5.0)

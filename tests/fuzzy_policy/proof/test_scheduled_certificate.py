@@ -85,6 +85,7 @@ def test_a_search_with_more_rules_begins_with_what_fewer_have():
     assert shares.min() == pytest.approx(1.0, rel=1e-9) and shares.max() == pytest.approx(more.kappa, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_best_premise_is_found():
     found = design_scheduled(ScheduledSpecification(rules=2), robot_named("planar-3r")).controller
     assert found.premises == (COS_2,)

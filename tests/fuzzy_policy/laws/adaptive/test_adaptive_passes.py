@@ -78,6 +78,7 @@ def test_observations_and_states_of_another_shape_are_refused():
         repeated.predict(np.zeros((2, 10)), state)
 
 
+@pytest.mark.slow
 def test_iterative_learning_brings_the_motors_home_and_not_the_tip():
     repeated, state, largest = load_policy("fuzzy-4-tip").repeated(), None, []
     for _ in range(3):

@@ -124,6 +124,7 @@ def moved(z, torque, directions, base, slopes):
     return state[:, 0]
 
 
+@pytest.mark.slow
 def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     rng = np.random.default_rng(7)
     base, slopes = affine_numbers(ARM)
