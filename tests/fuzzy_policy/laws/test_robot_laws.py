@@ -83,7 +83,8 @@ def test_the_compensation_and_the_observer_bring_the_tip_onto_the_path(name):
     assert observed.max() < 0.2 * plain.max()
 
 
-@pytest.mark.parametrize("policy", slow_but(["computed-torque-tip"], POLICIES))
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", POLICIES)
 def test_a_batch_answers_as_each_lane_would_alone_bit_for_bit(policy):
     law, n = policy_of(policy, "ur5"), 6
     rng = np.random.default_rng(1)
