@@ -16,6 +16,7 @@ import math
 import os
 import stat
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, get_args, get_origin, get_type_hints
 
@@ -32,11 +33,13 @@ __all__ = [
     "open_regular",
     "parse_json",
     "read_bytes",
+    "read_checked",
     "read_json",
     "read_toml",
     "record",
 ]
 
+Built = TypeVar("Built")
 Record = TypeVar("Record")
 
 LARGEST = 16 * 2**20  # bytes of a document, if not said otherwise
@@ -166,6 +169,36 @@ def check_schema(content: Any, schema: str) -> dict[str, Any]:
     if not isinstance(content, dict) or found != schema:
         raise ValueError(f"the schema is {str(found)[:80]!r}, this version reads {schema!r}")
     return content
+
+
+def read_checked(path: Path, schema: str, again: str, build: Callable[[dict[str, Any]], Built]) -> Built:
+    """Return what `build` makes of the content of a JSON file of a schema.
+
+    Args:
+        path: of the file.
+        schema: the one this version reads.
+        again: how the file is made anew, the end of every message.
+        build: makes the result; a mapping or list that lacks something may fail in it as it likes.
+
+    Raises:
+        ValueError: the file is not there, of another schema or damaged; one line that names it and the way out.
+        OSError: the file cannot be read.
+    """
+    if not path.is_file():
+        raise ValueError(f"{path} is not there; {again}")
+    try:
+        document = read_json(path)
+    except DocumentError as error:
+        raise ValueError(f"{error}; {again}") from None
+    try:
+        check_schema(document, schema)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}; {again}") from None
+    try:
+        return build(document)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{path} is damaged ({problem}); {again}") from None
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import CLOCK, SCALARS, Layout
@@ -81,6 +82,23 @@ def _run_of(layout: Layout, advance: Any, policy: Policy, law: CompiledLaw) -> C
     return _kernels[made_for]
 
 
+@register_jitable
+def _delayed(torque: np.ndarray, sent: np.ndarray, k: int, delay: int) -> None:
+    """Replace the torques (n,) of step k by those that were sent `delay` steps before, the first ones before that."""
+    depth = len(sent)
+    for joint in range(len(torque)):
+        for late in range(depth if k == 0 else 1):
+            sent[(k + late) % depth, joint] = torque[joint]
+        torque[joint] = sent[(k - delay) % depth, joint]
+
+
+@register_jitable
+def _scaled(reading: np.ndarray, truth: np.ndarray, factor: float) -> None:
+    """Scale the noise of readings (n,), which is what they are off the truth."""
+    for joint in range(len(truth)):
+        reading[joint] = truth[joint] + factor * (reading[joint] - truth[joint])
+
+
 def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable[..., bool]:
     """Return the kernel; it returns whether a torque was no finite number."""
     width, observed, joints = layout.width, layout.observed, layout.physics.joints
@@ -125,25 +143,20 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
                         # It moves in vain, from where it began, until the last lane of the group has ended.
                         torque[i] = 0.0
                         clocks[CLOCK.row, i] = clocks[CLOCK.first, i]
-                    for joint in range(joints):
-                        if not np.isfinite(torque[i, joint]):
-                            return True
-                        if depth > 1:
-                            for late in range(depth if k == 0 else 1):
-                                sent[(k + late) % depth, i, joint] = torque[i, joint]
-                            torque[i, joint] = sent[(k - delay[start + i]) % depth, i, joint]
+                    if not np.isfinite(torque[i]).all():
+                        return True
+                    if depth > 1:
+                        _delayed(torque[i], sent[:, i], k, delay[start + i])
                 advance(numbers, clocks, table, period, substeps, torque, 0, n, out)
                 k += 1
                 for i in range(n):
                     for place in range(observed):
                         seen[i, place] = out[observed * i + place]
                     if noisy:
-                        factor = noise[start + i]
-                        for joint in range(joints):
-                            block, place = i // BLOCK, i % BLOCK
-                            q, dq = numbers[block, motors + joint, place], numbers[block, velocities + joint, place]
-                            seen[i, joint] = q + factor * (seen[i, joint] - q)
-                            seen[i, joints + joint] = dq + factor * (seen[i, joints + joint] - dq)
+                        block, place, factor = i // BLOCK, i % BLOCK, noise[start + i]
+                        _scaled(seen[i, :joints], numbers[block, motors : motors + joints, place], factor)
+                        velocity = numbers[block, velocities : velocities + joints, place]
+                        _scaled(seen[i, joints : 2 * joints], velocity, factor)
                     if running[i]:
                         error = out[(first_scalar + _ERROR) * n + i]
                         largest[start + i] = max(largest[start + i], error)

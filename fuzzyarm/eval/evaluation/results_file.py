@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm.common.checks import instance, real, truth
-from fuzzyarm.common.documents import DocumentError, check_schema, read_json, record
+from fuzzyarm.common.documents import read_checked, record
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig
 from fuzzyarm.policies import resolve
 
@@ -55,21 +55,7 @@ def read_results(path: Path) -> Results:
     """
     path = path / NAME if path.is_dir() else path
     again = f"make it anew with fuzzyarm evaluate --out {path.parent}"
-    if not path.is_file():
-        raise ValueError(f"{path} is not there; {again}")
-    try:
-        document = read_json(path)
-    except DocumentError as error:
-        raise ValueError(f"{error}; {again}") from None
-    try:
-        check_schema(document, SCHEMA)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}; {again}") from None
-    try:
-        return _from_document(path, document)
-    except (KeyError, TypeError, ValueError) as error:
-        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"{path} is damaged ({problem}); {again}") from None
+    return read_checked(path, SCHEMA, again, lambda document: _from_document(path, document))
 
 
 @dataclasses.dataclass(frozen=True)

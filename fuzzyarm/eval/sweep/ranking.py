@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from fuzzyarm.common.checks import listed, real, whole
-from fuzzyarm.common.documents import DocumentError, check_schema, read_json
+from fuzzyarm.common.documents import DocumentError, read_checked, read_json
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.evaluation.ranking import Table, ranks_of, shown
 from fuzzyarm.eval.evaluation.statistics import Estimate
@@ -135,21 +135,7 @@ class _Read:
 
 def _read(file: Path) -> _Read:
     again = f"make it anew with fuzzyarm sweep --out {file.parent}"
-    if not file.is_file():
-        raise ValueError(f"{file} is not there; {again}")
-    try:
-        document = read_json(file)
-    except DocumentError as error:
-        raise ValueError(f"{error}; {again}") from None
-    try:
-        check_schema(document, SCHEMA)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}; {again}") from None
-    try:
-        return _from_document(file, document)
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"{file} is damaged ({problem}); {again}") from None
+    return read_checked(file, SCHEMA, again, lambda document: _from_document(file, document))
 
 
 def _from_document(file: Path, document: dict[str, Any]) -> _Read:
