@@ -13,6 +13,7 @@ noisy in half of the lanes, torques late in a quarter of them, by 0.5 to 2 contr
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -89,7 +90,7 @@ class Courses:
 
 def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.random.Generator) -> Courses:
     """Draw `count` lanes for a control period [s]."""
-    family = reference_family(arm, FAMILY)
+    family = _family(arm)
     circle = JointReference(parameters=arm)
     scenarios, starts = [], []
     for _ in range(count):
@@ -116,6 +117,11 @@ def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.ra
     start[generator.random(count) < 0.5] = np.nan
     noise = NOISIEST * generator.random(count) * (generator.random(count) < 0.5)
     return Courses(lanes, start, noise, generator.choice(LATENESS, count))
+
+
+@functools.lru_cache(maxsize=1)
+def _family(arm: ArmParameters) -> tuple[Reference, ...]:
+    return reference_family(arm, FAMILY)
 
 
 def _force(duration: float, generator: np.random.Generator) -> TipForce | None:
