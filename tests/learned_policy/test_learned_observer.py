@@ -157,7 +157,7 @@ def test_at_rest_it_is_the_elastic_observer(policy):
 def test_a_lane_of_a_batch_is_the_single_arm_bit_for_bit(policy):
     generator, states, batch_state = np.random.default_rng(1), [None] * 5, None
     for _ in range(10):
-        observations = 0.1 * generator.normal(size=(5, 10))
+        observations = generator.normal(size=(5, 10))
         batch, batch_state = policy.predict(observations, batch_state, np.zeros(5, dtype=bool))
         for lane in range(5):
             single, states[lane] = policy.predict(observations[lane], states[lane])

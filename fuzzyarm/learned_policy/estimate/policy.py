@@ -8,9 +8,10 @@ With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer` and the network ρ of 
 
 A second observer differs by its L alone, which expects `QUICK_LOAD_WALK` instead of the weights' `load_walk`: it knows
 of a load sooner, and by itself does not bear noise, delay and other arms. What it would do, u_q, is seen by the network
-as u_q - u_o. z and c are those of `signals`, R the torques there. Both observers are told of the residual torque ρ R,
-so that they do not take it for a load. The network was trained by regression on a teacher that knows plant and load,
-see `fuzzyarm.rl_baselines.estimate`.
+as u_q - u_o; where that exceeds all torques by far, the second one goes on from the estimate of the first. z and c are
+those of `signals`, R the torques there. Both observers are told of the residual torque ρ R, so that they do not take it
+for a load. The network was trained by regression on a teacher that knows plant and load, see
+`fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations
@@ -42,6 +43,8 @@ __all__ = ["QUICK_LOAD_WALK", "SEEN", "SEEN_PARTS", "LearnedObserverPolicy"]
 
 QUICK_LOAD_WALK = 10.0
 """`ObserverWeights.load_walk` of the second observer."""
+
+_LOST = 1000.0  # size of u_q - u_o, in units of R, above which the second observer has lost the arm
 
 _ESTIMATE = estimate_parts(JOINTS).load.stop
 _TARGET, _STARTED, _PREDICTED, _QUICK, _RESIDUAL, _HIDDEN = consecutive(
@@ -194,6 +197,8 @@ def _observe_and_act(
         seen[lane, _OWN] = torque[lane]
         for i in range(JOINTS):
             gap[i] = quick_torque[lane, i] - torque[lane, i]
+            if not abs(gap[i]) < _LOST * TORQUES[i]:
+                quick[lane] = predicted[lane]
         see_unexplained(innovation, load[lane], gap, residual[lane], z)
         respond(z, c, memory[lane, _FIRST_HIDDEN:], residual[lane], of_z, of_h, of_c, bias, V, D, W)
         for i in range(JOINTS):
