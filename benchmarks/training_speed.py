@@ -128,6 +128,7 @@ def main() -> None:
     rows = []
     for name, spec in ALGORITHMS.items():
         preset, config = next(iter(spec.presets.items()))
+        pause(config)  # may compile
         own = Entry(
             name,
             config.lanes,
