@@ -42,7 +42,7 @@ from readme_design import (
 )
 from readme_estimate import estimate_front, estimate_tables
 from readme_identification import identification_table
-from readme_learning import dataset_table, gradients_table, observer_tables
+from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
 from readme_markdown import made_with
 from readme_opponents import predictive_table, reward_table
 from readme_results import (
@@ -104,6 +104,7 @@ SCRIPTS: dict[str, list[str]] = {
     "predictive": [],
     "comparison": ["--figure", str(FIGURES / "comparison.png")],
     "classical_on_reward": [],
+    "training_speed": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
@@ -211,6 +212,7 @@ def sections() -> dict[str, str]:
         "estimate-front": estimate_front(stored["estimate_front"]),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
         "ppo-observer": observer_tables(stored["ppo_observer"]),
+        "training-speed": training_speed_table(stored["training_speed"]),
         "dataset-scores": dataset_table(stored["dataset_scores"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
         "accuracy": accuracy_table(stored["accuracy"]),
