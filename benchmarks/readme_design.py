@@ -198,6 +198,7 @@ def gains_table(document: dict[str, Any]) -> str:
         "radius_worst_condition": ("worst condition", "{:.5f}"),
         "gain_margin_upper": ("loop gain to", "{:.2f}"),
         "gain_margin_upper_1_sample_later": ("to, 1 sample later", "{:.2f}"),
+        "tip_deviation_mm": ("tip, any friction [mm]", "{:.3f}"),
         "case_1_joint_error_rms_mrad": ("motors' rms, Case 1 [mrad]", "{:.3f}"),
         "case_2_joint_error_rms_mrad": ("Case 2", "{:.3f}"),
     }

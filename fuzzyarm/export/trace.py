@@ -288,7 +288,8 @@ UNKNOWN = _Unknown()
 
 
 def _same(first: Any, second: Any) -> bool:
-    return type(first) is type(second) and repr(first) == repr(second)
+    """Whether two known numbers are of one kind and have the same bits, Python's own or NumPy's; 0.0 is not -0.0."""
+    return kind_of(first) is kind_of(second) and repr(float(first)) == repr(float(second))
 
 
 def kind_of(operand: Scalar) -> Kind:
