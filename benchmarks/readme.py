@@ -203,7 +203,7 @@ def sections() -> dict[str, str]:
         "identification": identification_table(stored["identification"]),
         "exported-c": exported_table(stored["exported_c"]),
         "misra": misra_table(stored["misra"]),
-        "leaderboard": leaderboard_table(RESULTS / "evaluate.json"),
+        "leaderboard": leaderboard_table(RESULTS / "evaluate.json", stored["tip_bound"]),
         "leaderboard-plants": plants_leaderboard(RESULTS / "plant_ranking.json"),
         "sweep": sweep_table(stored["sweep"]),
         "comparison": comparison_table(stored["comparison"]),
