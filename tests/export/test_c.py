@@ -224,6 +224,16 @@ def test_branches_are_merged_as_python_takes_them():
         assert known[result] == branching(*numbers)
 
 
+def test_a_number_that_both_sides_of_a_branch_give_is_not_chosen():
+    own = Interpreter(())
+    branch = Branch(Value(own.trace, Kind.TRUTH), [], [])
+    assert own.trace.merged(branch, np.float64(0.5), 0.5) == 0.5
+    assert not branch.merged
+    for first, second in ((0.0, -0.0), (0.5, np.nextafter(0.5, 1.0)), (1, 1.0), (True, 1)):
+        assert isinstance(own.trace.merged(branch, first, second), Value)
+    assert len(branch.merged) == 4
+
+
 def test_what_nothing_needs_is_left_out():
     own = Interpreter(())
     x = Value(own.trace, Kind.REAL)

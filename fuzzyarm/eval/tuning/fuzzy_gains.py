@@ -4,7 +4,9 @@ Rule, by the nominal case and margins only: the smallest rms error of the motors
 of the grid whose loop on the sampled elastic arm bears four times its gain (12 dB), 1.5 times with one extra sample of
 delay, and in which small deviations at least halve within the movement under every combination of: one extra sample of
 delay or none; joints 20 % softer or stiffer or as they are; and nothing else, loop gain x 0.67, loop gain x 1.5 or the
-arm's payload at the tip. The policy knows the nominal arm throughout.
+arm's payload at the tip. The policy knows the nominal arm throughout. Designs whose motor error is within `WORTH` of
+the smallest are equally good, and of those the one with the smallest float part of the tip's bound is taken, see
+`tip_deviation`.
 
 The decay rate is the first of `ALPHAS` for which there is such a design. γ is that of Table 1 times the ratio of the
 inertias and (20 1/s)/α; the poles are those of Table 1, because they are limited by the control period. A decay rate is
@@ -14,6 +16,7 @@ given up where no design with the largest γ, the smallest gains of the grid, be
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -28,12 +31,26 @@ from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.stability.linearisation import linearise_path
 from fuzzyarm.eval.stability.local_loop import LocalLoop, gain_limits, largest_radius
 from fuzzyarm.eval.tuning.conditions import PERIOD, heaviest, periods_of, radius_within, with_stiffness
+from fuzzyarm.eval.tuning.search import WORTH
+from fuzzyarm.eval.tuning.tip_deviation import largest_deviation
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.synthesis import Design, Specification, find_design
 
-__all__ = ["ALPHAS", "GAMMAS", "POLES", "assess", "bears", "choice_of", "gammas_for", "points_of", "specification_of"]
+__all__ = [
+    "ALPHAS",
+    "GAMMAS",
+    "POLES",
+    "assess",
+    "bears",
+    "choice_of",
+    "equals_in_words",
+    "equals_of",
+    "gammas_for",
+    "points_of",
+    "specification_of",
+]
 
 ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
 """Decay rates [1/s] that are tried, one after the other."""
@@ -48,6 +65,7 @@ LOOP_GAINS = (1.0, 0.67, 1.5)
 DIGITS = 2  # of γ
 CASES = {"case_1": "nominal"}
 """The cases of a choice, by the beginning of their keys in a row."""
+_ERROR = "case_1_joint_error_rms_mrad"
 _METRICS = ("joint_error_rms_mrad", "circularity_motor_min_mm", "circularity_motor_max_mm")
 
 
@@ -91,12 +109,18 @@ def assess(
     if not isinstance(made, Design):
         return None
     point = {"rules": rules, "alpha": wanted.alpha, "gamma": wanted.gamma, "fastest_pole": wanted.fastest_pole}
-    row = {**point, "margin": made.certificate.proof_margin, **_judged(arm, made.controller, cases)}
+    row = {**point, "margin": made.certificate.proof_margin, **judged(arm, made.controller, cases)}
     return {**row, "bears": bears(arm, row)}
 
 
-def _judged(arm: ArmParameters, controller: Controller, cases: dict[str, str]) -> dict[str, Any]:
-    """Return gains, poles, margins and errors of a controller."""
+def judged(arm: ArmParameters, controller: Controller, cases: dict[str, str]) -> dict[str, Any]:
+    """Return gains, poles, margins, errors and the tip's deviation under any friction, of a controller for the arm.
+
+    Args:
+        arm: which it knows, and to which conditions are applied.
+        controller: whose gains are judged.
+        cases: in which errors are measured, by the beginning of their keys.
+    """
     policy, mass = FuzzyPolicy(controller), heaviest(arm)
     loops = {(stiffness, load): _path(policy, arm, stiffness, load) for stiffness in STIFFNESS for load in (0.0, mass)}
     disturbed = (*((gain, 0.0) for gain in LOOP_GAINS), (1.0, mass))
@@ -115,7 +139,10 @@ def _judged(arm: ArmParameters, controller: Controller, cases: dict[str, str]) -
         "radius_worst_condition": worst,
         "gain_margin_upper": gain_limits(nominal)[1],
         "gain_margin_upper_1_sample_later": gain_limits(nominal, 1)[1],
+        "tip_deviation_mm": math.nan,
     }
+    if row["radius"] < 1.0:
+        row["tip_deviation_mm"] = 1e3 * largest_deviation(nominal, arm, periods_of(arm))
     for key, case in cases.items():
         env = FuzzyArmEnv(case=case, parameters=arm)
         measured = metrics_of(record_rollout(env, policy, policy_name="", case=case, seed=0))
@@ -146,7 +173,26 @@ def bears(arm: ArmParameters, row: dict[str, Any]) -> bool:
     return enough and row["radius_worst_condition"] <= radius_within(LEFT, periods_of(arm))
 
 
-def choice_of(rows: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """Return the row that the rule picks; None if no design bears what is asked."""
+def equals_of(rows: list[dict[str, Any]], share: float = WORTH) -> list[dict[str, Any]]:
+    """Return the rows that bear what is asked and whose motor error is within a share of the smallest."""
     fit = [row for row in rows if row["bears"]]
-    return min(fit, key=lambda row: float(row["case_1_joint_error_rms_mrad"])) if fit else None
+    least = min((row[_ERROR] for row in fit), default=math.nan)
+    return [row for row in fit if row[_ERROR] <= (1.0 + share) * least]
+
+
+def choice_of(rows: list[dict[str, Any]], share: float = WORTH) -> dict[str, Any] | None:
+    """Return the row that the rule picks, with `share` in place of `WORTH`; None if no design bears what is asked."""
+    return min(equals_of(rows, share), key=lambda row: (row["tip_deviation_mm"], row[_ERROR]), default=None)
+
+
+def equals_in_words(rows: list[dict[str, Any]], chosen: dict[str, Any]) -> str:
+    """Return in a sentence what the float part of the bound decided between equally good designs."""
+    equal = equals_of(rows)
+    if len(equal) == 1:
+        return f"No other design has a motor error within {100 * WORTH:g} % of it, so the bound had nothing to decide."
+    worst = max(row["tip_deviation_mm"] for row in equal)
+    return (
+        f"{len(equal)} designs have motor errors within {100 * WORTH:g} % of the smallest; with this one any friction "
+        f"deflects the tip by up to {chosen['tip_deviation_mm']:.4g} mm (linear, in floats), with the others by up to "
+        f"{worst:.4g} mm."
+    )

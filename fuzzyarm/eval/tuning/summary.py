@@ -36,6 +36,7 @@ _UNITS = {
     "joint_error_rms_mrad": "mrad",
     "case_1_joint_error_rms_mrad": "mrad",
     "objective_mm": "mm",
+    "tip_deviation_mm": "mm",
     "tip_bound_mm": "mm",
     "tip_bound_near_mm": "mm",
     "objective_of_table_1_weights_mm": "mm",
@@ -48,6 +49,7 @@ _WORDS = {
     "gain_margin_upper_delayed": "one sample later up to",
     "radius_worst_condition": "largest spectral radius of all combinations",
     "objective_mm": "objective",
+    "tip_deviation_mm": "tip deflected by any friction, linear",
     "tip_bound_mm": "proven bound of the tip error with -tip",
     "tip_bound_near_mm": "for plants near the arm",
     "objective_of_table_1_weights_mm": "with the weights of Table 1",
@@ -101,6 +103,8 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
     headings, cells = margin_cells(margins["rows"])
     parts += ["## Margins", _transposed(headings, cells), *margin_notes(margins), "## Proven", _proven(findings)]
     parts += [bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
+    if not isinstance(arm, ArmParameters):
+        parts.append("Of the tip nothing is proven: `fuzzyarm prove` knows the two-joint arm alone.")
     parts = [part for part in parts if part]
     return "\n\n".join(parts) + "\n"
 

@@ -1,8 +1,8 @@
 """The proven bound of the tip error of a policy that was tuned, for the arm itself and for plants near it.
 
-It is that of `fuzzyarm prove` along the arm's default circle. Margins choose the gains; the bound says what they are
-worth on the elastic, sampled arm. Between designs of equal motor error it differs by a thousandth, so it decides
-nothing.
+It is that of `fuzzyarm prove` along the arm's default circle. Margins and the motor error choose the gains, and between
+equally good ones the float part of the bound, see `tip_deviation`; the bound says what they are worth on the elastic,
+sampled arm. It is not searched for all designs, since each takes ten seconds.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """The recursive algorithms and the generated equations against pinocchio, a library that shares no code with them.
 
-It takes `pip install pin`, which the test extra does not have: without it these tests are skipped.
+It takes `pip install -c constraints.txt pin` (455 MB), which the test extra does not have: these tests are skipped
+without it.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics, mass_matrix, tip_jacobian, tip_position
 
-pinocchio = pytest.importorskip("pinocchio", reason="pinocchio is not installed: pip install pin")
+pinocchio = pytest.importorskip("pinocchio", reason="pinocchio is not installed: pip install -c constraints.txt pin")
 pytestmark = pytest.mark.slow
 
 

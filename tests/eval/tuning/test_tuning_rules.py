@@ -2,11 +2,15 @@
 
 import math
 
+import numpy as np
 import pytest
 
+from fuzzyarm.envs.physics.dynamics import tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.stability.local_loop import LocalLoop
 from fuzzyarm.eval.tuning import bandwidth, fuzzy_gains
 from fuzzyarm.eval.tuning.conditions import radius_within
+from fuzzyarm.eval.tuning.tip_deviation import largest_deviation
 
 PAPER = ArmParameters()
 
@@ -17,6 +21,7 @@ def design(error, **changes):
         "gain_margin_upper": 4.1,
         "gain_margin_upper_1_sample_later": 1.6,
         "radius_worst_condition": 0.999,
+        "tip_deviation_mm": 1.0,
     } | changes
     return {**row, "bears": fuzzy_gains.bears(PAPER, row)}
 
@@ -32,6 +37,43 @@ def test_the_fuzzy_design_with_the_smallest_error_that_bears_everything_is_chose
     ]
     assert fuzzy_gains.choice_of(rows) is rows[-1]
     assert fuzzy_gains.choice_of(rows[:4]) is None
+
+
+def test_of_equally_good_fuzzy_designs_the_one_with_the_smallest_bound_is_chosen():
+    rows = [
+        design(0.5),
+        design(0.5049, tip_deviation_mm=0.9),
+        design(0.5051, tip_deviation_mm=0.8),
+        design(0.5049, tip_deviation_mm=0.7, gain_margin_upper=3.9),
+    ]
+    assert fuzzy_gains.choice_of(rows) is rows[1]
+    assert "2 designs" in (said := fuzzy_gains.equals_in_words(rows, rows[1])) and "0.9 mm" in said and "1 mm" in said
+    assert fuzzy_gains.choice_of(rows, share=0.02) is rows[2]
+    assert fuzzy_gains.choice_of(rows[:1]) is rows[0] and "No other" in fuzzy_gains.equals_in_words(rows[:1], rows[0])
+
+
+def test_the_tips_deviation_is_reached_by_one_friction():
+    """From rest, x_N = Σ Φ^(N-1-k) B w_k; along d the worst w_k has the signs of dᵀ J Φ^(N-1-k) B."""
+    rng, periods = np.random.default_rng(5), 30
+    plant = np.hstack([0.9 * np.linalg.qr(rng.normal(size=(8, 8))).Q, rng.normal(size=(8, 2))])
+    law = np.vstack([np.zeros((2, 10)), 0.1 * rng.normal(size=(2, 10))])
+    loop = LocalLoop(plant, plant, law, rng.normal(size=10), np.zeros(2))
+    matrix, B, static = loop.matrix(), np.vstack([plant[:, 8:], np.zeros((2, 2))]), np.array(PAPER.static_friction)
+    powers = [np.linalg.matrix_power(matrix, k) @ B for k in reversed(range(periods))]
+
+    def deviation(row, friction):
+        x = np.zeros(10)
+        for torque in friction:
+            x = matrix @ x + B @ torque
+        return row @ x[2:4]
+
+    reached = []
+    for turn in np.pi / 16 * np.arange(16):
+        row = np.array([np.cos(turn), np.sin(turn)]) @ tip_jacobian(loop.equilibrium[2:4], PAPER.length)
+        signs = np.sign([row @ power[2:4] for power in powers])
+        reached.append(deviation(row, static * signs))
+        assert deviation(row, static * rng.choice([-1.0, 1.0], (periods, 2))) < reached[-1]
+    assert largest_deviation([loop, loop], PAPER, periods) == pytest.approx(max(reached), rel=1e-12)
 
 
 def test_the_grid_of_table_1_is_the_papers_and_scales_with_inertia_and_decay_rate():
