@@ -13,6 +13,7 @@ import argparse
 import json
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -32,13 +33,33 @@ POLICIES = ("adaptive-observer", "elastic-observer", "fuzzy-4-tip")
 ENDS = 0.1  # s
 
 
+class Plant(NamedTuple):
+    """What the equations take, in the units of `ArmParameters`; a number for each joint where it is a pair."""
+
+    length: tuple[float, float]
+    inertia: tuple[float, float, float]
+    gravity: tuple[float, float]
+    stiffness: tuple[float, float]
+    damping: tuple[float, float]
+    motor_inertia: tuple[float, float]
+    viscous: tuple[float, float]
+    coulomb: tuple[float, float]
+    static: tuple[float, float]
+    stribeck: float
+    smoothing: float
+
+
+THETA, Q, DTHETA, DQ = range(4)
+"""Rows of a state (4, 2) [rad, rad/s], a column for each joint."""
+
+
 @njit
 def rate(x, torque, force, a, out):
-    """Fill ẋ of x = (θ, q, θ̇, q̇); `a` holds the numbers of `numbers`."""
-    q1, q2, v1, v2 = x[2], x[3], x[6], x[7]
-    l1, l2, c1, c2, c3, c4, c5 = a[0], a[1], a[2], a[3], a[4], a[5], a[6]
-    bend1 = a[7] * (x[0] - q1) + a[9] * (x[4] - v1)
-    bend2 = a[8] * (x[1] - q2) + a[10] * (x[5] - v2)
+    """Fill ẋ (4, 2) of a state x, with a `Plant` a."""
+    (q1, q2), (v1, v2) = (x[Q, 0], x[Q, 1]), (x[DQ, 0], x[DQ, 1])
+    (l1, l2), (c1, c2, c3), (c4, c5) = a.length, a.inertia, a.gravity
+    bend1 = a.stiffness[0] * (x[THETA, 0] - q1) + a.damping[0] * (x[DTHETA, 0] - v1)
+    bend2 = a.stiffness[1] * (x[THETA, 1] - q2) + a.damping[1] * (x[DTHETA, 1] - v2)
     m11, m12 = c1 + 2.0 * c2 * math.cos(q2), c3 + c2 * math.cos(q2)
     h = c2 * math.sin(q2)
     jx1, jy1 = -l1 * math.sin(q1) - l2 * math.sin(q1 + q2), l1 * math.cos(q1) + l2 * math.cos(q1 + q2)
@@ -48,20 +69,21 @@ def rate(x, torque, force, a, out):
     right1 += jx1 * force[0] + jy1 * force[1]
     right2 += jx2 * force[0] + jy2 * force[1]
     determinant = m11 * c3 - m12 * m12
-    out[0], out[1], out[2], out[3] = x[4], x[5], v1, v2
+    out[THETA], out[Q] = x[DTHETA], x[DQ]
     for j in range(2):
-        v = x[4 + j]
-        slip = a[15 + j] + (a[17 + j] - a[15 + j]) * math.exp(-((v / a[19]) ** 2))
+        v = x[DTHETA, j]
+        slip = a.coulomb[j] + (a.static[j] - a.coulomb[j]) * math.exp(-((v / a.stribeck) ** 2))
         bend = bend1 if j == 0 else bend2
-        out[4 + j] = (torque[j] - bend - a[13 + j] * v - slip * math.tanh(v / a[20])) / a[11 + j]
-    out[6] = (c3 * right1 - m12 * right2) / determinant
-    out[7] = (m11 * right2 - m12 * right1) / determinant
+        driving = torque[j] - bend - a.viscous[j] * v - slip * math.tanh(v / a.smoothing)
+        out[DTHETA, j] = driving / a.motor_inertia[j]
+    out[DQ, 0] = (c3 * right1 - m12 * right2) / determinant
+    out[DQ, 1] = (m11 * right2 - m12 * right1) / determinant
 
 
 @njit
 def advance(x, torque, force_ends, a, step, count):
     """Advance x by `count` Runge-Kutta steps; the force goes in a line between its ends (2, 2)."""
-    k1, k2, k3, k4, force = np.empty(8), np.empty(8), np.empty(8), np.empty(8), np.empty(2)
+    k1, k2, k3, k4, force = np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2)), np.empty(2)
     for n in range(count):
         force[:] = force_ends[0] + (n + 0.5) / count * (force_ends[1] - force_ends[0])
         rate(x, torque, force, a, k1)
@@ -71,15 +93,23 @@ def advance(x, torque, force_ends, a, step, count):
         x += step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
-def numbers(payload: float) -> np.ndarray:
-    """Return the numbers that `rate` takes, with a payload [kg] at the tip."""
+def plant(payload: float) -> Plant:
+    """Return the arm with a payload [kg] at the tip."""
     (l1, l2), (m1, m2), (r1, r2), (i1, i2) = ARM.length, ARM.mass, ARM.mass_center, ARM.inertia
     c3 = m2 * r2**2 + i2 + payload * l2**2
-    inertia = [m1 * r1**2 + i1 + (m2 + payload) * l1**2 + c3, l1 * (m2 * r2 + payload * l2), c3]
-    gravity = [ARM.gravity * (m1 * r1 + (m2 + payload) * l1), ARM.gravity * (m2 * r2 + payload * l2)]
-    drives = [*ARM.stiffness, *ARM.damping, *ARM.motor_inertia, *ARM.viscous_friction]
-    friction = [*ARM.coulomb_friction, *ARM.static_friction, ARM.stribeck_velocity, SMOOTHING]
-    return np.array([l1, l2, *inertia, *gravity, *drives, *friction])
+    return Plant(
+        length=ARM.length,
+        inertia=(m1 * r1**2 + i1 + (m2 + payload) * l1**2 + c3, l1 * (m2 * r2 + payload * l2), c3),
+        gravity=(ARM.gravity * (m1 * r1 + (m2 + payload) * l1), ARM.gravity * (m2 * r2 + payload * l2)),
+        stiffness=ARM.stiffness,
+        damping=ARM.damping,
+        motor_inertia=ARM.motor_inertia,
+        viscous=ARM.viscous_friction,
+        coulomb=ARM.coulomb_friction,
+        static=ARM.static_friction,
+        stribeck=ARM.stribeck_velocity,
+        smoothing=SMOOTHING,
+    )
 
 
 def machining(time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -96,20 +126,20 @@ def tip(q: np.ndarray) -> np.ndarray:
 
 def follow(name: str, share: float, payload: float) -> np.ndarray:
     """Return the tip errors [mm] of one episode."""
-    reference, policy, a = JointReference(parameters=ARM), load_policy(name), numbers(payload)
+    reference, policy, a = JointReference(parameters=ARM), load_policy(name), plant(payload)
     time = PERIOD * np.arange(round(reference.duration / PERIOD) + 1)
     motion, path = reference.sample(time), reference.tip(time)
     force = share * machining(time, path.velocity)
-    gravity = numbers(0.0)
+    gravity1, gravity2 = plant(0.0).gravity
     q = motion.q[0]
-    held2 = gravity[6] * math.sin(q[0] + q[1])
-    bent = np.array([gravity[5] * math.sin(q[0]) + held2, held2]) / ARM.stiffness
-    x, state, errors = np.concatenate([q + bent, q + BEGIN, np.zeros(4)]), None, []
+    held2 = gravity2 * math.sin(q[0] + q[1])
+    bent = np.array([gravity1 * math.sin(q[0]) + held2, held2]) / ARM.stiffness
+    x, state, errors = np.stack([q + bent, q + BEGIN, np.zeros(2), np.zeros(2)]), None, []
     for k in range(len(time) - 1):
-        seen = np.concatenate([x[:2], x[4:6], motion.q[k], motion.dq[k], motion.ddq[k]])
+        seen = np.concatenate([x[THETA], x[DTHETA], motion.q[k], motion.dq[k], motion.ddq[k]])
         torque, state = policy.predict(seen, state)
         advance(x, torque, force[k : k + 2], a, STEP, round(PERIOD / STEP))
-        errors.append(1e3 * np.linalg.norm(tip(x[2:4]) - path.position[k + 1]))
+        errors.append(1e3 * np.linalg.norm(tip(x[Q]) - path.position[k + 1]))
     return np.array(errors)
 
 

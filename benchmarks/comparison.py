@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import itertools
 import json
 import math
 import statistics
@@ -33,9 +32,9 @@ from typing import Any
 import numpy as np
 from comparison_figure import draw_comparison
 from comparison_plants import COMPARED_CASES, SEED, errors_of
+from comparison_statistics import improvements, ranks_of, score
 from learned_figures import png
 from learned_tasks import assess
-from scipy.stats import bootstrap, trim_mean
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.console import progress
@@ -45,7 +44,7 @@ from fuzzyarm.eval.evaluation.statistics import LEVEL, estimate
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 
-SCHEMA, RESAMPLES = "fuzzyarm-comparison/1", 999
+SCHEMA = "fuzzyarm-comparison/1"
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, TRAININGS = ROOT / "benchmarks" / "results", ROOT / "benchmarks" / "learned"
 SEED_PLANTS = 1000
@@ -149,59 +148,6 @@ def _tasks(name: str, policy: Any, seeds: Sequence[Any]) -> dict[str, dict[str, 
         mean = estimate(errors)._asdict() if errors else None
         found[task] = {"rms_mm": mean, "failed": len(own) - len(errors), "runs": len(own)}
     return found
-
-
-def score(errors: np.ndarray, by_seed: Sequence[np.ndarray]) -> dict[str, float | None]:
-    """Return the interquartile mean of errors (plants,) [mm] and its interval, over seeds if there are several."""
-    if len(by_seed) > 1:
-        means = [_interquartile(one) for one in by_seed]
-        if not np.isfinite(means).all():
-            return {"mean": None, "low": None, "high": None}
-        return estimate(means)._asdict()
-    mean = _interquartile(errors)
-    if not math.isfinite(mean):
-        return {"mean": None, "low": None, "high": None}
-    found = bootstrap(
-        (np.where(np.isinf(errors), 1e6, errors),),  # those are cut off, and a mean takes no infinity
-        lambda sample, axis: trim_mean(sample, 0.25, axis=axis),
-        n_resamples=RESAMPLES,
-        batch=50,
-        method="percentile",
-        confidence_level=LEVEL,
-        rng=np.random.default_rng(0),
-    ).confidence_interval
-    return {"mean": mean, "low": float(found.low), "high": float(found.high)}
-
-
-def _interquartile(errors: np.ndarray) -> float:
-    """Return the mean of the middle half of errors (plants,) [mm], inf where a quarter and more ended early."""
-    return (
-        math.inf
-        if np.isinf(np.sort(errors)[: len(errors) - len(errors) // 4]).any()
-        else float(trim_mean(np.where(np.isinf(errors), 1e6, errors), 0.25))
-    )
-
-
-def ranks_of(scores: dict[str, dict[str, float | None]]) -> dict[str, int]:
-    """Return the ranks from 1; a policy without a score is behind all that have one."""
-    low = {name: math.inf if one["low"] is None else one["low"] for name, one in scores.items()}
-    high = {name: math.inf if one["high"] is None else one["high"] for name, one in scores.items()}
-    return {name: 1 + sum(high[other] < low[name] for other in scores) for name in scores}
-
-
-def improvements(names: Sequence[str], rms: np.ndarray) -> list[dict[str, Any]]:
-    """Return the probability of improvement for each pair, with its interval, of errors (policies, cases, plants)."""
-    rows = []
-    for (p, one), (q, other) in itertools.combinations(enumerate(names), 2):
-        # Two episodes that ended early are equal.
-        wins = np.mean((rms[p] < rms[q]) + 0.5 * (rms[p] == rms[q]), axis=0)
-        found = bootstrap(
-            (wins,), np.mean, n_resamples=RESAMPLES, batch=50, method="percentile", confidence_level=LEVEL,
-            rng=np.random.default_rng(0),
-        ).confidence_interval  # fmt: skip
-        interval = [float(found.low), float(found.high)]
-        rows.append({"policy": one, "over": other, "probability": float(wins.mean()), "interval": interval})
-    return rows
 
 
 def _preparation(one: Compared, made: float) -> float:

@@ -1,4 +1,4 @@
-"""Time of one `predict` call of each model-based policy, alone and in a batch of 1024.
+"""Processor time of one `predict` call of each policy, alone and in a batch of 1024.
 
 python benchmarks/policy_speed.py
 """
@@ -19,14 +19,14 @@ LANES, CALLS, REPEATS = 1024, 300, 7
 
 
 def seconds_per_call(name: str, observation: np.ndarray) -> float:
-    """Return the median over the repeats of the mean time of a call [s]."""
+    """Return the median over the repeats of the mean processor time of a call [s]."""
     policy, state, times = load_policy(name), None, []
     _, state = policy.predict(observation)
     for _ in range(REPEATS):
-        begin = time.perf_counter()
+        begin = time.process_time()
         for _ in range(CALLS):
             _, state = policy.predict(observation, state)
-        times.append((time.perf_counter() - begin) / CALLS)
+        times.append((time.process_time() - begin) / CALLS)
     return statistics.median(times)
 
 

@@ -42,7 +42,7 @@ from readme_design import (
 )
 from readme_estimate import estimate_front, estimate_tables
 from readme_identification import identification_table
-from readme_learning import dataset_table, gradients_table, observer_tables
+from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
 from readme_markdown import made_with
 from readme_opponents import predictive_table, reward_table
 from readme_results import (
@@ -50,6 +50,7 @@ from readme_results import (
     exported_table,
     leaderboard_table,
     learned_tables,
+    misra_table,
     overview_table,
     paper_line,
     peer_line,
@@ -84,6 +85,7 @@ SCRIPTS: dict[str, list[str]] = {
     "saturation": [],
     "identification": [],
     "exported_c": [],
+    "misra": [],
     "gain_choice": [],
     "observer_tuning": [],
     "adaptive_tuning": [],
@@ -102,6 +104,7 @@ SCRIPTS: dict[str, list[str]] = {
     "predictive": [],
     "comparison": ["--figure", str(FIGURES / "comparison.png")],
     "classical_on_reward": [],
+    "training_speed": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
@@ -199,6 +202,7 @@ def sections() -> dict[str, str]:
         "saturation": saturation_table(stored["saturation"]),
         "identification": identification_table(stored["identification"]),
         "exported-c": exported_table(stored["exported_c"]),
+        "misra": misra_table(stored["misra"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json", stored["tip_bound"]),
         "leaderboard-plants": plants_leaderboard(RESULTS / "plant_ranking.json"),
         "sweep": sweep_table(stored["sweep"]),
@@ -208,6 +212,7 @@ def sections() -> dict[str, str]:
         "estimate-front": estimate_front(stored["estimate_front"]),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
         "ppo-observer": observer_tables(stored["ppo_observer"]),
+        "training-speed": training_speed_table(stored["training_speed"]),
         "dataset-scores": dataset_table(stored["dataset_scores"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
         "accuracy": accuracy_table(stored["accuracy"]),

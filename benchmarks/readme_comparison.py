@@ -67,7 +67,8 @@ def _score(found: dict[str, Any]) -> str:
     score = found["score_mm"]
     if score["mean"] is None:
         return f"- ({found['rank']})"
-    return f"{_number(score['mean'])}, {_number(score['low'])} to {_number(score['high'])} ({found['rank']})"
+    high = "∞" if score["high"] is None else _number(score["high"])
+    return f"{_number(score['mean'])}, {_number(score['low'])} to {high} ({found['rank']})"
 
 
 def _improvements(document: dict[str, Any]) -> str:

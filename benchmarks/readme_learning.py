@@ -1,4 +1,4 @@
-"""The tables of learning: gradients through the arm beside PPO, and what the data sets teach."""
+"""The tables of learning: its speed, gradients through the arm beside PPO, and what the data sets teach."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
-__all__ = ["dataset_table", "gradients_table", "observer_tables"]
+__all__ = ["dataset_table", "gradients_table", "observer_tables", "training_speed_table"]
 
 
 def gradients_table(document: dict[str, Any]) -> str:
@@ -50,6 +50,30 @@ def dataset_table(document: dict[str, Any]) -> str:
 
 def _shown(run: dict[str, Any]) -> str:
     return f"{run['score']:.1f} / {run['tip_error_mm']:.1f} / {run['completed']} of {run['of']}"
+
+
+def training_speed_table(document: dict[str, Any]) -> str:
+    """Return the environment steps a second of each trainer beside the library's, and how they were measured."""
+    headings = ["", "lanes", "steps/s", "the library's", "ratio: median, quartiles", "an evaluation [s]", "every steps"]
+    rows = [
+        [
+            f"`fuzzyarm train {row['algorithm']}`",
+            str(row["lanes"]),
+            f"{row['steps_per_s']['median']:,.0f}",
+            f"{row['library_steps_per_s']['median']:,.0f}",
+            "{median:.2f}, {q1:.2f} to {q3:.2f}".format(**row["ratio"]),
+            f"{row['pause_s']:.1f}",
+            f"{row['evaluation_interval']:,}",
+        ]
+        for row in document["rows"]
+    ]
+    libraries = ", ".join(
+        f"{name} {document['versions'][name]}" for name in ("torch", "stable-baselines3", "sb3-contrib")
+    )
+    return (
+        f"{table(headings, rows)}\n\nMedians of {document['rounds']} rounds of {document['seconds']:g} s or one "
+        f"update, in turns, of one thread each. `{document['command']}`; {libraries}; {made_with(document)}"
+    )
 
 
 def observer_tables(document: dict[str, Any]) -> str:

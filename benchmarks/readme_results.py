@@ -20,6 +20,7 @@ __all__ = [
     "exported_table",
     "leaderboard_table",
     "learned_tables",
+    "misra_table",
     "paper_line",
     "peer_line",
     "plants_leaderboard",
@@ -135,6 +136,18 @@ def saturation_table(document: dict[str, Any]) -> str:
     return f"{table(headings, rows)}\n\n`{document['command']}`; {made_with(document)}"
 
 
+def misra_table(document: dict[str, Any]) -> str:
+    """Return the table of what the MISRA addon finds in the exported C."""
+    checked = [row for row in document["rows"] if row["violations"] is not None]
+    rules = sorted({rule for row in checked for rule in row["violations"]}, key=lambda rule: rule.split("."))
+    rows = [
+        [row["source"], f"{row['lines']:,}", *(str((row["violations"] or {}).get(rule, "")) for rule in rules)]
+        for row in document["rows"]
+    ]
+    made = f"`{document['command']}`; {document['cppcheck']}; {made_with(document)}"
+    return f"{table(['source', 'lines', *rules], rows)}\n\n{made}"
+
+
 def exported_table(document: dict[str, Any]) -> str:
     """Return the table of the exported C: bits, times and what float costs."""
     compilers = list(document["compilers"])
@@ -154,8 +167,14 @@ def exported_table(document: dict[str, Any]) -> str:
             ", ".join(str(row["differing"][name]) for name in compilers),
             *("{median:.0f} ({p5:.0f} to {p95:.0f})".format(**row["nanoseconds"][name]) for name in compilers),
             f"{row['python_nanoseconds']:.0f}",
-            f"{row['float']['torque_rms']:.2g} / {row['float']['torque_max']:.2g}",
-            f"{row['float']['tip_float_mm']:.3g}, not {row['float']['tip_double_mm']:.3g}",
+            *(
+                (
+                    f"{row['float']['torque_rms']:.2g} / {row['float']['torque_max']:.2g}",
+                    f"{row['float']['tip_float_mm']:.3g}, not {row['float']['tip_double_mm']:.3g}",
+                )
+                if row["float"]
+                else ("refused", "")
+            ),
         ]
         for row in document["rows"]
     ]

@@ -16,7 +16,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fuzzyarm.common.checks import choice, distinct, real
+from fuzzyarm.common.checks import choice, distinct, listed, real
 from fuzzyarm.policies.registry import TIP
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _whole(name: str, kind: type[Weights], values: dict[str, float] | None) -> W
     wanted = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     found = set(values or {})
     if found != wanted:
-        raise ValueError(f"{name}: {', '.join(sorted(found ^ wanted))} missing or unknown")
+        raise ValueError(f"{name}: {listed(found ^ wanted)} missing or unknown")
     return kind(**(values or {}))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
+from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.batch.saved_state import checked_arrays
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.equations import AnyArm, argument_of, chosen_arm, robot_of
@@ -26,7 +27,8 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.features import Features
 from fuzzyarm.learned_policy.guided import guided, seen_by
-from fuzzyarm.policies import load_policy
+from fuzzyarm.policies.registry import known_names
+from fuzzyarm.policies.spec import load_policy, resolve
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError
 from fuzzyarm.rl_baselines.config import TrainingConfig
 from fuzzyarm.rl_baselines.plant_view import plant_view
@@ -81,8 +83,17 @@ def arm_of(config: TrainingConfig) -> AnyArm:
 
 
 def base_of(config: TrainingConfig, arm: AnyArm, control_period: float) -> Policy | None:
-    """Return the policy that ``config.base`` names, for an arm and a control period [s]; None: no base."""
-    return None if config.base == "none" else load_policy(config.base, control_period=control_period, robot=arm)
+    """Return the policy that ``config.base`` names, for an arm and a control period [s]; None: no base.
+
+    Raises:
+        ValueError: no policy is known by that name, or it is not for this arm. A file is no base: a bundle names its
+            base, and nothing would tell that the file had changed.
+    """
+    if config.base == "none":
+        return None
+    if not resolve(config.base).named:
+        raise ValueError(f"base = {shown(config.base)} is no name of a policy; choose from: {', '.join(known_names())}")
+    return load_policy(config.base, control_period=control_period, robot=arm)
 
 
 def arm_definition(arm: AnyArm) -> ArmDefinition | None:

@@ -154,9 +154,8 @@ def json_value(rng: np.random.Generator, valid: Any = None) -> Any:
         ]
         return choices[rng.integers(len(choices))]
     if isinstance(valid, str) and valid.lstrip("-").startswith("0x") and kind < 0.9:  # an exact number
-        number = _near(rng, float.fromhex(valid)) if rng.random() < 0.7 else _number(rng)
         try:
-            return float(number).hex()
+            return float(_near(rng, float.fromhex(valid)) if rng.random() < 0.7 else _number(rng)).hex()
         except OverflowError:
             return "0x1p1023"
     if isinstance(valid, int | float) and not isinstance(valid, bool) and kind < 0.7:

@@ -99,6 +99,7 @@ def test_another_period_and_a_missing_law_are_refused(folder):
         ({"bandwidth": -1.0}, "bandwidth"),
         ({"bandwidth": "fast"}, "bandwidth"),
         ({"observer": {"link_angle": 1.0}}, "missing or unknown"),
+        ({"observer": {"a\nb": 1.0}}, "missing or unknown"),
         ({"adaptive": {**LAWS.adaptive, "gate": 0.0}}, "gate"),
         ({"policies": ["../fuzzy-4"]}, "no name of a policy"),
         ({"policies": ["fuzzy-4", "fuzzy-4"]}, "policies"),

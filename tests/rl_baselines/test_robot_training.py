@@ -55,6 +55,7 @@ REFUSED = {
     "no such robot": (["--robot", "ur55"], "unknown robot 'ur55'"),
     "scales of another arm": (["--robot", "ur5", "--scale", "1", "2"], "must be 6 numbers"),
     "a base of another arm": (["--robot", "ur5", "--base", "fuzzy-4"], "fuzzy-4"),
+    "a base that no bundle could name": (["--base", "mine.json", "--scale", "0.01", "0.02"], "is no name of a policy"),
     "no file": (["--robot", "missing.toml"], "missing.toml"),
     "a resumed run of another robot": (["--resume", "--robot", "ur5"], "leave out --robot"),
 }

@@ -62,12 +62,13 @@ class BenchConfig:
         """Return the entries of the table by heading; those under one heading take turns."""
         from fuzzyarm.eval.bench.entries import own_batches, own_single
         from fuzzyarm.eval.bench.peers import batch_peers, gymnasium_peers
+        from fuzzyarm.eval.bench.sweeps import SWEPT, sweep_entries
 
         groups = {"one environment": [own_single(), *gymnasium_peers()]}
         for lanes in self.lanes:
             peers = batch_peers(lanes, self.threads) if lanes <= MOST_PEER_LANES else []
             groups[f"{lanes} lanes"] = own_batches(lanes, self.threads) + peers
-        return groups
+        return groups | {f"sweep of {policy}": sweep_entries(policy) for policy in SWEPT}
 
     def sweep_groups(self) -> dict[str, list[Entry]]:
         """Return this project's batches by number of lanes; empty unless `lanes_sweep`."""

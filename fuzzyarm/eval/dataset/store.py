@@ -74,7 +74,7 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
         buffers.append(_buffer(number, episode))
         advance(completed=number + 1)
     low, high = provenance["reference_scores"].values()
-    with tempfile.TemporaryDirectory(prefix=".dataset.", dir=root) as work, _root(Path(work)), _quiet():
+    with tempfile.TemporaryDirectory(prefix=".dataset.", dir=root.absolute()) as work, _root(Path(work)), _quiet():
         dataset = minari.create_dataset_from_buffers(
             config.name,
             buffers,

@@ -130,7 +130,9 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
             stop = min(start + GROUP, len(observation))
             n, depth = stop - start, latest + 1
             numbers, clocks = values[start // BLOCK : -(-stop // BLOCK)].copy(), clock[:, start:stop].copy()
-            seen, remembered, out = observation[start:stop].copy(), memory[start:stop].copy(), np.empty(width * n)
+            remembered, out = memory[start:stop].copy(), np.empty(width * n)
+            seen = out[: observed * n].reshape((n, observed))  # where a step leaves the observations
+            seen[:] = observation[start:stop]
             torque, sent, before = np.empty((n, joints)), np.empty((depth, n, joints)), np.empty((n, joints))
             running, left, k = np.ones(n, dtype=np.bool_), n, 0
             while left > 0:
@@ -143,15 +145,14 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
                         # It moves in vain, from where it began, until the last lane of the group has ended.
                         torque[i] = 0.0
                         clocks[CLOCK.row, i] = clocks[CLOCK.first, i]
-                    if not np.isfinite(torque[i]).all():
-                        return True
+                    for joint in range(joints):
+                        if not np.isfinite(torque[i, joint]):
+                            return True
                     if depth > 1:
                         _delayed(torque[i], sent[:, i], k, delay[start + i])
                 advance(numbers, clocks, table, period, substeps, torque, 0, n, out)
                 k += 1
                 for i in range(n):
-                    for place in range(observed):
-                        seen[i, place] = out[observed * i + place]
                     if noisy:
                         block, place, factor = i // BLOCK, i % BLOCK, noise[start + i]
                         _scaled(seen[i, :joints], numbers[block, motors : motors + joints, place], factor)

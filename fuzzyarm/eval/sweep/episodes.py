@@ -17,7 +17,7 @@ from fuzzyarm.eval.sweep.results import METRICS, SweepResults
 from fuzzyarm.fuzzy_policy.compiled_law import compiled_law
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
-__all__ = ["WORTHWHILE", "replay", "run_plants", "steps"]
+__all__ = ["WORTHWHILE", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants", "steps"]
 
 
 WORTHWHILE = 1000
@@ -96,11 +96,9 @@ def run_plants(config: SweepConfig, policies: Mapping[str, Predictor], members: 
 
 def _metrics(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict[str, np.ndarray]:
     """Return `METRICS` (lanes,) of one policy."""
-    errors = _compiled(plants, envs, policy)
+    errors = errors_in_one_kernel(plants, envs, policy) if envs.num_envs >= WORTHWHILE else None
     if errors is None:
-        errors = TipErrors(envs.num_envs)
-        for step in steps(plants, envs, policy):
-            errors.add(step)
+        errors = errors_step_by_step(plants, envs, policy)
     return {
         "max_mm": 1e3 * errors.largest,
         "rms_mm": 1e3 * errors.rms,
@@ -109,12 +107,17 @@ def _metrics(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> dict
     }
 
 
-def _compiled(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors | None:
-    """Return the errors of one policy from one kernel; None where it has no law for that, or a torque is not finite."""
-    if not isinstance(policy, Policy) or envs.num_envs < WORTHWHILE:
-        return None
-    law = compiled_law(policy)
-    if law is None:
+def errors_step_by_step(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors:
+    """Return the tip errors of one episode of every lane of the plants' environment."""
+    errors = TipErrors(envs.num_envs)
+    for step in steps(plants, envs, policy):
+        errors.add(step)
+    return errors
+
+
+def errors_in_one_kernel(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors | None:
+    """Return the same from one kernel of law and plant; None where there is no such law, or a torque is not finite."""
+    if not isinstance(policy, Policy) or (law := compiled_law(policy)) is None:
         return None
     observation, info = plants.begin(envs)
     channel = _channel(plants, envs)

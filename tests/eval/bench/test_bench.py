@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image
 from rich.console import Console
+from slow_twins import slow_but
 
-from fuzzyarm.eval.bench import entries, peers
+from fuzzyarm.eval.bench import entries, peers, sweeps
 from fuzzyarm.eval.bench import run as bench_module
 from fuzzyarm.eval.bench.config import BenchConfig
 from fuzzyarm.eval.bench.entries import Entry, NotMeasured, draw_actions, timed, timed_batch
@@ -24,6 +25,7 @@ from fuzzyarm.eval.bench.peers import MUJOCO_METHODS
 from fuzzyarm.eval.bench.run import memory_per_lane, race, run_bench, spread, write_document
 from fuzzyarm.eval.bench.speed_table import print_speeds, speed_cells, speed_notes
 from fuzzyarm.eval.bench.throughput_figure import draw_throughput
+from fuzzyarm.eval.sweep.config import SweepConfig
 
 
 def silent(_):
@@ -336,7 +338,8 @@ def test_numbers_are_checked_before_anything_runs(fields, message):
 
 def test_the_default_table():
     groups = BenchConfig(threads=1).groups()
-    assert list(groups) == ["one environment", "64 lanes", "1024 lanes", "65536 lanes"]
+    assert list(groups)[:4] == ["one environment", "64 lanes", "1024 lanes", "65536 lanes"]
+    assert [entry.peer for entry in groups["sweep of elastic-observer"]] == ["", "step by step"]
     assert [entry.peer for entry in groups["one environment"]] == ["", "Pendulum", "Reacher"]
     batch = groups["1024 lanes"]
     assert {entry.lanes for entry in batch} == {1024}
@@ -352,6 +355,14 @@ def test_the_default_table():
     in_torch = [entry for group in sweep.values() for entry in group if "torch" in entry.name]
     assert {entry.dtype for entry in in_torch} == {"float32"}
     assert min(entry.lanes for entry in in_torch) == entries.TORCH_LANES
+
+
+@pytest.mark.parametrize("how", slow_but(["step by step"], sweeps.RUN))
+def test_a_sweep_counts_the_steps_of_its_episodes(monkeypatch, how):
+    monkeypatch.setattr(sweeps, "timed", lambda advance: advance)
+    config = SweepConfig(policies=("fuzzy-4",), cases=("nominal", "payload"), plants=1)
+    with sweeps._swept(config, how) as advance:
+        assert advance() == 2 * 1500
 
 
 def test_actions_are_within_the_scale_and_the_same_every_time():

@@ -84,7 +84,8 @@ def minari(monkeypatch):
 
 @pytest.mark.slow
 def test_minari_loads_what_the_command_wrote(minari, monkeypatch, tmp_path, capsys):
-    words = ["dataset", "--out", str(tmp_path), "--level", "mixed", "--episodes", "3", "--seed", "4"]
+    monkeypatch.chdir(tmp_path.parent)
+    words = ["dataset", "--out", tmp_path.name, "--level", "mixed", "--episodes", "3", "--seed", "4"]
     assert main(words) == 0
     assert "3 episodes" in capsys.readouterr().out
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
