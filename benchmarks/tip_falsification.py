@@ -109,7 +109,9 @@ def main() -> None:
     """Try every claim; print a line for each and optionally write them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--only", default="", help="try the claims whose policy and set contain this, and put them into the file")
+    parser.add_argument(
+        "--only", default="", help="try the claims with this in policy and set, and put them into the file"
+    )
     parser.add_argument("--lanes", type=int, default=100)
     options = parser.parse_args()
     rows = []
