@@ -26,7 +26,7 @@ from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.rigid_rollout import Motion
 from fuzzyarm.eval.provenance import current_provenance
 
-RULES = (1, 2, 4, 8, 16, 32)
+NAMES = (*(f"fuzzy-{rules}" for rules in (1, 2, 4, 8, 16, 32)), "fuzzy-4-sampled")
 DURATION = 1.5  # [s] of a disturbed rollout; the circle takes as long
 WORST_GAIN, WORST_SUPPLY = "worst gain", "worst supply"  # names of the torques found by power iteration
 
@@ -74,9 +74,9 @@ def disturbed(loop: RigidLoop, motion: Motion) -> dict[str, Any]:
     return {"library": library_gain, "worst": worst_gain, "used": float(used.max())}
 
 
-def assess(rules: int) -> dict[str, Any]:
+def assess(name: str) -> dict[str, Any]:
     """Return the certified, observed and frozen bounds of a shipped controller."""
-    loop = RigidLoop(load_policy(f"fuzzy-{rules}", allow_unproven=True).controller)
+    loop = RigidLoop(load_policy(name, allow_unproven=True).controller)
     return {"decay_per_s": {"certified": loop.controller.alpha, **decay(loop)}, "gain_rad_per_Nm": gain(loop)}
 
 
@@ -99,12 +99,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     options = parser.parse_args()
-    print("rules  " + "  ".join(COLUMNS))
+    print(f"{'policy':15}  " + "  ".join(COLUMNS))
     result = {}
-    for rules in RULES:
-        row = result[f"fuzzy-{rules}"] = assess(rules)
+    for policy in NAMES:
+        row = result[policy] = assess(policy)
         cells = (cell(*row.values()).rjust(len(name)) for name, cell in COLUMNS.items())
-        print(f"{rules:5}  " + "  ".join(cells), flush=True)
+        print(f"{policy:15}  " + "  ".join(cells), flush=True)
     if options.json:
         document = {"command": "python benchmarks/certified_bounds.py", **current_provenance(), "bounds": result}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")

@@ -149,11 +149,13 @@ def tip_gamma_table(document: dict[str, Any]) -> str:
 def tip_gains_table(document: dict[str, Any]) -> str:
     """Return the table of gains that were found at vertices of the sampled elastic arm, and of arms of one's own."""
     sets = list(document["rows"][0]["bounds_mm"])
-    headings = ["gains", "float part [mm]", "slowest rigid pole [1/s]", *(f"proven, {name} [mm]" for name in sets)]
+    headings = ["gains", "float part [mm]", "motors' rms, nominal [mrad]", "slowest rigid pole [1/s]"]
+    headings += [f"proven, {name} [mm]" for name in sets]
     rows = [
         [
             row["gains"],
             at_most(row["linear_mm"], 3),
+            f"{row['case_1_joint_error_rms_mrad']:.3f}",
             f"{row['slowest_rigid_pole']:.1f}",
             *(bound if isinstance(bound, str) else at_most(bound, 4) for bound in row["bounds_mm"].values()),
         ]

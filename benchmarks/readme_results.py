@@ -20,6 +20,7 @@ __all__ = [
     "exported_table",
     "leaderboard_table",
     "learned_tables",
+    "misra_table",
     "paper_line",
     "peer_line",
     "plants_leaderboard",
@@ -48,12 +49,6 @@ def paper_line(document: dict[str, Any]) -> str:
 def overview_table(document: dict[str, Any], bounds: dict[str, Any]) -> str:
     """Return the README's table: rms and largest tip error of each policy in each case, and what is proven of it."""
     headings = ["tip error, rms / largest [mm]", *PAPER_CASES, "proven"]
-    circle = {"case": "nominal", "set": "table-1", "path": "circle", "duration": 1.5, "proven": True}
-    tips = {
-        row["policy"]: f"tip within {at_most(row['bound_mm'], 2)} mm"
-        for row in bounds["rows"]
-        if {key: row[key] for key in circle} == circle
-    }
     rows = [
         [
             policy,
@@ -63,14 +58,30 @@ def overview_table(document: dict[str, Any], bounds: dict[str, Any]) -> str:
                 for row in document["results"]
                 if (row["policy"], row["case"]) == (policy, case)
             ),
-            "; ".join(filter(None, ["" if certificate is None else "rigid arm", tips.get(policy, "")])) or "no",
+            words,
         ]
-        for policy, certificate in document["certificates"].items()
+        for policy, words in _proven(document, bounds).items()
     ]
     return (
-        f"{table(headings, rows)}\n\nTip: in the nominal case, at every sample, of the elastic arm of Table 1 with "
-        f"sampled control.\n\n`fuzzyarm evaluate`, `{bounds['command']}`; {made_with(document)}"
+        f"{table(headings, rows)}\n\n{_OF_THE_TIP}\n\n`fuzzyarm evaluate`, `{bounds['command']}`; {made_with(document)}"
     )
+
+
+_OF_THE_TIP = "Tip: in the nominal case, at every sample, of the elastic arm of Table 1 with sampled control."
+
+
+def _proven(document: dict[str, Any], bounds: dict[str, Any]) -> dict[str, str]:
+    """Return what is proven of each policy of an evaluation, of the rigid arm and of the tip, in a few words."""
+    circle = {"case": "nominal", "set": "table-1", "path": "circle", "duration": 1.5, "proven": True}
+    tips = {
+        row["policy"]: f"tip within {at_most(row['bound_mm'], 2)} mm"
+        for row in bounds["rows"]
+        if {key: row[key] for key in circle} == circle
+    }
+    return {
+        policy: "; ".join(filter(None, ["" if certificate is None else "rigid arm", tips.get(policy, "")])) or "no"
+        for policy, certificate in document["certificates"].items()
+    }
 
 
 def speed_lines(bench: dict[str, Any]) -> str:
@@ -125,6 +136,18 @@ def saturation_table(document: dict[str, Any]) -> str:
     return f"{table(headings, rows)}\n\n`{document['command']}`; {made_with(document)}"
 
 
+def misra_table(document: dict[str, Any]) -> str:
+    """Return the table of what the MISRA addon finds in the exported C."""
+    checked = [row for row in document["rows"] if row["violations"] is not None]
+    rules = sorted({rule for row in checked for rule in row["violations"]}, key=lambda rule: rule.split("."))
+    rows = [
+        [row["source"], f"{row['lines']:,}", *(str((row["violations"] or {}).get(rule, "")) for rule in rules)]
+        for row in document["rows"]
+    ]
+    made = f"`{document['command']}`; {document['cppcheck']}; {made_with(document)}"
+    return f"{table(['source', 'lines', *rules], rows)}\n\n{made}"
+
+
 def exported_table(document: dict[str, Any]) -> str:
     """Return the table of the exported C: bits, times and what float costs."""
     compilers = list(document["compilers"])
@@ -144,8 +167,14 @@ def exported_table(document: dict[str, Any]) -> str:
             ", ".join(str(row["differing"][name]) for name in compilers),
             *("{median:.0f} ({p5:.0f} to {p95:.0f})".format(**row["nanoseconds"][name]) for name in compilers),
             f"{row['python_nanoseconds']:.0f}",
-            f"{row['float']['torque_rms']:.2g} / {row['float']['torque_max']:.2g}",
-            f"{row['float']['tip_float_mm']:.3g}, not {row['float']['tip_double_mm']:.3g}",
+            *(
+                (
+                    f"{row['float']['torque_rms']:.2g} / {row['float']['torque_max']:.2g}",
+                    f"{row['float']['tip_float_mm']:.3g}, not {row['float']['tip_double_mm']:.3g}",
+                )
+                if row["float"]
+                else ("refused", "")
+            ),
         ]
         for row in document["rows"]
     ]
@@ -182,10 +211,14 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
     return f"{mean}{interval}{', ' if failed else ''}{failed}"
 
 
-def leaderboard_table(results: Path) -> str:
-    """Return the output of `fuzzyarm leaderboard --markdown` for a results file, without the column of sources."""
-    lines = markdown(rank_policies([results])).splitlines()
-    return "\n".join(f"{line.rpartition(' | ')[0]} |" if line.startswith("|") else line for line in lines)
+def leaderboard_table(results: Path, bounds: dict[str, Any]) -> str:
+    """Return the output of `fuzzyarm leaderboard --markdown` for a results file, what is proven in its last column."""
+    proven = _proven(json.loads(results.read_text(encoding="utf-8")), bounds)
+    words, lines = {"policy": "proven", "---": "---", **proven}, []
+    for line in markdown(rank_policies([results])).splitlines():
+        cells = line.split(" | ")
+        lines.append(f"{' | '.join(cells[:-2])} | {words[cells[1]]} |" if line.startswith("|") else line)
+    return "\n".join([*lines, "", _OF_THE_TIP])
 
 
 def plants_leaderboard(results: Path) -> str:

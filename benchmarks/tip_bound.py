@@ -69,6 +69,11 @@ CLAIMS = (
     _named("fuzzy-4-tip", "near-late"),
     _named("fuzzy-4", "near"),
     _own("stiffness ± 10 %", stiffness=(0.9, 1.1)),
+    _named("fuzzy-4-sampled-tip", "table-1"),
+    _named("fuzzy-4-sampled-tip", "any-friction"),
+    _named("fuzzy-4-sampled-tip", "near"),
+    _named("fuzzy-4-sampled-tip", "near-late"),
+    _own("stiffness ± 10 %", "fuzzy-4-sampled-tip", stiffness=(0.9, 1.1)),
     _own("masses ± 2 %", mass=(0.98, 1.02)),
     _own("masses ± 5 %", mass=(0.95, 1.05)),
     _own("dry friction ± 50 %", dry_friction=(0.5, 1.5)),
@@ -100,6 +105,14 @@ CELLS: dict[str, list[Division]] = {
     WIDE: [("mass-2", 3), ("stiffness-1", 2), ("stiffness-2", 4)],
 }
 """Sets that are divided: the fields, and into how many parts; cells without a tube are halved."""
+DRAWN_SETS = ("table-1", "any-friction", "near", "payload 0 to 5 kg", WIDE)
+DRAWN_POLICIES = (
+    ("fuzzy-4-tip", "any-friction"),
+    ("fuzzy-4-sampled-tip", "any-friction"),
+    ("elastic-observer", "any-friction"),
+    ("elastic-observer", "table-1"),
+    ("ppo-residual", "table-1"),
+)
 
 
 def bounded(claim: TipClaim) -> tuple[TipBound, np.ndarray, int]:
@@ -195,7 +208,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     mpl.use("agg")
     from matplotlib import pyplot as plt
 
-    figure, (plane, over_time) = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
+    figure, (plane, sets, policies) = plt.subplots(1, 3, figsize=(13.0, 4.6), layout="constrained")
     by_name = {_key(row): row for row in rows}
     shown = by_name["fuzzy-4-tip", "nominal", "near", "circle", 1.5]
     curve, reference = shown["curve"], JointReference()
@@ -209,13 +222,19 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     plane.plot(points[:, 1], -points[:, 0], color="0.6", linewidth=0.8, label="path")
     plane.set(title=f"fuzzy-4-tip, set near, errors {MAGNIFIED} times", xlabel="y [m]", ylabel="-x [m]", aspect="equal")
     plane.legend(loc="center")
-    for index, name in enumerate(("table-1", "any-friction", "near")):
-        row = by_name["fuzzy-4-tip", "nominal", name, "circle", 1.5]
-        times = row["curve"]["time"]
-        over_time.semilogy(times, row["curve"]["bound_mm"], color=f"C{index}", label=f"{name}: proven")
-        over_time.semilogy(times, row["curve"]["simulated_mm"], ":", color=f"C{index}", label="simulated, worst")
-    over_time.set(xlabel="time [s]", ylabel="tip error [mm]", title="fuzzy-4-tip, paper's circle")
-    over_time.legend(fontsize="small", ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.15))
+    for axes, title, keys in (
+        (sets, "fuzzy-4-tip, by set", [("fuzzy-4-tip", name) for name in DRAWN_SETS]),
+        (policies, "by policy and set", DRAWN_POLICIES),
+    ):
+        for index, (policy, name) in enumerate(keys):
+            curve = by_name[policy, "nominal", name, "circle", 1.5]["curve"]
+            words = name if axes is sets else f"{policy}, {name}"
+            axes.semilogy(curve["time"], curve["bound_mm"], color=f"C{index}", label=words)
+            axes.semilogy(curve["time"], curve["simulated_mm"], ":", color=f"C{index}")
+        axes.set(
+            xlabel="time [s]", ylabel="tip error [mm]", title=f"{title} (dotted: simulated, worst)", ylim=(1e-6, 20)
+        )
+        axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.15))
     figure.savefig(path, dpi=120)
 
 

@@ -11,6 +11,9 @@ from cyclopts import Parameter
 from fuzzyarm.cli.usage import UsageError, claimed_folder
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzyarm.eval.episodes.rollout import Rollout
     from fuzzyarm.eval.evaluation.run import Evaluation, EvaluationConfig
 
 __all__ = ["Options", "run"]
@@ -93,11 +96,20 @@ def run(options: Options) -> int:
         print_paragraphs(console, _certificates(evaluation))
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
-    for rollout in evaluation.rollouts:
-        if not rollout.completed:
-            end = f"ended at {rollout.time[-1]:.3f} s: {rollout.reason}"
-            say(f"{rollout.policy} in case {rollout.case} {end}", error=True)
+    for line in _remarkable(evaluation.rollouts):
+        say(line, error=True)
     return 0 if evaluation.complete else 1
+
+
+def _remarkable(rollouts: Sequence[Rollout]) -> list[str]:
+    """Return a line for each episode that ended early, and for each policy that says that its estimate is wrong."""
+    lines = []
+    for run in rollouts:
+        if not run.completed:
+            lines.append(f"{run.policy} in case {run.case} ended at {run.time[-1]:.3f} s: {run.reason}")
+        if run.note:
+            lines.append(f"{run.policy} in case {run.case}, seed {run.seed}: {run.note}")
+    return lines
 
 
 def _config(options: Options) -> EvaluationConfig:

@@ -206,7 +206,10 @@ class Trace:
         return result
 
     def arithmetic(self, name: str, first: Scalar, second: Scalar) -> Scalar:
-        """Record +, -, *, / or %; whole numbers stay whole but for /. Of whole numbers 0 + x is x, of real ones 1 x."""
+        """Record +, -, *, / or %; whole numbers stay whole but for /.
+
+        Of whole numbers 0 + x and x - 0 are x, of real ones 1 x.
+        """
         whole = all(kind_of(operand) is Kind.WHOLE for operand in (first, second)) and name != "/"
         if name == "*" and not whole:
             for one, other in ((first, second), (second, first)):
@@ -214,6 +217,8 @@ class Trace:
                     return other
         if name == "+" and whole and is_number(first) and first == 0:
             return second
+        if name == "-" and whole and is_number(second) and second == 0:
+            return first
         if name == "%" and not whole:
             raise Unsupported("the remainder of a number that is not whole")
         return self.operation(name, first, second, kind=Kind.WHOLE if whole else Kind.REAL)

@@ -47,6 +47,13 @@ _RANDOM = "random plants, forces, payloads and references" + _HAND
 _LEARNED = "two errors and actions, leaky integral of the error"
 _NAMED = {
     **{f"fuzzy-{rules}": _FUZZY for rules in (32, 16, 8, 4, 2, 1)},
+    "fuzzy-4-sampled": Declared(
+        "deviation of the tip by any friction on the sampled elastic arm, within margins and at a proven bound",
+        "nominal case, stiffness ± 10 %",
+        _RIGID,
+        _SEES,
+        _INTEGRAL,
+    ),
     "computed-torque": Declared("smallest motor error within margins", "nominal case", _RIGID, _SEES, _INTEGRAL),
     "elastic-observer": Declared(
         "mean rms tip error, and noise in Case 1, within margins",

@@ -93,7 +93,7 @@ def _adaptive_observer(robot: AnyArm, control_period: float) -> Policy:
 
 
 _PACKAGE = Path(__file__).parent.parent
-_FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1")
+_FUZZY = ("fuzzy-32", "fuzzy-16", "fuzzy-8", "fuzzy-4", "fuzzy-2", "fuzzy-1", "fuzzy-4-sampled")
 # The folder of the controllers holds more files, witnesses of the paper's own form; they have no name here.
 _CONTROLLERS = _PACKAGE / "fuzzy_policy" / "controllers"
 _TRAINED = _PACKAGE / "learned_policy" / "policies"

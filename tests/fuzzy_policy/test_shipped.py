@@ -1,7 +1,9 @@
 """Every shipped controller file: proven, and a witness of what the README says of the paper."""
 
 import itertools
+import json
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 
 FOLDER = resources.files("fuzzyarm.fuzzy_policy.controllers")
 FILES = sorted(entry.name for entry in FOLDER.iterdir() if entry.name.endswith(".json"))
+RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 WITNESSES = [
     (rules, f"paper-{rules}" + "-integral" * integral + "-common" * common + ".json")
     for rules, integral, common in itertools.product((4, 2, 1), (False, True), (False, True))
@@ -35,6 +38,16 @@ def test_the_consistent_form_is_shipped_for_every_named_model(rules):
     controller = load(f"fuzzy-{rules}.json")
     assert (controller.form, controller.integral, controller.alpha) == ("consistent", True, 20.0)
     assert controller.model.kept == NAMED_RULES[rules]
+
+
+def test_the_gains_found_on_the_sampled_arm_are_those_of_4_rules_times_six_factors():
+    """One factor for the gains on angle, velocity and integral of each joint, at every vertex; see `tip_gains.json`."""
+    sampled, plain = load("fuzzy-4-sampled.json"), load("fuzzy-4.json")
+    assert (sampled.alpha, sampled.gamma, sampled.model.kept) == (20.0, 2e-4, plain.model.kept)
+    found = json.loads((RESULTS / "tip_gains.json").read_text(encoding="utf-8"))["rows"][-1]
+    factors = np.concatenate(found["factors"])
+    np.testing.assert_array_equal(sampled.gains, plain.gains * factors)
+    assert found["bears"] and factors.max() < 1.25
 
 
 @pytest.mark.parametrize(("rules", "name"), WITNESSES)

@@ -15,6 +15,7 @@ from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
@@ -28,7 +29,7 @@ def network(seed=0):
     generator = np.random.default_rng(seed)
     return EstimateNetwork(
         **{
-            name: ((0.01 if name in "VD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
+            name: ((0.003 if name in "VD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
             for name, shape in shapes_of(HIDDEN, MODULATION).items()
         }
     )
@@ -48,16 +49,23 @@ class Oracle:
 
     def __init__(self, made):
         self.n, self.observer = made, ElasticObserverPolicy(ARM, PERIOD)
+        self.quick = ElasticObserverPolicy(ARM, PERIOD, ObserverWeights(load_walk=10.0))
         self.target, self.h, self.rho, self.predicted = ElasticTarget(ARM, PERIOD), np.zeros(HIDDEN), np.zeros(2), None
         self.target_memory = np.zeros((1, self.target.memory_size))
 
-    def gains(self, q2):
-        place = 4.0 * (np.cos(q2) + 1.0)
+    def correct(self, observer, predicted, o, desired, feedforward):
+        """The innovation, the corrected estimate, and the torque."""
+        place = 4.0 * (np.cos(o[1]) + 1.0)
         left = min(int(place), 7)
-        return (
+        feedback, gain = (
             (left + 1 - place) * table[left] + (place - left) * table[left + 1]
-            for table in (self.observer.feedback, self.observer.observer)
+            for table in (observer.feedback, observer.observer)
         )
+        innovation = o[:4] - predicted[[0, 1, 4, 5]]
+        estimate = predicted + gain @ innovation
+        unbent = desired[:2] - estimate[8:] / ARM.stiffness
+        error = estimate[:8] - np.concatenate([unbent, o[4:6], desired[2:4], o[6:8]])
+        return innovation, estimate, feedforward - estimate[8:] - feedback @ error
 
     def context(self, o, feedforward):
         q, dq, ddq = o[:2], o[6:8], o[8:]
@@ -65,23 +73,25 @@ class Oracle:
         velocity = jacobian @ dq
         travel = velocity / np.sqrt(velocity @ velocity + 0.02**2)
         angles = np.cos(q[0]), np.sin(q[0]), np.cos(q.sum()), np.sin(q.sum())
+        moving = velocity @ velocity / (velocity @ velocity + 2e-4**2)
         directions = dq / np.sqrt(dq**2 + 0.05**2)
         limits = np.array(ARM.torque_limit)
         return np.concatenate(
-            [angles, dq / 3.0, ddq / 30.0, feedforward / limits, directions, travel, jacobian.T @ travel]
+            [angles, dq / 3.0, ddq / 30.0, feedforward / limits, directions, travel, jacobian.T @ travel, [moving]]
         )
 
-    def residual(self, innovation, load, c):
+    def residual(self, innovation, load, gap, c):
         n, units = self.n, np.array([[5e-7, 2e-6, 1e-3, 4e-3], [1e-5, 4e-5, 2e-2, 8e-2]])
         fine, coarse = np.arcsinh(innovation / units)
         coarse *= innovation**2 / (innovation**2 + units[0] ** 2)
-        z = np.concatenate([fine, coarse, load / np.array([300.0, 150.0]), self.rho])
+        torques = np.array([300.0, 150.0])
+        z = np.concatenate([fine, coarse, load / torques, np.arcsinh(gap / (0.1 * torques)), self.rho])
         gates = sigmoid(n.gate_z @ z + n.gate_h @ self.h + n.gate_c @ c + n.gate_bias)
         s, r = gates[:HIDDEN], gates[HIDDEN:]
         candidate = np.tanh(n.A @ z + (n.C @ c) * (n.B @ z) + r * (n.U @ self.h))
         self.h = self.h + s * (candidate - self.h)
         weights = 1.0 + n.W @ np.tanh(n.P @ c + n.p_0)
-        self.rho = np.clip(n.V @ (self.h * weights) + n.D @ z, -1.0, 1.0)
+        self.rho = np.clip(c[-1] * (n.V @ (self.h * weights) + n.D @ z), -1.0, 1.0)
 
     def step(self, o):
         desired, feedforward = np.empty((1, 6)), np.empty((1, 2))
@@ -90,20 +100,22 @@ class Oracle:
             q, constants = o[:2].copy(), arm_constants(ARM)
             for _ in range(20):
                 q = o[:2] - np.array(two_joints().gravity(PerJoint(*q), constants)) / ARM.stiffness
-            self.predicted = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
-        feedback, observer = self.gains(o[1])
-        innovation = o[:4] - self.predicted[[0, 1, 4, 5]]
-        estimate = self.predicted + observer @ innovation
-        x, load = estimate[:8], estimate[8:]
-        unbent = desired[0, :2] - load / ARM.stiffness
-        u = feedforward[0] - load - feedback @ (x - np.concatenate([unbent, o[4:6], desired[0, 2:4], o[6:8]]))
-        self.residual(innovation, load, self.context(o, feedforward[0]))
+            first = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
+            self.predicted = first, first
+        (innovation, steady, u), (_, soon, hasty) = (
+            self.correct(observer, predicted, o, desired[0], feedforward[0])
+            for observer, predicted in zip((self.observer, self.quick), self.predicted, strict=True)
+        )
+        self.residual(innovation, steady[8:], hasty - u, self.context(o, feedforward[0]))
         u = np.clip(u + self.rho * [300.0, 150.0], -np.array(ARM.torque_limit), ARM.torque_limit)
-        state = State(*(PerJoint(*pair) for pair in x.reshape(4, 2)))
-        for _ in range(5):
-            state = two_joints().loaded_step(state, PerJoint(*u), PerJoint(*load), arm_constants(ARM), PERIOD / 5)
-        self.predicted = np.concatenate([np.ravel(state), load])
+        self.predicted = tuple(self.predict(estimate, u) for estimate in (steady, soon))
         return u
+
+    def predict(self, estimate, u):
+        state, load = State(*(PerJoint(*pair) for pair in estimate[:8].reshape(4, 2))), PerJoint(*estimate[8:])
+        for _ in range(5):
+            state = two_joints().loaded_step(state, PerJoint(*u), load, arm_constants(ARM), PERIOD / 5)
+        return np.concatenate([np.ravel(state), estimate[8:]])
 
 
 def test_the_policy_is_its_equations(policy):
@@ -130,6 +142,16 @@ def test_without_anything_unexplained_it_is_the_elastic_observer(policy):
         torque, own = silent.predict(observation, own)
         assert torque.tobytes() == expected.tobytes()
         observation = env.step(torque)[0]
+
+
+def test_at_rest_it_is_the_elastic_observer(policy):
+    observer, memory, own = ElasticObserverPolicy(ARM, PERIOD), None, None
+    generator, rest = np.random.default_rng(4), np.concatenate([[0.6, 1.2, 0.0, 0.0, 0.6, 1.2], np.zeros(4)])
+    for _ in range(20):
+        read = rest + np.concatenate([1e-4 * generator.normal(size=4), np.zeros(6)])
+        expected, memory = observer.predict(read, memory)
+        torque, own = policy.predict(read, own)
+        assert torque.tobytes() == expected.tobytes()
 
 
 def test_a_lane_of_a_batch_is_the_single_arm_bit_for_bit(policy):
@@ -174,7 +196,7 @@ FORGERIES = {
     "code": (lambda f: edited(f, run="rm"), "unknown field run"),
     "a foreign array": (lambda f: resealed(f, X=np.zeros(3, np.float32)), "needed: A, B, C"),
     "a wrong shape": (lambda f: resealed(f, A=np.zeros((HIDDEN, 3), np.float32)), "A has shape"),
-    "no number": (lambda f: resealed(f, D=np.full((2, 12), np.nan, np.float32)), "D"),
+    "no number": (lambda f: resealed(f, D=np.full((2, 14), np.nan, np.float32)), "D"),
     "double precision": (lambda f: resealed(f, W=np.zeros((HIDDEN, MODULATION))), "W is float64"),
     "an arm that is none": (lambda f: edited(f, parameters={"mass": [-1.0, 2.0]}), "mass"),
     "no period": (lambda f: edited(f, control_period=5.0), "control_period"),

@@ -7,19 +7,27 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from fuzzyarm.envs.batch.lanes import Lanes  # noqa: E402
+from fuzzyarm.envs.observation import START  # noqa: E402
+from fuzzyarm.envs.physics.dynamics import Payload  # noqa: E402
 from fuzzyarm.envs.physics.parameters import ArmParameters  # noqa: E402
+from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce  # noqa: E402
+from fuzzyarm.envs.scenario.paths import Circle  # noqa: E402
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E402
+from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
+from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.eval.stability.linearisation import linearise  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy  # noqa: E402
-from fuzzyarm.learned_policy.estimate.signals import CONTEXT, UNEXPLAINED  # noqa: E402
+from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy  # noqa: E402
+from fuzzyarm.learned_policy.estimate.signals import CONTEXT, UNEXPLAINED, UNEXPLAINED_PARTS  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
-from fuzzyarm.rl_baselines.estimate.courses import draw_courses  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.courses import Courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.stability import CONDITIONS, Loops, eigenvalue_loss  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.training import EstimateTraining  # noqa: E402
 
-ARM, PERIOD = ArmParameters(), 1e-3
+ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()
 SHORT = {"chunks": 2, "lanes": 4, "steps": 50, "window": 50, "updates": 2, "hidden": 5, "modulation": 2, "points": 3}
 
 
@@ -69,25 +77,43 @@ def loops():
     return Loops.of(LearnedObserverPolicy(student().network()))
 
 
-def at_rest(loops, which, hidden):
-    return loops.points(np.array(which), *(torch.zeros(0, size) for size in (UNEXPLAINED, CONTEXT, hidden)))
+class Creeping(LearnedObserverPolicy):
+    """The reference of an arm at rest seems to move, so that the network acts."""
+
+    def observe(self, observation, memory, torque, seen):
+        moving = observation.copy()
+        moving[:, START.dq_reference :][:, :2] = 2e-3  # rad/s
+        super().observe(moving, memory, torque, seen)
+
+
+def creeping(made, loops, which):
+    """Points in the loops `which` with nothing unexplained, for postures (0.6, 1.2) rad."""
+    seen, observation = np.zeros((1, SEEN)), np.zeros((1, 10))
+    observation[0, START.q_motor :][:2] = observation[0, START.q_reference :][:2] = 0.6, 1.2
+    policy = Creeping(made.network())
+    policy.observe(observation, np.zeros((1, policy.memory_size)), np.empty((1, 2)), seen)
+    c = torch.from_numpy(seen[0, SEEN_PARTS[1]]).expand(len(which), -1)
+    return loops.points(np.array(which), torch.zeros(len(which), UNEXPLAINED), c, torch.zeros(len(which), 6))
 
 
 def test_the_linear_loops_are_those_whose_margins_are_measured(loops):
-    made, seen = student(output=0.004), []
-    policy = LearnedObserverPolicy(made.network())
-    loop = linearise(policy, ARM, np.array([0.6, 1.2]), PERIOD)
+    made, seen = student(output=0.002), []
+    with torch.no_grad():
+        made.D[:, UNEXPLAINED_PARTS.quick] += 0.015 * torch.eye(2)  # a seventh of what the quick observer adds
+    loop = linearise(Creeping(made.network()), ARM, np.array([0.6, 1.2]), PERIOD)
     for number, condition in enumerate(CONDITIONS[:5]):  # of the nominal arm
-        _, radius = eigenvalue_loss(made, loops, at_rest(loops, [2 * len(CONDITIONS) + number], 6), 0.99)
+        where = creeping(made, loops, [number])
+        _, radius = eigenvalue_loss(made, loops, where, 0.99)
         measured = np.abs(np.linalg.eigvals(loop.matrix(condition.gain, condition.delay))).max()
         assert radius == pytest.approx(measured, rel=1e-3)
-        seen.append(abs(radius - float(loops.reference[2 * len(CONDITIONS) + number])))
+        seen.append(abs(radius - float(loops.reference[int(where.loop[0])])))
     assert max(seen) > 1e-3  # the network is part of the loop
 
 
 def test_the_derivative_of_the_eigenvalue_loss_is_its_difference(loops):
-    made = student(output=0.01).double()
-    where = at_rest(loops, [1, 12, 20, 44], 6)
+    made = student(output=0.01)
+    where = creeping(made, loops, [1, 2, 4, 7])
+    made = made.double()
     loss, _ = eigenvalue_loss(made, loops, where, 0.9)
     loss.backward()
     direction = torch.randn(made.V.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
@@ -100,16 +126,19 @@ def test_the_derivative_of_the_eigenvalue_loss_is_its_difference(loops):
     assert float((made.V.grad * direction).sum()) == pytest.approx((values[0] - values[1]) / 2e-6, rel=1e-3)
 
 
-def test_the_teacher_leads_the_tip_along_the_course():
-    courses = draw_courses(ARM, 16, PERIOD, np.random.default_rng(4))
-    lanes, teacher = courses.lanes, Teacher(ARM, courses)
-    observation = lanes.layout.split(lanes.reset(list(range(16))))[0]
-    teacher.begin(np.ones(16, dtype=bool))
+def test_the_teacher_leads_the_tip_along_the_course_under_a_changing_force():
+    reference = JointReference(Circle((0.4, 0.6), 0.17), parameters=ARM)
+    loads = [Disturbance(tip_force=MachiningForce(130.0, 90.0)), Disturbance(payload=Payload(6.0))]
+    scenarios = [Scenario(load, reference) for load in loads]
+    lanes = Lanes([ARM], scenarios, 2, control_period=PERIOD, substeps=5, randomisation=NOTHING, threads=1)
+    teacher = Teacher(ARM, Courses(lanes, np.full((2, 8), np.nan), np.zeros(2), np.zeros(2)))
+    observation = lanes.layout.split(lanes.reset([0, 1]))[0]
+    teacher.begin(np.ones(2, dtype=bool))
     errors = []
     for _ in range(150):
         observation, _, scalars = lanes.layout.split(lanes.step(teacher.torque(observation)))
         errors.append(1e3 * scalars[1])
-    assert np.median(np.sqrt(np.mean(np.square(errors), axis=0))) < 0.3  # mm
+    assert np.all(np.max(errors, axis=0) < 0.8)  # mm; 1.3 under the force without its rate
 
 
 @pytest.fixture(scope="module")

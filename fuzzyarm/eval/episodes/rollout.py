@@ -48,6 +48,8 @@ class Rollout:
         domain_use: (n,), largest share of the joint box (25) in use, 1 at its border.
         beliefs: (n, 2 axes + 2), what the policy believed when it acted, columns of `belief_names`; (0, 0) of a policy
             that says nothing.
+        note: that the policy's filter diverged, or what it believed at an end of its range, in words; empty as a rule.
+            It stands in the rows of an evaluation and not in ``rollouts.npz``.
     """
 
     policy: str
@@ -75,6 +77,7 @@ class Rollout:
     reward: np.ndarray
     domain_use: np.ndarray
     beliefs: np.ndarray = dataclasses.field(default_factory=lambda: NO_BELIEFS)
+    note: str = ""
 
 
 SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
@@ -104,6 +107,7 @@ class Signals:
         parameters: AnyArm,
         step_time: float = math.nan,
         beliefs: np.ndarray = NO_BELIEFS,
+        note: str = "",
     ) -> Rollout:
         """Return the episode.
 
@@ -127,6 +131,7 @@ class Signals:
             reward=np.array([step.reward for step in self._steps])[:, lane],
             domain_use=_domain_use(signals, parameters),
             beliefs=beliefs,
+            note=note,
             **signals,
         )
 
@@ -145,6 +150,7 @@ def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, cas
         parameters=env.parameters,
         step_time=timed.median,
         beliefs=believing.rows(),
+        note=believing.note(env.control_period),
     )
 
 

@@ -20,7 +20,7 @@ __all__ = ["NAME", "digest", "read_rollouts", "write_rollouts"]
 
 NAME = "rollouts.npz"
 """Name of the file in an evaluation's folder."""
-_FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
+_FIELDS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name != "note")
 _SINGLE = {
     "policy": "U",
     "case": "U",

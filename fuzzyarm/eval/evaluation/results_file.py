@@ -111,5 +111,7 @@ def _check_row(row: dict[str, Any], episode: tuple[str, str, int]) -> None:
     truth("completed", row["completed"])
     instance("reason", row["reason"], str)
     for name, value in row.items():
-        if name not in (*_IDENTITY, "completed", "reason"):
+        if name == "note":
+            instance("note", value, str)
+        elif name not in (*_IDENTITY, "completed", "reason"):
             real(f"{name} of {episode}", value)

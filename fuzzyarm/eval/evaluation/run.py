@@ -247,7 +247,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
 def _row(run: Rollout, passes: Sequence[Rollout]) -> dict[str, Any]:
     """Return the row of an episode; with several passes also the tip errors of each."""
     row = {"case": run.case, "policy": run.policy, "seed": run.seed, "completed": run.completed, "reason": run.reason}
-    row |= metrics_of(run)
+    row |= metrics_of(run) | ({"note": run.note} if run.note else {})
     if len(passes) > 1:
         for number, earlier in enumerate(passes, start=1):
             row[f"pass_{number}_max_mm"] = 1e3 * float(earlier.tip_error.max())

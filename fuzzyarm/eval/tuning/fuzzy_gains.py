@@ -109,12 +109,18 @@ def assess(
     if not isinstance(made, Design):
         return None
     point = {"rules": rules, "alpha": wanted.alpha, "gamma": wanted.gamma, "fastest_pole": wanted.fastest_pole}
-    row = {**point, "margin": made.certificate.proof_margin, **_judged(arm, made.controller, cases)}
+    row = {**point, "margin": made.certificate.proof_margin, **judged(arm, made.controller, cases)}
     return {**row, "bears": bears(arm, row)}
 
 
-def _judged(arm: ArmParameters, controller: Controller, cases: dict[str, str]) -> dict[str, Any]:
-    """Return gains, poles, margins and errors of a controller."""
+def judged(arm: ArmParameters, controller: Controller, cases: dict[str, str]) -> dict[str, Any]:
+    """Return gains, poles, margins, errors and the tip's deviation under any friction, of a controller for the arm.
+
+    Args:
+        arm: which it knows, and to which conditions are applied.
+        controller: whose gains are judged.
+        cases: in which errors are measured, by the beginning of their keys.
+    """
     policy, mass = FuzzyPolicy(controller), heaviest(arm)
     loops = {(stiffness, load): _path(policy, arm, stiffness, load) for stiffness in STIFFNESS for load in (0.0, mass)}
     disturbed = (*((gain, 0.0) for gain in LOOP_GAINS), (1.0, mass))

@@ -103,6 +103,8 @@ def summary(arm: AnyArm, folder: str, findings: Sequence[Finding], margins: dict
     headings, cells = margin_cells(margins["rows"])
     parts += ["## Margins", _transposed(headings, cells), *margin_notes(margins), "## Proven", _proven(findings)]
     parts += [bounds_in_words(finding.policy + TIP, folder, finding.measured) for finding in findings]
+    if not isinstance(arm, ArmParameters):
+        parts.append("Of the tip nothing is proven: `fuzzyarm prove` knows the two-joint arm alone.")
     parts = [part for part in parts if part]
     return "\n\n".join(parts) + "\n"
 

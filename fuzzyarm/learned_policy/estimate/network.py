@@ -5,9 +5,10 @@ gated recurrent unit whose candidate has no bias gives
 
     s = σ(S_z z + S_h h + S_c c + s_0),    r = σ(R_z z + R_h h + R_c c + r_0),
     n = tanh(A z + (C c)∘(B z) + r∘(U h)),    h⁺ = h + s∘(n - h),
-    ρ = clip(V (h⁺∘w) + D z, ±1),             w = 1 + W tanh(P c + p_0).
+    ρ = clip(m (V (h⁺∘w) + D z), ±1),         w = 1 + W tanh(P c + p_0),
 
-z = 0 and h = 0 give ρ = 0 exactly, whatever the context: without an unexplained motion the observer acts alone.
+and m of c, which is 0 where the reference is at rest. z = 0 and h = 0 give ρ = 0 exactly, whatever the context: without
+an unexplained motion the observer acts alone, and so it does at rest.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import finite_array, instance, shown
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.learned_policy.estimate.signals import CONTEXT, UNEXPLAINED
+from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, UNEXPLAINED
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
 
 __all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "respond", "shapes_of"]
@@ -157,4 +158,4 @@ def respond(
             total += V[joint, i] * (h[i] * w[i])
         for k in range(len(z)):
             total += D[joint, k] * z[k]
-        rho[joint] = min(max(total, -1.0), 1.0)
+        rho[joint] = min(max(c[MOTION] * total, -1.0), 1.0)

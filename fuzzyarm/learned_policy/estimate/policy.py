@@ -3,17 +3,21 @@
 With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer` and the network ρ of `network`,
 
     correct   (x̂, d̂) = (x̂, d̂)⁻ + L ν,    ν = y - (θ̂, θ̂̇)⁻,
-    act       u = u_ff - d̂ - K (x̂ - x_d) + ρ(z, c, h) R,
+    act       u_o = u_ff - d̂ - K (x̂ - x_d),    u = u_o + ρ(z, c, h) R,
     predict   (x̂, d̂)⁻ = what the nominal elastic arm does of (x̂, d̂) under u within its limits.
 
-z and c are those of `signals`, R the torques there. The observer is told of the residual torque ρ R, so that it does
-not take it for a load. The network was trained by regression on a teacher that knows plant and load, see
+A second observer differs by its L alone, which expects `QUICK_LOAD_WALK` instead of the weights' `load_walk`: it knows
+of a load sooner, and by itself does not bear noise, delay and other arms. What it would do, u_q, is seen by the network
+as u_q - u_o; where that exceeds all torques by far, the second one goes on from the estimate of the first. z and c are
+those of `signals`, R the torques there. Both observers are told of the residual torque ρ R, so that they do not take it
+for a load. The network was trained by regression on a teacher that knows plant and load, see
 `fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations
 
 import copy
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -35,10 +39,16 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond
 from fuzzyarm.learned_policy.estimate.signals import CONTEXT, TORQUES, UNEXPLAINED, see_context, see_unexplained
 
-__all__ = ["SEEN", "SEEN_PARTS", "LearnedObserverPolicy"]
+__all__ = ["QUICK_LOAD_WALK", "SEEN", "SEEN_PARTS", "LearnedObserverPolicy"]
 
-_TARGET, _STARTED, _PREDICTED, _RESIDUAL, _HIDDEN = consecutive(
-    memory_size(JOINTS), 1, estimate_parts(JOINTS).load.stop, JOINTS, 1
+QUICK_LOAD_WALK = 10.0
+"""`ObserverWeights.load_walk` of the second observer."""
+
+_LOST = 1000.0  # size of u_q - u_o, in units of R, above which the second observer has lost the arm
+
+_ESTIMATE = estimate_parts(JOINTS).load.stop
+_TARGET, _STARTED, _PREDICTED, _QUICK, _RESIDUAL, _HIDDEN = consecutive(
+    memory_size(JOINTS), 1, _ESTIMATE, _ESTIMATE, JOINTS, 1
 )
 
 SEEN_PARTS = consecutive(UNEXPLAINED, CONTEXT, JOINTS)
@@ -49,12 +59,13 @@ SEEN: int = SEEN_PARTS[-1].stop
 
 
 class LearnedObserverPolicy(Policy):
-    """The law of the module's docstring; it remembers what the elastic observer does, the last ρ, and h.
+    """The law of the module's docstring; it remembers what both observers do, the last ρ, and h.
 
     Attributes:
         network: ρ.
         hidden: where h lies in a lane's memory.
         gains: K and L of the observer.
+        quick: those of the second one.
     """
 
     def __init__(
@@ -81,7 +92,10 @@ class LearnedObserverPolicy(Policy):
         self.hidden = slice(_HIDDEN.start, _HIDDEN.start + network.hidden)
         self.memory_size = self.hidden.stop
         self._substeps = whole_substeps(control_period, None)
-        self.gains = gain_tables(arm, self.control_period, weights or ObserverWeights())
+        weights = weights or ObserverWeights()
+        self.gains = gain_tables(arm, self.control_period, weights)
+        quick = dataclasses.replace(weights, load_walk=QUICK_LOAD_WALK)
+        self.quick = gain_tables(arm, self.control_period, quick)
         self._know(arm)
 
     def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
@@ -112,7 +126,14 @@ class LearnedObserverPolicy(Policy):
         self._target = ElasticTarget(arm, self.control_period)
         schedule = self.gains.schedule
         self._arguments: tuple[Any, ...] = (
-            *(self.gains.feedback, self.gains.observer, schedule.kept, schedule.cosine, schedule.points),
+            *(
+                self.gains.feedback,
+                self.gains.observer,
+                self.quick.observer,
+                schedule.kept,
+                schedule.cosine,
+                schedule.points,
+            ),
             *(constants_of(arm), np.array(arm.stiffness), self._torque_limit, np.array(arm.length)),
             *(self.control_period / self._substeps, self._substeps),
         )
@@ -135,6 +156,7 @@ def _observe_and_act(
     seen: np.ndarray,
     feedback: np.ndarray,
     observer: np.ndarray,
+    quick_observer: np.ndarray,
     kept: np.ndarray,
     cosine: bool,
     points: int,
@@ -155,22 +177,32 @@ def _observe_and_act(
     """Correct, act and predict in every lane; `torque` holds u_ff and becomes u, unclipped."""
     arm, o = _ARM_IN(constants, 0), observed(observation)
     started, predicted, residual = memory[:, _STARTED], memory[:, _PREDICTED], memory[:, _RESIDUAL]
-    estimate = _ESTIMATED(predicted)
+    quick = memory[:, _QUICK]
+    load, quick_load = _ESTIMATED(predicted).load, _ESTIMATED(quick).load
     innovation, error, applied = np.empty(2 * JOINTS), np.empty(4 * JOINTS), np.empty((1, JOINTS))
+    gap, quick_torque = np.empty(JOINTS), torque.copy()
     index, weight = np.empty(1 << len(kept), dtype=np.int64), np.empty(1 << len(kept))
     for lane in range(len(observation)):
         if started[lane, 0] == 0.0:
             started[lane, 0] = 1.0
             _BEGIN(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
+            quick[lane] = predicted[lane]
         place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
-        _CORRECT(lane, o, predicted, observer, index, weight, innovation)
         z, c = seen[lane, _Z], seen[lane, _C]
         see_context(lane, o, torque[lane], torque_limit, length, c)
+        _CORRECT(lane, o, quick, quick_observer, index, weight, innovation)
+        _ACT(lane, o, target, quick, stiffness, feedback, index, weight, error, quick_torque)
+        _CORRECT(lane, o, predicted, observer, index, weight, innovation)
         _ACT(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
         seen[lane, _OWN] = torque[lane]
-        see_unexplained(innovation, estimate.load[lane], residual[lane], z)
+        for i in range(JOINTS):
+            gap[i] = quick_torque[lane, i] - torque[lane, i]
+            if not abs(gap[i]) < _LOST * TORQUES[i]:
+                quick[lane] = predicted[lane]
+        see_unexplained(innovation, load[lane], gap, residual[lane], z)
         respond(z, c, memory[lane, _FIRST_HIDDEN:], residual[lane], of_z, of_h, of_c, bias, V, D, W)
         for i in range(JOINTS):
             torque[lane, i] += TORQUES[i] * residual[lane, i]
             applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
-        _PREDICT(predicted, lane, _PER_JOINT(applied, 0), _PER_JOINT(estimate.load, lane), arm, h, substeps)
+        _PREDICT(predicted, lane, _PER_JOINT(applied, 0), _PER_JOINT(load, lane), arm, h, substeps)
+        _PREDICT(quick, lane, _PER_JOINT(applied, 0), _PER_JOINT(quick_load, lane), arm, h, substeps)

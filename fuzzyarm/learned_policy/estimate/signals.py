@@ -1,16 +1,18 @@
 """What the network of `learned-observer` sees: the unexplained z and the context c, each of order 1.
 
-With the innovation ν = y - ŷ⁻ of the observer, one number for each motor angle and velocity,
+With the innovation ν = y - ŷ⁻ of the observer, one number for each motor angle and velocity, and the torques u_o of
+this observer and u_q of the quick one,
 
-    z = (asinh(ν/s), asinh(ν/S) ν²/(s² + ν²), d̂/R, the last ρ),
+    z = (asinh(ν/s), asinh(ν/S) ν²/(s² + ν²), d̂/R, asinh((u_q - u_o)/(a R)), the last ρ),
 
-with `FINE` units s, `COARSE` units S and the torques R = `TORQUES`: the first part resolves what is small; the second
-is linear in what is large and flat about zero, so that it does not bear on small deviations. d̂ is what the observer
-believes to load the links. From the observation follows
+with a = `QUICK_SHARE`, `FINE` units s, `COARSE` units S and the torques R = `TORQUES`: the first part resolves what is
+small; the second is linear in what is large and flat about zero, so that it does not bear on small deviations. d̂ is
+what the observer believes to load the links. From the observation follows
 
-    c = (cos and sin of θ_1 and θ_1 + θ_2, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e),
+    c = (cos and sin of θ_1 and θ_1 + θ_2, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e, m),
 
-e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints.
+e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints. m = |v|²/(|v|² + v_1²) is 0
+at rest and close to 1 in motion, with v_1 = 0.2 mm/s; the network acts in proportion to it.
 """
 
 from __future__ import annotations
@@ -29,6 +31,8 @@ __all__ = [
     "COARSE",
     "CONTEXT",
     "FINE",
+    "MOTION",
+    "QUICK_SHARE",
     "TORQUES",
     "UNEXPLAINED",
     "UNEXPLAINED_PARTS",
@@ -46,8 +50,12 @@ COARSE = (1e-5, 4e-5, 2e-2, 8e-2)
 TORQUES = (300.0, 150.0)
 """Units of loads and residual torques [N m]; the largest residual torque."""
 
+QUICK_SHARE = 0.1
+"""Share of them that is the unit of u_q - u_o."""
+
 _FASTEST, _JERKIEST = 3.0, 30.0  # units of q̇_d [rad/s] and of q̈_d [rad/s²]
 _SLOW, _SLOW_TIP = 0.05, 0.02  # rad/s and m/s: below it a direction fades
+_REST = 2e-4  # m/s, v_1
 
 
 class UnexplainedParts(NamedTuple):
@@ -56,31 +64,37 @@ class UnexplainedParts(NamedTuple):
     fine: Any
     coarse: Any
     load: Any
+    quick: Any
     residual: Any
 
 
-UNEXPLAINED_PARTS = UnexplainedParts(*consecutive(2 * JOINTS, 2 * JOINTS, JOINTS, JOINTS))
+UNEXPLAINED_PARTS = UnexplainedParts(*consecutive(2 * JOINTS, 2 * JOINTS, JOINTS, JOINTS, JOINTS))
 """Where they stand in z."""
 UNEXPLAINED: int = UNEXPLAINED_PARTS.residual.stop
 """Numbers in z."""
 
-_ANGLES, _VELOCITIES, _ACCELERATIONS, _FEEDFORWARD, _SIGNS, _TRAVEL, _LEVER = consecutive(
-    2 * JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS
+_ANGLES, _VELOCITIES, _ACCELERATIONS, _FEEDFORWARD, _SIGNS, _TRAVEL, _LEVER, _MOTION = consecutive(
+    2 * JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, 1
 )
-CONTEXT: int = _LEVER.stop
+MOTION: int = _MOTION.start
+"""Where m stands in c."""
+CONTEXT: int = _MOTION.stop
 """Numbers in c."""
-_Z_FINE, _Z_COARSE, _Z_LOAD, _Z_RESIDUAL = UNEXPLAINED_PARTS
+_Z_FINE, _Z_COARSE, _Z_LOAD, _Z_QUICK, _Z_RESIDUAL = UNEXPLAINED_PARTS
 
 
 @register_jitable
-def see_unexplained(innovation: np.ndarray, load: np.ndarray, residual: np.ndarray, z: np.ndarray) -> None:
-    """Fill z (`UNEXPLAINED`,) from ν (2 n,) [rad, rad/s], d̂ (n,) [N m] and the last ρ (n,)."""
+def see_unexplained(
+    innovation: np.ndarray, load: np.ndarray, gap: np.ndarray, residual: np.ndarray, z: np.ndarray
+) -> None:
+    """Fill z (`UNEXPLAINED`,) from ν (2 n,) [rad, rad/s], d̂ and u_q - u_o (n,) [N m] and the last ρ (n,)."""
     for k in range(2 * JOINTS):
         z[_Z_FINE][k] = area_sine(innovation[k] / FINE[k])
         square = innovation[k] * innovation[k]
         z[_Z_COARSE][k] = area_sine(innovation[k] / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
     for i in range(JOINTS):
         z[_Z_LOAD][i] = load[i] / TORQUES[i]
+        z[_Z_QUICK][i] = area_sine(gap[i] / (QUICK_SHARE * TORQUES[i]))
         z[_Z_RESIDUAL][i] = residual[i]
 
 
@@ -98,7 +112,9 @@ def see_context(
     both = dq[0] + dq[1]
     travel, lever = c[_TRAVEL], c[_LEVER]
     x, y = -length[0] * s1 * dq[0] - length[1] * s12 * both, length[0] * c1 * dq[0] + length[1] * c12 * both
-    speed = np.sqrt(x * x + y * y + _SLOW_TIP * _SLOW_TIP)
+    square = x * x + y * y
+    speed = np.sqrt(square + _SLOW_TIP * _SLOW_TIP)
+    c[MOTION] = square / (square + _REST * _REST)
     travel[0], travel[1] = x / speed, y / speed
     lever[1] = length[1] * (c12 * travel[1] - s12 * travel[0])
     lever[0] = length[0] * (c1 * travel[1] - s1 * travel[0]) + lever[1]

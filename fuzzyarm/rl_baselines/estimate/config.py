@@ -29,7 +29,7 @@ class EstimateConfig:
     """Numbers that the network remembers (1 to 512)."""
     modulation: int = 16
     """Numbers by which the context weighs them (1 to 512)."""
-    chunks: int = 110
+    chunks: int = 100
     """Chunks of experience, each of which is learned from before the next."""
     lanes: int = 160
     """Number of arms that are simulated at once (1 to 65536)."""
@@ -45,7 +45,7 @@ class EstimateConfig:
     """Learning rate of Adam at the beginning; it falls to 1e-5 as a cosine."""
     redraw: int = 6
     """Chunks after which plants, loads and courses are drawn anew."""
-    stability: float = 3.0
+    stability: float = 1.0
     """Weight of the loss of eigenvalues; 0: margins play no part."""
     largest: float = 0.99
     """Size of the local loop's eigenvalues above which they are a loss (0.9 to 1), if the observer alone is below."""

@@ -7,12 +7,14 @@ all but stands, so that the student learns to rest under a load. Loads are a pay
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
 v the velocity of the tip and Q a rotation: by nothing (along the course) or by any angle (across it). Encoders are
-noisy in half of the lanes, torques late in a quarter of them, by 0.5 to 2 control periods.
+noisy in half of the lanes, in half of these by as little as a computer rounds; torques are late in a quarter of them,
+by 0.5 to 2 control periods.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -36,7 +38,7 @@ SMALLEST, LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres
 STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg
 FADES = 5e-3, 0.1  # m/s, range of v_0
 LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
-NOISIEST = 2.0  # in units of the encoder noise of the sweeps
+NOISIEST, LEAST = 2.0, 1e-3  # in units of the encoder noise of the sweeps
 NOISE = 1e-5, 1e-3  # rad, rad/s
 
 
@@ -89,7 +91,7 @@ class Courses:
 
 def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.random.Generator) -> Courses:
     """Draw `count` lanes for a control period [s]."""
-    family = reference_family(arm, FAMILY)
+    family = _family(arm)
     circle = JointReference(parameters=arm)
     scenarios, starts = [], []
     for _ in range(count):
@@ -115,15 +117,22 @@ def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.ra
     start = np.array(starts)
     start[generator.random(count) < 0.5] = np.nan
     noise = NOISIEST * generator.random(count) * (generator.random(count) < 0.5)
+    little = np.exp(generator.uniform(math.log(LEAST), 0.0, count))
+    noise = np.where(generator.random(count) < 0.5, noise, little * noise)
     return Courses(lanes, start, noise, generator.choice(LATENESS, count))
+
+
+@functools.lru_cache(maxsize=1)
+def _family(arm: ArmParameters) -> tuple[Reference, ...]:
+    return reference_family(arm, FAMILY)
 
 
 def _force(duration: float, generator: np.random.Generator) -> TipForce | None:
     kind = generator.random()
-    if kind < 0.2:
+    if kind < 0.15:
         return None
     level = generator.uniform(0.0, STRONGEST)
-    if kind < 0.5:
+    if kind < 0.4:
         angle, start = generator.uniform(-math.pi, math.pi), generator.uniform(0.0, 0.75 * duration)
         stop = math.inf if generator.random() < 0.5 else start + generator.uniform(0.05, 1.0)
         return ConstantForce((level * math.cos(angle), level * math.sin(angle)), start, stop)
@@ -132,7 +141,7 @@ def _force(duration: float, generator: np.random.Generator) -> TipForce | None:
         swing=generator.uniform(-0.6, 0.6),
         frequency=generator.uniform(1.0, 12.0),
         phase=generator.uniform(-math.pi, math.pi),
-        angle=0.0 if generator.random() < 0.6 else generator.uniform(-math.pi, math.pi),
+        angle=0.0 if generator.random() < 0.7 else generator.uniform(-math.pi, math.pi),
         fade_speed=math.exp(generator.uniform(*np.log(FADES))),
     )
 

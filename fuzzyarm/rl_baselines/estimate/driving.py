@@ -21,6 +21,7 @@ __all__ = ["Chunk", "Drive"]
 _Z, _C, _OWN = SEEN_PARTS
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
 _LATEST = 4  # torques that may be on their way
+_RESTARTS = 0.3  # share of the lanes that begin an episode anew with each chunk, for a load is hardest when it comes
 
 
 class Chunk(NamedTuple):
@@ -75,7 +76,9 @@ class Drive:
         self.lost, self.error = 0, 0.0
 
     def chunk(self, policy: LearnedObserverPolicy, steps: int) -> Chunk:
-        """Drive so many control periods."""
+        """Drive so many control periods; some lanes begin anew."""
+        self._begins |= self._generator.random(self._lanes.count) < _RESTARTS
+        self._restart()
         count, limit = self._lanes.count, self._limit
         seen, label = np.empty((steps, count, SEEN)), np.empty((steps, count, JOINTS))
         free, begins, memory = np.empty((steps, count, JOINTS)), np.ones((steps, count, 1)), []
@@ -119,8 +122,12 @@ class Drive:
         self._observation = observation.copy()
         self._begins = (scalars[_OVER] != 0.0) | (scalars[_REASON] != 0.0)
         self.lost += int(np.count_nonzero(scalars[_REASON]))
-        ended = np.flatnonzero(self._begins)
-        if len(ended):
-            begun = self._lanes.reset(None, None, self._courses.start[ended], ended)
-            self._observation[ended] = self._split(begun)[0]
+        self._restart()
         return float(np.mean(scalars[_TIP_ERROR] ** 2))
+
+    def _restart(self) -> None:
+        """Begin an episode in the lanes that are marked."""
+        which = np.flatnonzero(self._begins)
+        if len(which):
+            begun = self._lanes.reset(None, None, self._courses.start[which], which)
+            self._observation[which] = self._split(begun)[0]

@@ -1,12 +1,13 @@
 """How stable the loop with a network is: the linear map over a control period, and a loss of its eigenvalues.
 
 At a posture, in a condition of `fuzzyarm margins` (loop gain κ, lateness d, plant), the linear loop has the states
-plant x, observer (x̂, d̂)⁻, last ρ, h, and the torques that have not acted yet:
+plant x, both observers (x̂, d̂)⁻, last ρ, h, and the torques that have not acted yet. With ν = C (x - x̂⁻) and what
+would follow of each observer alone, u_o and u_q, see `estimate.policy`,
 
-    ν = C (x - x̂⁻),    z = S_ν ν + S_d (d̂⁻ + L_d ν) + S_ρ ρ⁻,    (h⁺, ρ) by the slopes of the network,
-    u = D x + C_s (x̂, d̂)⁻ + R ρ,    (x̂, d̂)⁺ = G x + F (x̂, d̂)⁻ + E R ρ,    x⁺ = A x + B κ u late by d.
+    z = S_ν ν + S_d d̂ + S_δ (u_q - u_o) + S_ρ ρ⁻,    (h⁺, ρ) by the slopes of the network,
+    u = u_o + R ρ,    (x̂, d̂)⁺ = F (x̂, d̂) + E u for both,    x⁺ = A x + B κ u late by d.
 
-D, C_s, G, F are those of the elastic observer, see `eval.stability.local_loop`. The loss is Σ max(|λ| - λ_max, 0) over
+A, B, F and E are those of the arms, see `eval.stability.local_loop`. The loss is Σ max(|λ| - λ_max, 0) over
 the eigenvalues λ of this map.
 """
 
@@ -19,20 +20,19 @@ import numpy as np
 import torch
 from scipy.linalg import eig
 
-from fuzzyarm.envs.observation import JOINTS, START
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix
 from fuzzyarm.eval.stability.linearisation import linearise
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import sampled_arm
-from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy
-from fuzzyarm.learned_policy.estimate.signals import COARSE, FINE, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS
+from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.learned_policy.estimate.signals import COARSE, FINE, QUICK_SHARE, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS
 from fuzzyarm.rl_baselines.estimate.student import Student
 
-__all__ = ["CONDITIONS", "Condition", "Loops", "Points", "eigenvalue_loss", "rest_under_loads"]
+__all__ = ["CONDITIONS", "Condition", "Loops", "Points", "eigenvalue_loss"]
 
 _PLANT, _OBSERVER = 4 * JOINTS, 5 * JOINTS
 _DEFECTIVE = 1e-8  # overlap of left and right eigenvectors below which a derivative is left out
-_SETTLING, _ROUNDS = 20, 3  # control periods, and how often the last ρ follows
 _LATE = 2  # torques that have not acted yet
 _MEASURED = np.r_[0:JOINTS, 2 * JOINTS : 3 * JOINTS]
 
@@ -84,7 +84,6 @@ class Loops:
         base: (loops, m, m) the map without the network; m states with an empty place for h at the end.
         sees: (loops, z, m) the linear part of z at small signals: asinh ξ = ξ.
         acts: (loops, m, 2) what ρ adds.
-        context: (loops, c) at rest.
         cosine: (loops,) of q_2.
         reference: (loops,) the largest |λ| without the network.
     """
@@ -92,7 +91,6 @@ class Loops:
     base: torch.Tensor
     sees: torch.Tensor
     acts: torch.Tensor
-    context: torch.Tensor
     cosine: np.ndarray
     reference: torch.Tensor
 
@@ -100,66 +98,51 @@ class Loops:
     def of(cls, policy: LearnedObserverPolicy) -> Loops:
         """Linearise the observer of a policy."""
         rows = [_loop(policy, np.array(q), condition) for q in _ANGLES for condition in CONDITIONS]
-        base, sees, acts, context = (torch.from_numpy(np.array(part)) for part in zip(*rows, strict=True))
+        base, sees, acts = (torch.from_numpy(np.array(part)) for part in zip(*rows, strict=True))
         cosine = np.repeat([np.cos(q[1]) for q in _ANGLES], len(CONDITIONS))
-        return cls(base, sees, acts, context, cosine, torch.linalg.eigvals(base).abs().amax(dim=1))
+        return cls(base, sees, acts, cosine, torch.linalg.eigvals(base).abs().amax(dim=1))
 
     def points(self, which: np.ndarray, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor) -> Points:
-        """Return points in the loops `which` (points,): the first at visited z, c and h, the others at rest.
+        """Return points at visited z, c and h (points, ·), in the conditions of the loops `which` (points,).
 
-        At a visited state (visited, ·) the loop is that of the nearest posture, in the condition of the drawn one. The
-        network's numbers are dimensionless.
+        The loop of a point is that of the nearest posture. The network's numbers are dimensionless.
         """
-        loop, visited = torch.from_numpy(which), len(z)
-        context = self.context[loop].clone()
-        context[:visited] = c.double()
-        c1, s1, c12, s12 = context[:visited, : 2 * JOINTS].T
+        context, count = c.double(), len(CONDITIONS)
+        c1, s1, c12, s12 = context[:, : 2 * JOINTS].T
         cosine = (c1 * c12 + s1 * s12).numpy()
-        count = len(CONDITIONS)
         nearest = np.abs(cosine[:, np.newaxis] - self.cosine[::count]).argmin(axis=1)
-        loop[:visited] = torch.from_numpy(nearest * count) + loop[:visited] % count
-        unexplained = torch.zeros(len(which), UNEXPLAINED, dtype=torch.float64)
-        memory = torch.zeros(len(which), h.shape[1], dtype=torch.float64)
-        unexplained[:visited], memory[:visited] = z.double(), h.double()
-        return Points(loop, unexplained, context, memory)
-
-
-def rest_under_loads(student: Student, points: Points, which: slice, load: np.ndarray) -> None:
-    """Put points at rest under believed loads (points, 2), in units of `TORQUES`, where z has no innovation.
-
-    h and the last ρ are what the network comes to under them.
-    """
-    with torch.no_grad():
-        z, c = points.z[which].float(), points.c[which].float()
-        z[:, UNEXPLAINED_PARTS.load] = torch.from_numpy(load).float()
-        h, still = torch.zeros(len(z), points.h.shape[1]), torch.ones(_SETTLING, len(z), 1)
-        for _ in range(_ROUNDS):
-            rho, after = student(z.expand(_SETTLING, -1, -1), c.expand(_SETTLING, -1, -1), h, still)
-            z[:, UNEXPLAINED_PARTS.residual], h = rho[-1].clamp(-1.0, 1.0), after[-1]
-        points.z[which], points.h[which] = z.double(), h.double()
+        return Points(torch.from_numpy(nearest * count + which % count), z.double(), context, h.double())
 
 
 def _loop(policy: LearnedObserverPolicy, q: np.ndarray, condition: Condition) -> tuple[np.ndarray, ...]:
-    """Return `base`, `sees`, `acts` and `context` of a posture and a condition."""
+    """Return `base`, `sees` and `acts` of a posture and a condition."""
     arm, period = policy.parameters, policy.control_period
     stiffer = (condition.stiffness * arm.stiffness[0], condition.stiffness * arm.stiffness[1])
     plant = dataclasses.replace(arm, stiffness=stiffer)
     # unit vectors of (x, observer, last ρ, past torques, ρ)
-    size = _PLANT + _OBSERVER + JOINTS + _LATE * JOINTS
+    size = _PLANT + 2 * _OBSERVER + JOINTS + _LATE * JOINTS
     unit = np.eye(size + JOINTS)
-    x, s, last, past, rho = np.split(unit, np.cumsum([_PLANT, _OBSERVER, JOINTS, _LATE * JOINTS]).tolist())
+    parts = np.cumsum([_PLANT, _OBSERVER, _OBSERVER, JOINTS, _LATE * JOINTS])
+    x, s, quick, last, past, rho = np.split(unit, parts.tolist())
     observer = ElasticObserverPolicy(arm, period)
     loop = linearise(observer, plant, q, period, Payload(condition.payload))
     known = linearise(observer, arm, q, period).plant
     # what a load of the links does in a control period
     inertia = np.array(mass_matrix(np.cos(q[1]), arm_constants(arm)))[[[0, 1], [1, 2]]]
     loaded = sampled_arm(arm, period, inertia)[0][:_PLANT, _PLANT:]
+    feedback = _at(policy.gains.feedback, q)
+
+    def correct(estimate: np.ndarray, gains: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        corrected = estimate + _at(gains, q) @ (x - estimate[:_PLANT])[_MEASURED]
+        bent, load = corrected[:_PLANT].copy(), corrected[_PLANT:]
+        bent[:JOINTS] += load / np.array(arm.stiffness)[:, None]
+        return corrected, -load - feedback @ bent
+
     innovation = (x - s[:_PLANT])[_MEASURED]
-    corrected = s + _at(policy.gains.observer, q) @ innovation
-    bent, load = corrected[:_PLANT].copy(), corrected[_PLANT:]
-    bent[:JOINTS] += load / np.array(arm.stiffness)[:, None]
-    own = np.diag(TORQUES) @ rho - load - _at(policy.gains.feedback, q) @ bent
-    following = known[:, :_PLANT] @ corrected[:_PLANT] + loaded @ load + known[:, _PLANT:] @ own
+    (corrected, steady), (soon, hasty) = correct(s, policy.gains.observer), correct(quick, policy.quick.observer)
+    load, own = corrected[_PLANT:], np.diag(TORQUES) @ rho + steady
+    predict = np.vstack([np.hstack([known[:, :_PLANT], loaded]), np.eye(JOINTS, _OBSERVER, _PLANT)])
+    told = np.vstack([known[:, _PLANT:] @ own, np.zeros((JOINTS, size + JOINTS))])
     torques = np.vstack([condition.gain * own, past])
     first = int(np.ceil(condition.delay)) * JOINTS
     if float(condition.delay).is_integer():
@@ -167,17 +150,18 @@ def _loop(policy: LearnedObserverPolicy, q: np.ndarray, condition: Condition) ->
     else:
         moved = loop.half_plant @ np.vstack([x, torques[first : first + JOINTS]])
         moved = loop.half_plant @ np.vstack([moved, torques[first - JOINTS : first]])
-    full = np.vstack([moved, following, load, rho, torques[:-JOINTS]])
+    full = np.vstack([moved, predict @ corrected + told, predict @ soon + told, rho, torques[:-JOINTS]])
     sees = np.zeros((UNEXPLAINED, size))
     part = UNEXPLAINED_PARTS
     for where, row in (
         (part.fine, innovation / np.array(FINE)[:, None]),
         (part.coarse, innovation / np.array(FINE)[:, None]),
         (part.load, load / np.array(TORQUES)[:, None]),
+        (part.quick, (hasty - steady) / (QUICK_SHARE * np.array(TORQUES)[:, None])),
         (part.residual, last),
     ):
         sees[where] = row[:, :size]
-    return full[:, :size], sees, full[:, size:], _context(policy, q)
+    return full[:, :size], sees, full[:, size:]
 
 
 def _at(table: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -186,14 +170,6 @@ def _at(table: np.ndarray, q: np.ndarray) -> np.ndarray:
     left = min(int(place), len(table) - 2)
     gain: np.ndarray = (left + 1 - place) * table[left] + (place - left) * table[left + 1]
     return gain
-
-
-def _context(policy: LearnedObserverPolicy, q: np.ndarray) -> np.ndarray:
-    """Return c at rest at a posture (2,) [rad]."""
-    observation, seen = np.zeros((1, START.ddq_reference + JOINTS)), np.zeros((1, SEEN))
-    observation[0, START.q_motor :][:JOINTS] = observation[0, START.q_reference :][:JOINTS] = q
-    policy.observe(observation, np.zeros((1, policy.memory_size)), np.empty((1, JOINTS)), seen)
-    return seen[0, SEEN_PARTS[1]].copy()
 
 
 def eigenvalue_loss(student: Student, loops: Loops, points: Points, largest: float) -> tuple[torch.Tensor, float]:
@@ -211,6 +187,7 @@ def eigenvalue_loss(student: Student, loops: Loops, points: Points, largest: flo
     share, scaled = xi * xi / (1.0 + xi * xi), ratio * xi
     bent = ratio * share * torch.rsqrt(1.0 + scaled**2) + torch.asinh(scaled) * 2.0 * xi / (1.0 + xi * xi) ** 2
     sees[:, fine] *= torch.rsqrt(1.0 + xi * xi)[:, :, None]
+    sees[:, UNEXPLAINED_PARTS.quick] /= torch.cosh(z[:, UNEXPLAINED_PARTS.quick])[:, :, None]
     sees[:, coarse] *= bent[:, :, None]
     acts = loops.acts[which]
     rho = torch.cat([slopes.rho_z @ sees, slopes.rho_h], dim=2)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.learned_policy.estimate.signals import MOTION
 
 __all__ = ["Slopes", "Student"]
 
@@ -91,7 +92,7 @@ class Student(torch.nn.Module):
             h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
             states.append(h)
         after = torch.stack(states)
-        return (after * self._weights(c)) @ self.V.T + z @ self.D.T, after
+        return c[..., MOTION, None] * ((after * self._weights(c)) @ self.V.T + z @ self.D.T), after
 
     def _weights(self, c: torch.Tensor) -> torch.Tensor:
         return 1.0 + torch.tanh(c @ self.P.T + self.p_0) @ self.W.T
@@ -112,8 +113,9 @@ class Student(torch.nn.Module):
         h_z = s * n_z + gate_s * p["gate_z"][:hidden]
         h_h = (1.0 - s) * unit + s * n_h + gate_s * p["gate_h"][:hidden]
         w = 1.0 + torch.tanh(c @ p["P"].T + p["p_0"]) @ p["W"].T
-        out = p["V"] * w[:, None, :]
-        return Slopes(h_h, h_z, out @ h_h, out @ h_z + p["D"])
+        moving = c[:, MOTION, None, None]
+        out = moving * p["V"] * w[:, None, :]
+        return Slopes(h_h, h_z, out @ h_h, out @ h_z + moving * p["D"])
 
 
 def as_tensor(array: np.ndarray) -> torch.Tensor:

@@ -1,9 +1,10 @@
 """The teacher: the observer's own regulator and target, for the true state, plant and load.
 
-    u* = u_ff - Jᵀ F - K (x - x_d),    x_d = (θ_d - K_t⁻¹ Jᵀ F, q_d, θ̇_d, q̇_d),
+    u* = u_ff - d - ½ T ḋ - K (x - x_d),    x_d = (θ_d - K_t⁻¹ (d - B_t K_t⁻¹ ḋ), q_d, θ̇_d - K_t⁻¹ ḋ, q̇_d),
 
-with u_ff and θ_d of `elastic_target` for the plant as it is, payload included, and F the mean force of the coming
-control period. What the student lacks of u* is what it has to learn. Elementwise over lanes.
+with u_ff and θ_d of `elastic_target` for the plant as it is, payload included, the load d = Jᵀ F of the links by the
+force F, and its rate ḋ from a control period before to one after. Without ḋ the motors follow a force too late. What
+the student lacks of u* is what it has to learn. Elementwise over lanes.
 """
 
 from __future__ import annotations
@@ -55,32 +56,35 @@ class Teacher:
         arm, state = self._plants(), self._lanes.numbers(slice(_STATES)).T
         tau = rigid_inverse_dynamics(q, dq, ddq, arm)
         motion, motor, smooth = self._target(dq, ddq, tau, arm)
-        load = self._load(q)
-        stiffness = np.stack([arm.stiffness1, arm.stiffness2], axis=1)
-        desired = np.hstack([q + motion[0] - load / stiffness, q, motor, dq])
+        before, load, after = (self._load(ahead) for ahead in (-1, 0, 1))
+        rate = (after - before) / (2.0 * self._period)
+        k, damping = np.stack([arm.stiffness1, arm.stiffness2], 1), np.stack([arm.damping1, arm.damping2], 1)
+        desired = np.hstack([q + motion - (load - damping / k * rate) / k, q, motor - rate / k, dq])
         place = 0.5 * (np.cos(state[:, 1]) + 1.0) * (len(self._feedback) - 1)
         left = np.clip(place.astype(np.int64), 0, len(self._feedback) - 2)
         share = (place - left)[:, np.newaxis, np.newaxis]
         gain = (1.0 - share) * self._feedback[left] + share * self._feedback[left + 1]
         fed_back = np.einsum("lij,lj->li", gain, state - desired)
-        wanted: np.ndarray = np.clip(smooth - load - fed_back, -self._limit, self._limit)
+        wanted: np.ndarray = np.clip(smooth - load - 0.5 * self._period * rate - fed_back, -self._limit, self._limit)
         return wanted
 
     def _plants(self) -> Arm:
         """Return the constants of every lane's arm as it is, payload included."""
         return Arm(*self._lanes.numbers(columns(self._lanes.layout.Lane).arm))
 
-    def _load(self, q: np.ndarray) -> np.ndarray:
-        """Return Jᵀ F (lanes, 2) [N m] of the coming control period at the reference q (lanes, 2) [rad]."""
-        table = self._lanes.arrays[2]
-        rows = table[self._lanes.clock[CLOCK.row]]
-        force = self._lanes.numbers(columns(self._lanes.layout.Lane).force_factor).T * rows[:, _ROW.force][:, :JOINTS]
-        load: np.ndarray = np.einsum("lai,la->li", tip_jacobian(q, self._arm.length), force)
+    def _load(self, ahead: int) -> np.ndarray:
+        """Return Jᵀ F (lanes, 2) [N m] so many control periods from now, within the episode, on the reference."""
+        clock, lanes = self._lanes.clock, self._lanes
+        rows = lanes.arrays[2][np.clip(clock[CLOCK.row] + ahead, clock[CLOCK.first], clock[CLOCK.last])]
+        mean, change = np.split(rows[:, _ROW.force], 2, axis=1)
+        force = lanes.numbers(columns(lanes.layout.Lane).force_factor).T * (mean - 0.5 * change)
+        jacobian = tip_jacobian(rows[:, _ROW.reference][:, :JOINTS], self._arm.length)
+        load: np.ndarray = np.einsum("lai,la->li", jacobian, force)
         return load
 
     def _target(
         self, dq: np.ndarray, ddq: np.ndarray, tau: np.ndarray, arm: Arm
-    ) -> tuple[tuple[np.ndarray], np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return θ_d - q_d, θ̇_d and u_ff, each (lanes, 2), for torques τ_d (lanes, 2); as `ElasticTarget` does."""
         fresh, period = self._fresh, self._period
         self._past[:, fresh] = tau[fresh]
@@ -102,4 +106,4 @@ class Teacher:
         coulomb, static = np.stack([arm.coulomb1, arm.coulomb2], 1), np.stack([arm.static1, arm.static2], 1)
         slip = stribeck_magnitude(middle, coulomb, static, arm.stribeck_velocity[:, np.newaxis]) * np.sign(middle)
         self._fresh = np.zeros(len(fresh), dtype=bool)
-        return ((tau - b * (rate - b * curvature)) / k,), velocity, smooth + 0.5 * (smooth - before) + slip
+        return (tau - b * (rate - b * curvature)) / k, velocity, smooth + 0.5 * (smooth - before) + slip

@@ -4,9 +4,9 @@ A gradient step lowers the mean over a window of
 
     √(1 + ((ρ - ρ*)/s)²) - 1    where the teacher's torque is not at its limit,
 
-with ρ* of the teacher, and the eigenvalues of some linear loops, see `stability`: a third at rest with nothing
-unexplained, a third at rest under a load, the others at states that were visited. A training takes minutes and is not
-resumed; the same seed gives the same network on the same machine.
+with ρ* of the teacher, and the eigenvalues of some linear loops, see `stability`: half of them at states that were
+visited, half at postures and velocities that were visited, with nothing unexplained. A training takes minutes and is
+not resumed; the same seed gives the same network on the same machine.
 """
 
 from __future__ import annotations
@@ -20,14 +20,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT, EstimateConfig
 from fuzzyarm.rl_baselines.estimate.courses import draw_courses
 from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive
-from fuzzyarm.rl_baselines.estimate.stability import Loops, Points, eigenvalue_loss, rest_under_loads
+from fuzzyarm.rl_baselines.estimate.stability import Loops, Points, eigenvalue_loss
 from fuzzyarm.rl_baselines.estimate.student import Student
 
 __all__ = ["PERIOD", "EstimateTraining"]
@@ -37,8 +36,6 @@ PERIOD = 1e-3
 
 _SCALE = 0.02  # s
 _LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
-_RESTING = 0.67  # share of the linear loops that are at rest
-_LOAD = 0.1  # standard deviation of the loads under which half of the others rest, in units of `signals.TORQUES`
 _NEWEST = 3  # one gradient step in so many is from the newest chunk
 
 Report = Callable[[dict[str, Any]], None]
@@ -126,14 +123,12 @@ class EstimateTraining:
         return float(loss.detach()), float(excess.detach()), radius
 
     def _points(self, window: Chunk, after: torch.Tensor) -> Points:
-        """Draw the linear loops of a gradient step: some at visited states, the others at rest."""
+        """Draw the linear loops of a gradient step at visited postures, in half of them with nothing unexplained."""
         assert self._loops is not None
         config, draw = self.config, self._generator
-        visited = int(config.points * (1.0 - _RESTING))
-        step, lane = draw.integers(1, config.window, visited), draw.integers(0, config.lanes, visited)
-        resting = draw.integers(0, len(self._loops.base), config.points)
-        points = self._loops.points(resting, window.z[step, lane], window.c[step, lane], after[step - 1, lane].detach())
-        loaded = slice(visited, visited + (config.points - visited) // 2)
-        loads = _LOAD * draw.standard_normal((loaded.stop - loaded.start, JOINTS))
-        rest_under_loads(self.student, points, loaded, loads)
+        step, lane = draw.integers(1, config.window, config.points), draw.integers(0, config.lanes, config.points)
+        which = draw.integers(0, len(self._loops.base), config.points)
+        points = self._loops.points(which, window.z[step, lane], window.c[step, lane], after[step - 1, lane].detach())
+        still = slice(config.points // 2)
+        points.z[still], points.h[still] = 0.0, 0.0
         return points

@@ -1,13 +1,18 @@
 """What a policy believes is kept with its rollout, in the file and on the report's page."""
 
+import dataclasses
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from fuzzyarm.cli.evaluate import _remarkable
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.eval.episodes.beliefs import belief_names
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
-from fuzzyarm.eval.evaluation.run import EvaluationConfig
+from fuzzyarm.eval.evaluation.results_file import _check_row
+from fuzzyarm.eval.evaluation.run import EvaluationConfig, _row
 from fuzzyarm.eval.report.beliefs import belief_charts
 from fuzzyarm.policies import load_policy
 
@@ -46,3 +51,35 @@ def test_the_page_shows_a_chart_of_those_who_say_what_they_believe(runs):
     assert belief_charts(runs[1:]) == ""
     heavier = EvaluationConfig(payload=7.5).case("payload", None)
     assert "7.5 kg true" in belief_charts(runs, {"machining": heavier})
+
+
+class Diverging:
+    """A policy at rest whose filter diverges at the third sample, while an estimate stands at its end."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros(2), 0 if state is None else state + 1
+
+    def beliefs(self, state):
+        ends = {"payload": np.array(False), "joint_stiffness": np.array(state == 1)}
+        kept = np.zeros(2), np.zeros(2), np.array(0.0), np.array(1.0)
+        names = "force", "force_deviation", "payload", "payload_deviation"
+        return SimpleNamespace(**dict(zip(names, kept, strict=True)), diverged=np.array(state >= 2), at_end=ends)
+
+
+def test_a_diverged_filter_is_named_on_the_console_and_in_the_results(tmp_path):
+    run = record_rollout(FuzzyArmEnv(), Diverging(), policy_name="own", case="nominal", seed=0)
+    said = (
+        "its filter diverged at 0.002 s, and its fallback acted since; "
+        "its estimate of joint stiffness stood at the end of its range at last"
+    )
+    assert run.note == said
+    assert _remarkable([dataclasses.replace(run, completed=True)]) == [f"own in case nominal, seed 0: {said}"]
+    row = _row(run, [run])
+    assert row["note"] == said
+    _check_row(row, ("nominal", "own", 0))
+    write_rollouts([run], tmp_path)
+    assert read_rollouts(tmp_path / "rollouts.npz")[0].note == ""
+
+
+def test_estimates_within_their_range_are_not_named(runs):
+    assert all(run.note == "" for run in runs)

@@ -10,11 +10,21 @@ from fuzzyarm.eval.certified.tip.laws import asked, ball_law
 from fuzzyarm.eval.certified.tip.network_law import NetworkLaw
 from fuzzyarm.eval.certified.tip.observer_law import ObserverLaw
 from fuzzyarm.eval.certified.tip.response import FixedLaw, SampledLaw
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 
 __all__ = ["sampled_law"]
+
+_UNKNOWN: dict[type[Policy], str] = {
+    AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
+    "by a covariance that it remembers, and are cut by a gate and a dead zone; no enclosure of them is stated",
+    LearnedObserverPolicy: "there is no bound for the learned observer: the gates of its recurrent network multiply "
+    "what it remembers, and no enclosure of these products is stated",
+}
+"""What stands in the way of a bound, by the kind of a policy whose base has one."""
 
 
 def sampled_law(policy: Policy, references: np.ndarray) -> SampledLaw:
@@ -32,4 +42,6 @@ def sampled_law(policy: Policy, references: np.ndarray) -> SampledLaw:
         if policy.bundle.features.innovation_times or policy.bundle.action.gate > 0.0:
             raise NoBound("there is no bound for a policy that sees the innovation of its base; prove the base instead")
         return NetworkLaw(policy, references)
+    if type(policy) in _UNKNOWN:
+        raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
     return FixedLaw(ball_law(policy), asked(policy, references), policy.control_period)

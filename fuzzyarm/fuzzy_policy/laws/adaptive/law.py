@@ -15,14 +15,15 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of, mean_torque
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, predict_of, read_noise
 from fuzzyarm.fuzzy_policy.laws.adaptive.forces import note_moves, spread_out
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
 __all__ = ["begin_of", "law_of"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
-NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders
+NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
+MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
 SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
 DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
 
@@ -100,9 +101,9 @@ def begin_of(physics: Physics) -> Any:
             m.references[k] = m.references[k - 1]
         m.references[0, 0], m.references[0, 1] = o.q_reference[lane], o.dq_reference[lane]
         m.references[0, 2] = o.ddq_reference[lane]
-        if m.flags[FLAG.started] == 0.0:
-            m.flags[FLAG.started] = 1.0
+        if m.flags[FLAG.samples] == 0.0:
             begin(m, s, room)
+        m.flags[FLAG.samples] = min(m.flags[FLAG.samples] + 1.0, ENOUGH)
 
     return begin_or_follow
 
@@ -120,17 +121,29 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
 
 
 @register_jitable
+def _noise_share(samples: float) -> float:
+    """Return the share of a sample in the noise: a mean of all and the first guess, until that is `NOISE_SHARE`.
+
+    The first change of e is that of the third sample.
+    """
+    return max(NOISE_SHARE, 1.0 / (samples - 1.0)) if samples > 2.0 else 0.0
+
+
+@register_jitable
 def _correct(m: Memory, s: Settings, room: Room) -> None:
     """Correct z by what is measured, and note how well that fitted."""
     joints, measured, forces = len(m.noise), room.measured, len(s.reopening)
-    read_noise(measured[:joints], m.read, m.noise, NOISE_SHARE)
+    read_noise(measured, m.read, m.noise, _noise_share(m.flags[FLAG.samples]), s.substep * s.substeps)
     for j in range(joints):
+        ratio = s.variances[joints + j] / s.variances[j]
         room.silent[j] = s.dead_zone * m.noise[j]
-        room.silent[joints + j] = room.silent[j] * s.variances[joints + j] / s.variances[j]
+        room.silent[joints + j] = room.silent[j] * ratio
+        room.variances[j] = max(s.variances[j], MISTRUST * m.noise[j])
+        room.variances[joints + j] = room.variances[j] * ratio
     states = 4 * joints
     before = room.moved
     before[:] = m.z[states : states + forces]
-    surprise = correct(m.z, m.P, measured, s.variances, room.silent, s.cautious, s.gate, room.column)
+    surprise = correct(m.z, m.P, measured, room.variances, room.silent, s.cautious, s.gate, room.column)
     m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
     note_moves(m, s, before)
     confine(m.z, m.P, s.low, s.high)

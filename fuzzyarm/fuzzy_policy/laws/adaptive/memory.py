@@ -10,28 +10,30 @@ from numba.extending import register_jitable
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import Belief, forces_in
 
-__all__ = ["FLAG", "KEPT", "LONGEST_LATENESS", "Flags", "Memory", "layout", "remembered"]
+__all__ = ["ENOUGH", "FLAG", "KEPT", "LONGEST_LATENESS", "Flags", "Memory", "layout", "remembered"]
 
 LONGEST_LATENESS = 3
 """Longest time from a command to the motors that the filter considers [control periods]."""
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
-ANGLES = 3  # measured angles kept for their third difference
+ENOUGH = 1000.0
+"""Samples that are counted."""
+READ = 3  # numbers of a joint kept of the last sample, see `read_noise`
 
 
 class Flags(NamedTuple):
     """Single numbers of a memory, or where they stand among them.
 
     Attributes:
-        started: 1 once there has been a sample, else 0.
+        samples: how many there have been, up to `ENOUGH`.
         surprise: ν²/s of the last samples, on average; about 1 where the filter is right.
         lost: 1 once the filter has diverged, else 0.
         calm: 1 where the corrections of the forces look like noise, 0 where they have a direction.
         taught: 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0.
     """
 
-    started: Any
+    samples: Any
     surprise: Any
     lost: Any
     calm: Any
@@ -52,7 +54,7 @@ class Memory(NamedTuple):
         P: its covariance, (N, N).
         commands: torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n).
         references: q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n).
-        read: measured angles [rad], newest first, (3, n).
+        read: what `read_noise` keeps of the last sample, (3, n).
         moves: mean of the corrections of each force [N], then that of their square [N²], (forces + 1,).
         noise: variance of the noise of the measured angles [rad²], (n,).
     """
@@ -77,7 +79,7 @@ def layout(joints: int, belief: Belief) -> Memory:
             size * size,
             (LONGEST_LATENESS + 2) * joints,
             KEPT * 3 * joints,
-            ANGLES * joints,
+            READ * joints,
             forces_in(belief) + 1,
             joints,
         )
@@ -100,7 +102,7 @@ def remembered(memory: np.ndarray, joints: int, beliefs: int, forces: int) -> Me
     commands = covariance + size * size
     references = commands + (LONGEST_LATENESS + 2) * joints
     read = references + KEPT * 3 * joints
-    moves = read + ANGLES * joints
+    moves = read + READ * joints
     noise = moves + forces + 1
     return Memory(
         memory[:z],
@@ -108,7 +110,7 @@ def remembered(memory: np.ndarray, joints: int, beliefs: int, forces: int) -> Me
         memory[covariance:commands].reshape((size, size)),
         memory[commands:references].reshape((LONGEST_LATENESS + 2, joints)),
         memory[references:read].reshape((KEPT, 3, joints)),
-        memory[read:moves].reshape((ANGLES, joints)),
+        memory[read:moves].reshape((READ, joints)),
         memory[moves:noise],
         memory[noise : noise + joints],
     )

@@ -73,6 +73,8 @@ class Beliefs:
         encoder_noise: standard deviation of the noise that is read in the angles [rad], (..., n).
         surprise: mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
         diverged: whether the filter has diverged and the fallback acts, (...).
+        at_end: by part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no
+            lateness, dry friction or damping counts as none.
     """
 
     force: np.ndarray
@@ -88,6 +90,7 @@ class Beliefs:
     encoder_noise: np.ndarray
     surprise: np.ndarray
     diverged: np.ndarray
+    at_end: dict[str, np.ndarray]
 
 
 class AdaptiveObserverPolicy(Policy):
@@ -165,6 +168,8 @@ class AdaptiveObserverPolicy(Policy):
         reference = own[..., part.references].reshape(*shape, -1, 3, self.joints)[..., 0, :, :]
         travel = travel_of(self.arm, reference[..., 0, :], reference[..., 1, :])
         unit = np.broadcast_to(np.eye(forces - 1), (*shape, forces - 1, forces - 1))
+        low, high = self.settings.low, self.settings.high
+        ends = (p >= high) | ((p <= low) & (low != 0.0))
         H = np.concatenate([travel[..., np.newaxis], unit], axis=-1)
         force_covariance = H @ covariance[..., :forces, :forces] @ np.swapaxes(H, -1, -2)
         return Beliefs(
@@ -181,6 +186,7 @@ class AdaptiveObserverPolicy(Policy):
             encoder_noise=np.sqrt(own[..., part.noise]),
             surprise=own[..., FLAG.surprise],
             diverged=own[..., FLAG.lost] != 0.0,
+            at_end={name: ends[..., part].any(axis=-1) for name, part in belief._asdict().items()},
         )
 
     def _arranged(self) -> Settings:

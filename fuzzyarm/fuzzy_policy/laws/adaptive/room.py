@@ -25,6 +25,7 @@ class Room(NamedTuple):
     numbers: Any  # of the arm
     column: Any  # as many as z has
     measured: Any  # (2 n,), θ and θ̇
+    variances: Any  # of the measured numbers (2 n,)
     silent: Any  # (2 n,)
     moved: Any  # forces before a correction (forces,)
     link_torque: Any  # τ_d of each kept reference (KEPT, n)
@@ -52,6 +53,7 @@ def room_for(s: Settings) -> Room:
         one,
         np.empty(numbers),
         np.empty(size),
+        np.empty(2 * joints),
         np.empty(2 * joints),
         np.empty(2 * joints),
         np.empty(forces),

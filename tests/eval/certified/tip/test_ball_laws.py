@@ -10,6 +10,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.enclosures import BITS, Jet, NoBound
 from fuzzyarm.eval.certified.tip.laws import _sinc, asked, ball_law
+from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 
 REFERENCES = Schedule.build(JointReference(), Disturbance(), 1e-3, 2).references
 
@@ -68,10 +69,10 @@ def test_outside_its_box_the_law_has_no_bound():
         torque(ball_law(policy), [0.5, 0.5, 0.0, 40.0, 0.0, 0.0], asked(policy, REFERENCES[:1])[0])
 
 
-@pytest.mark.parametrize("name", ["adaptive-observer", "learned-observer"])
-def test_other_policies_have_none(name):
-    with pytest.raises(NoBound, match="no bound for"):
-        ball_law(load_policy(name))
+@pytest.mark.parametrize(("name", "reason"), [("adaptive-observer", "covariance"), ("learned-observer", "multiply")])
+def test_other_policies_have_none_and_say_why(name, reason):
+    with pytest.raises(NoBound, match=rf"no bound for .*{reason}.*; choose elastic-observer"):
+        sampled_law(load_policy(name), REFERENCES[:1])
 
 
 @pytest.mark.parametrize(

