@@ -7,7 +7,7 @@ beliefs fixed to what is true there. The largest error of an episode, on average
 
 Plants: N plants in Case 1 of the distribution ``all`` (payload, noise, up to two periods late), held out. For the
 twentieth of them with the largest errors and for the others: how many are late, and by how much the noise that is read
-in the angles, at its largest after `LATER` s, exceeds the encoders'. A vibration of the loop is read as noise, too.
+in the angles, at its largest after `LATER` s, exceeds the encoders'. A vibration of the loop must not be read as noise.
 """
 
 from __future__ import annotations
