@@ -17,9 +17,11 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E4
 from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.eval.stability.linearisation import linearise  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
-from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy  # noqa: E402
-from fuzzyarm.learned_policy.estimate.signals import CONTEXT, UNEXPLAINED, UNEXPLAINED_PARTS  # noqa: E402
+from fuzzyarm.learned_policy.estimate.policy import QUICK_LOAD_WALK, SEEN, SEEN_PARTS, LearnedObserverPolicy  # noqa: E402
+from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, QUICK_SHARE, UNEXPLAINED, UNEXPLAINED_PARTS  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.stability import CONDITIONS, Loops, eigenvalue_loss  # noqa: E402
@@ -97,9 +99,7 @@ def creeping(made, loops, which):
 
 
 def test_the_linear_loops_are_those_whose_margins_are_measured(loops):
-    made, seen = student(output=0.002), []
-    with torch.no_grad():
-        made.D[:, UNEXPLAINED_PARTS.quick] += 0.015 * torch.eye(2)  # a seventh of what the quick observer adds
+    made, seen = student(output=0.0015), []
     loop = linearise(Creeping(made.network()), ARM, np.array([0.6, 1.2]), PERIOD)
     for number, condition in enumerate(CONDITIONS[:5]):  # of the nominal arm
         where = creeping(made, loops, [number])
@@ -108,6 +108,20 @@ def test_the_linear_loops_are_those_whose_margins_are_measured(loops):
         assert radius == pytest.approx(measured, rel=1e-3)
         seen.append(abs(radius - float(loops.reference[int(where.loop[0])])))
     assert max(seen) > 1e-3  # the network is part of the loop
+
+
+def test_a_network_that_follows_the_second_observer_has_its_loop(loops):
+    made = student(output=0.0)
+    with torch.no_grad():
+        made.D[:, UNEXPLAINED_PARTS.quick] = QUICK_SHARE * torch.eye(2)
+    quick = ElasticObserverPolicy(ARM, PERIOD, ObserverWeights(load_walk=QUICK_LOAD_WALK))
+    alone = linearise(quick, ARM, np.array([0.6, 1.2]), PERIOD)
+    for number in (2, 3, 4):  # in which it is unstable
+        where = creeping(made, loops, [number])
+        where.c[:, MOTION] = 1.0
+        measured = np.abs(np.linalg.eigvals(alone.matrix(CONDITIONS[number].gain, CONDITIONS[number].delay))).max()
+        _, radius = eigenvalue_loss(made, loops, where, 0.99)
+        assert radius == pytest.approx(measured, rel=2e-3) and radius > 1.1
 
 
 def test_the_derivative_of_the_eigenvalue_loss_is_its_difference(loops):
