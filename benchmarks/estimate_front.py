@@ -1,6 +1,6 @@
 """The front between accuracy and margin of `learned-observer`: trainings with other weights of the loss of eigenvalues.
 
-    for seed in 0 1 2; do fuzzyarm train estimate --seed $seed --stability 0 --out runs/front-$seed; done
+    for seed in 0 1 2 3 4; do fuzzyarm train estimate --seed $seed --stability 1 --out runs/front-$seed; done
     python benchmarks/estimate_front.py runs/front-*/policy benchmarks/estimates/* [--json FILE]
 
 Folders are grouped by their weight; those in the repository have the default. Of every training: tip errors in the

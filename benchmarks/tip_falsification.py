@@ -109,12 +109,14 @@ def main() -> None:
     """Try every claim; print a line for each and optionally write them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--only", default="", help="try the sets whose name contains this, and put them into the file")
+    parser.add_argument(
+        "--only", default="", help="try the claims with this in policy and set, and put them into the file"
+    )
     parser.add_argument("--lanes", type=int, default=100)
     options = parser.parse_args()
     rows = []
     for claim in claims():
-        if options.only in claim.set_name:
+        if options.only in f"{claim.policy} {claim.set_name}":
             rows.append(tried(claim, options.lanes))
             print(json.dumps(rows[-1]), flush=True)
     if options.json and options.only and options.json.exists():

@@ -21,7 +21,7 @@ __all__ = ["Options", "run"]
 class Options:
     """Measure environment steps per second, this project's environments and their peers in turns; print a table.
 
-    It takes about two minutes. The peers are installed by pip install -c constraints.txt -e ".[bench]" in the
+    It takes about three minutes. The peers are installed by pip install -c constraints.txt -e ".[bench]" in the
     repository, torch by ".[rl]" in place of ".[bench]".
     """
 

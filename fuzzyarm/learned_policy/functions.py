@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
+from numba.extending import overload, register_jitable
 
 from fuzzyarm.envs.physics.elementwise import select
 
@@ -78,9 +78,26 @@ def area_sine(x: Any) -> Any:
     return select(x < 0.0, -result, result)
 
 
-@register_jitable
 def add_product(x: np.ndarray, transposed: np.ndarray, y: np.ndarray) -> None:
     """Add G x to y (rows,), G given as `transposed` (columns, rows): no sum runs over j, so this loop is SIMD code."""
     for k in range(len(x)):
         for j in range(len(y)):
             y[j] += transposed[k, j] * x[k]
+
+
+@overload(add_product, strict=False)
+def _compiled_add_product(x: Any, transposed: Any, y: Any) -> Any:
+    """Add the same terms in the same order, four of them while y_j is at hand."""
+
+    def by_fours(x: np.ndarray, transposed: np.ndarray, y: np.ndarray) -> None:
+        columns, rows = len(x), len(y)
+        fours = columns - columns % 4
+        for k in range(0, fours, 4):
+            for j in range(rows):
+                two = (y[j] + transposed[k, j] * x[k]) + transposed[k + 1, j] * x[k + 1]
+                y[j] = (two + transposed[k + 2, j] * x[k + 2]) + transposed[k + 3, j] * x[k + 3]
+        for k in range(fours, columns):
+            for j in range(rows):
+                y[j] += transposed[k, j] * x[k]
+
+    return by_fours

@@ -70,7 +70,7 @@ _NAMED = {
         "estimate of state, load, constants and lateness, with covariance",
     ),
     "learned-observer": Declared(
-        "squared distance to the torque of a teacher who knows plant and load; eigenvalues of the loop",
+        "distance to the torque of a teacher who knows plant and load",
         "random plants, forces, payloads, delays, noise and references",
         _ELASTIC,
         _SEES,

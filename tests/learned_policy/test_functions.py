@@ -1,5 +1,6 @@
 """tanh, the logistic function and asinh of learned policies, against numbers of more digits, and their symmetries."""
 
+import numba
 import numpy as np
 import pytest
 
@@ -49,3 +50,21 @@ def test_products_are_those_of_the_matrix():
     expected = y + matrix @ x
     add_product(x, matrix.T.copy(), y)
     np.testing.assert_allclose(y, expected, rtol=1e-14)
+
+
+@numba.njit
+def _compiled_product(x, transposed, y):
+    add_product(x, transposed, y)
+
+
+@pytest.mark.parametrize("columns", [1, 4, 5, 12, 63])
+def test_compiled_products_have_the_same_bits(columns):
+    """They take four terms at a time; that order counts shows in the sum taken backwards."""
+    transposed, x = RANDOM.normal(size=(columns, 7)), RANDOM.normal(size=columns)
+    start = RANDOM.normal(size=7)
+    plain, compiled, backwards = start.copy(), start.copy(), start.copy()
+    add_product(x, transposed, plain)
+    _compiled_product(x, transposed, compiled)
+    add_product(x[::-1], transposed[::-1], backwards)
+    np.testing.assert_array_equal(compiled, plain)
+    assert columns < 12 or (backwards != plain).any()

@@ -30,7 +30,17 @@ from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.training import EstimateTraining  # noqa: E402
 
 ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()
-SHORT = {"chunks": 2, "lanes": 4, "steps": 50, "window": 50, "updates": 2, "hidden": 5, "modulation": 2, "points": 3}
+SHORT = {
+    "chunks": 2,
+    "lanes": 4,
+    "steps": 50,
+    "window": 50,
+    "updates": 2,
+    "hidden": 5,
+    "modulation": 2,
+    "points": 3,
+    "stability": 1.0,
+}
 
 
 def student(seed=0, output=0.02):

@@ -45,8 +45,8 @@ class EstimateConfig:
     """Learning rate of Adam at the beginning; it falls to 1e-5 as a cosine."""
     redraw: int = 6
     """Chunks after which plants, loads and courses are drawn anew."""
-    stability: float = 1.0
-    """Weight of the loss of eigenvalues; 0: margins play no part."""
+    stability: float = 0.0
+    """Weight of the loss of eigenvalues in motion; 0: they play no part."""
     largest: float = 0.99
     """Size of the local loop's eigenvalues above which they are a loss (0.9 to 1), if the observer alone is below."""
     points: int = 6

@@ -4,9 +4,9 @@ A gradient step lowers the mean over a window of
 
     √(1 + ((ρ - ρ*)/s)²) - 1    where the teacher's torque is not at its limit,
 
-with ρ* of the teacher, and the eigenvalues of some linear loops, see `stability`: half of them at states that were
-visited, half at postures and velocities that were visited, with nothing unexplained. A training takes minutes and is
-not resumed; the same seed gives the same network on the same machine.
+with ρ* of the teacher, and, if asked for, the eigenvalues of some linear loops, see `stability`: half of them at states
+that were visited, half at postures and velocities that were visited, with nothing unexplained. A training takes minutes
+and is not resumed; the same seed gives the same network on the same machine.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def test_bad_bandwidth_is_refused():
 
 
 def test_unknown_policy_names_the_choices():
-    with pytest.raises(ValueError, match="fuzzy-4, fuzzy-2, fuzzy-1, computed-torque"):
+    with pytest.raises(ValueError, match="fuzzy-4, fuzzy-2, fuzzy-1, fuzzy-4-sampled, computed-torque"):
         load_policy("fuzzy-5")
 
 
