@@ -19,7 +19,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGE
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
-__all__ = ["begin_of", "law_of"]
+__all__ = ["NOISE_SHARE", "begin_of", "law_of"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
@@ -121,19 +121,20 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
 
 
 @register_jitable
-def _noise_share(samples: float) -> float:
+def _noise_share(samples: float, first: float) -> float:
     """Return the share of a sample in the noise: a mean of all and the first guess, until that is `NOISE_SHARE`.
 
-    The first change of e is that of the third sample.
+    The first change of e is that of the third sample; no share is larger than `first`.
     """
-    return max(NOISE_SHARE, 1.0 / (samples - 1.0)) if samples > 2.0 else 0.0
+    return min(max(NOISE_SHARE, 1.0 / (samples - 1.0)), first) if samples > 2.0 else 0.0
 
 
 @register_jitable
 def _correct(m: Memory, s: Settings, room: Room) -> None:
     """Correct z by what is measured, and note how well that fitted."""
     joints, measured, forces = len(m.noise), room.measured, len(s.reopening)
-    read_noise(measured, m.read, m.noise, _noise_share(m.flags[FLAG.samples]), s.substep * s.substeps)
+    share = _noise_share(m.flags[FLAG.samples], s.first_share)
+    read_noise(measured, m.read, m.noise, share, s.substep * s.substeps)
     for j in range(joints):
         ratio = s.variances[joints + j] / s.variances[j]
         room.silent[j] = s.dead_zone * m.noise[j]

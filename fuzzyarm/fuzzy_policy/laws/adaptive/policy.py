@@ -25,6 +25,7 @@ import numpy as np
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of
 from fuzzyarm.fuzzy_policy.lanes import in_lanes
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
@@ -39,7 +40,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     walks,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import law_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import NOISE_SHARE, law_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
@@ -231,6 +232,8 @@ class AdaptiveObserverPolicy(Policy):
             cautious=cautious,
             gate=weights.gate,
             dead_zone=weights.dead_zone,
+            # An arm that nothing was tuned for begins to learn with more caution.
+            first_share=NOISE_SHARE if isinstance(arm, Robot) else 1.0,
             limit=self._torque_limit,
             mass=mass_of(arm),
             substep=period / substeps,

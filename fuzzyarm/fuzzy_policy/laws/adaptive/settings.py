@@ -32,6 +32,7 @@ class Settings(NamedTuple):
         cautious: which numbers of z learn only beyond the dead zone.
         gate: see `AdaptiveWeights`.
         dead_zone: see `AdaptiveWeights`.
+        first_share: largest share of a sample in the noise that is read.
         limit: torque limits [N m].
         mass: of all links [kg].
         substep: h [s].
@@ -59,6 +60,7 @@ class Settings(NamedTuple):
     cautious: Any
     gate: Any
     dead_zone: Any
+    first_share: Any
     limit: Any
     mass: Any
     substep: Any
