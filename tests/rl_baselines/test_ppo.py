@@ -165,7 +165,7 @@ BAD = {
     "--preset other": "--preset other is unknown; choose from: nominal, robust, residual, observer",
     "--lanes -1": r"lanes = -1 is out of range; allowed: 1 to 65536",
     "--batch-size 100": "batch_size = 100 must divide lanes times n_steps = 4096",
-    "--base fuzzy-5 --scale 0.1 0.1": "unknown policy 'fuzzy-5'",
+    "--base fuzzy-5 --scale 0.1 0.1": "base = 'fuzzy-5' is no name of a policy",
     "--action-period 0.0015": "which is not a whole multiple of control_period",
     "--resume --lanes 32 --preset robust": "--resume .*leave out --preset, --lanes",
     "--resume": "there is nothing to resume here",
