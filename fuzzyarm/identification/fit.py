@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -39,7 +40,7 @@ of a segment's state and the slopes of what follows are correlated.
 """
 _DIFFERENCE = 1e-5  # of the scale of a parameter
 _MOST_STEPS = 40
-_WORSE, _MOST_LOST = 1.5, 0.1
+_WORSE, _MOST_LOST = 6.0, 0.1  # standard deviations; share of all
 _NOTHING = 1e-100  # a singular value of 0
 _CLOSE = 1e-7
 _FOURTH = 70.0  # sum of squares of the coefficients 1, -4, 6, -4, 1
@@ -126,11 +127,12 @@ def fit_elastic(
 def _lost(line: Linearised) -> np.ndarray:
     """Return which segments (S,) fit far worse than the median: the search for their states ended in a wrong stick.
 
-    If they are many, the equations are wrong rather than the states, and none counts as lost.
+    The sum of the squares of N residuals of white noise deviates by a share √(2/N). If segments are many and more than
+    one, the equations are wrong rather than the states, and none counts as lost.
     """
     cost = np.sum(line.residual**2, axis=0)
-    lost: np.ndarray = cost > _WORSE * np.median(cost)
-    return lost if np.mean(lost) <= _MOST_LOST else np.zeros_like(lost)
+    lost: np.ndarray = cost > (1.0 + _WORSE * math.sqrt(2.0 / len(line.residual))) * np.median(cost)
+    return lost if np.sum(lost) <= max(_MOST_LOST * len(lost), 1.0) else np.zeros_like(lost)
 
 
 def _searched(

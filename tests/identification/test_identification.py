@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.identification import excitation
 from fuzzyarm.identification.excitation import SHARE, Excitation, condition_of, motion_csv, suggested, use_of
-from fuzzyarm.identification.fit import DEVIATIONS, noise_of
+from fuzzyarm.identification.fit import DEVIATIONS, _lost, noise_of
 from fuzzyarm.identification.log import COLUMNS, Log, read_log, write_log
 from fuzzyarm.identification.motion import Motion, smoothed
 from fuzzyarm.identification.rehearsal import NOISE, rehearsed
@@ -252,6 +253,14 @@ def test_what_noise_hides_is_named_and_kept():
     assert {name for name, untold in zip(names(), hidden, strict=True) if untold} == {"damping[0]", "damping[1]"}
     np.testing.assert_array_equal(found.fit.theta[hidden], start_of(start)[hidden])
     assert "This log does not tell damping[0], damping[1]: the values of the start are kept." in found.remarks()
+
+
+@pytest.mark.parametrize(("worse", "lost"), [((1.02, 1.41), (False, True)), ((1.4, 1.4), (False, False))])
+def test_one_segment_with_a_wrong_stick_is_left_out_and_more_are_the_equations_fault(worse, lost):
+    residual = np.ones((3200, 7))
+    residual[:, 5:] = np.sqrt(worse)
+    line = SimpleNamespace(residual=residual)
+    np.testing.assert_array_equal(_lost(line), [False] * 5 + list(lost))
 
 
 @pytest.mark.slow
