@@ -41,16 +41,15 @@ from readme_design import (
     tip_gamma_table,
 )
 from readme_estimate import estimate_front, estimate_tables
+from readme_export import exported_table, misra_table
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
 from readme_markdown import made_with
 from readme_opponents import predictive_table, reward_table
 from readme_results import (
     accuracy_table,
-    exported_table,
     leaderboard_table,
     learned_tables,
-    misra_table,
     overview_table,
     paper_line,
     peer_line,

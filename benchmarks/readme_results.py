@@ -17,10 +17,8 @@ from fuzzyarm.eval.sweep.ranking import rank_sweeps
 
 __all__ = [
     "accuracy_table",
-    "exported_table",
     "leaderboard_table",
     "learned_tables",
-    "misra_table",
     "paper_line",
     "peer_line",
     "plants_leaderboard",
@@ -134,52 +132,6 @@ def saturation_table(document: dict[str, Any]) -> str:
         for row in document["rows"]
     ]
     return f"{table(headings, rows)}\n\n`{document['command']}`; {made_with(document)}"
-
-
-def misra_table(document: dict[str, Any]) -> str:
-    """Return the table of what the MISRA addon finds in the exported C."""
-    checked = [row for row in document["rows"] if row["violations"] is not None]
-    rules = sorted({rule for row in checked for rule in row["violations"]}, key=lambda rule: rule.split("."))
-    rows = [
-        [row["source"], f"{row['lines']:,}", *(str((row["violations"] or {}).get(rule, "")) for rule in rules)]
-        for row in document["rows"]
-    ]
-    made = f"`{document['command']}`; {document['cppcheck']}; {made_with(document)}"
-    return f"{table(['source', 'lines', *rules], rows)}\n\n{made}"
-
-
-def exported_table(document: dict[str, Any]) -> str:
-    """Return the table of the exported C: bits, times and what float costs."""
-    compilers = list(document["compilers"])
-    headings = [
-        "law",
-        "ticks",
-        "numbers that differ",
-        *(f"{name}, ns a tick: median (5 to 95 %)" for name in compilers),
-        "`predict` [ns]",
-        "float: torque off, rms / max [N m]",
-        "float: largest tip error, not double's [mm]",
-    ]
-    rows = [
-        [
-            row["law"],
-            f"{row['ticks']:,}",
-            ", ".join(str(row["differing"][name]) for name in compilers),
-            *("{median:.0f} ({p5:.0f} to {p95:.0f})".format(**row["nanoseconds"][name]) for name in compilers),
-            f"{row['python_nanoseconds']:.0f}",
-            *(
-                (
-                    f"{row['float']['torque_rms']:.2g} / {row['float']['torque_max']:.2g}",
-                    f"{row['float']['tip_float_mm']:.3g}, not {row['float']['tip_double_mm']:.3g}",
-                )
-                if row["float"]
-                else ("refused", "")
-            ),
-        ]
-        for row in document["rows"]
-    ]
-    versions = ", ".join(document["compilers"].values())
-    return f"{table(headings, rows)}\n\n`{document['command']}`; {versions}; {made_with(document)}"
 
 
 def learned_tables(document: dict[str, Any]) -> str:

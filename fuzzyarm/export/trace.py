@@ -206,19 +206,14 @@ class Trace:
         return result
 
     def arithmetic(self, name: str, first: Scalar, second: Scalar) -> Scalar:
-        """Record +, -, *, / or %; whole numbers stay whole but for /.
-
-        Of whole numbers 0 + x and x - 0 are x, of real ones 1 x.
-        """
+        """Record +, -, *, / or %; whole numbers stay whole but for /. Of whole ones 0 + x, x - 0 are x, of real 1 x."""
         whole = all(kind_of(operand) is Kind.WHOLE for operand in (first, second)) and name != "/"
         if name == "*" and not whole:
             for one, other in ((first, second), (second, first)):
                 if is_number(one) and one == 1.0 and kind_of(other) is Kind.REAL:
                     return other
-        if name == "+" and whole and is_number(first) and first == 0:
-            return second
-        if name == "-" and whole and is_number(second) and second == 0:
-            return first
+        if whole and name in ("+", "-") and is_number(zero := first if name == "+" else second) and zero == 0:
+            return second if name == "+" else first
         if name == "%" and not whole:
             raise Unsupported("the remainder of a number that is not whole")
         return self.operation(name, first, second, kind=Kind.WHOLE if whole else Kind.REAL)
@@ -267,7 +262,7 @@ class Trace:
 
     def merged(self, branch: Branch, first: Any, second: Any) -> Any:
         """Return what something is after a branch, from what it is after its blocks; tuples part by part."""
-        if first is second or (is_number(first) and is_number(second) and _same(first, second)):
+        if first is second or (is_number(first) and is_number(second) and _same_bits(first, second)):
             return first
         if isinstance(first, tuple) and isinstance(second, tuple) and len(first) == len(second):
             parts = [self.merged(branch, one, other) for one, other in zip(first, second, strict=True)]
@@ -292,8 +287,7 @@ UNKNOWN = _Unknown()
 """The meaning of a name that only one side of a branch defines, and of an entry that was never written."""
 
 
-def _same(first: Any, second: Any) -> bool:
-    """Whether two known numbers are of one kind and have the same bits, Python's own or NumPy's; 0.0 is not -0.0."""
+def _same_bits(first: Any, second: Any) -> bool:
     return kind_of(first) is kind_of(second) and repr(float(first)) == repr(float(second))
 
 

@@ -145,9 +145,8 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
                         # It moves in vain, from where it began, until the last lane of the group has ended.
                         torque[i] = 0.0
                         clocks[CLOCK.row, i] = clocks[CLOCK.first, i]
-                    for joint in range(joints):
-                        if not np.isfinite(torque[i, joint]):
-                            return True
+                    if not np.isfinite(np.sum(torque[i])):
+                        return True
                     if depth > 1:
                         _delayed(torque[i], sent[:, i], k, delay[start + i])
                 advance(numbers, clocks, table, period, substeps, torque, 0, n, out)
