@@ -102,6 +102,10 @@ MUTATIONS = (
         "columns[:, :constants] += 0.0", "test_tube.py", "corners",
     ),
     Mutation(
+        "constants where a velocity is bounded by itself", "constants.py", "frictions[channel].plan is Plan.MONOTONE:",
+        "False:", "test_tube.py", "column_of_a_constant",
+    ),
+    Mutation(
         "what the constants' columns leave", "constants.py", "rest[channel] += rest_size(signal) + spread",
         "rest[channel] += 0.0", "test_tip_segment.py",
     ),

@@ -6,6 +6,8 @@
     mass, payload, force   -Δp R_p on the links.
 
 A constant keeps its value, so its column of the zonotope is driven by the signal with one factor in [-1, 1] for good.
+A motor whose velocity is bounded by itself (`Plan.MONOTONE`) takes no signal: its channel stands for the velocity, and
+that bound holds what the torques of the constants do (`Friction.driving`).
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from flint import arb
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, Signal, rest_size, signal_size
 from fuzzyarm.eval.certified.tip.enclosures import centre, radius_of
-from fuzzyarm.eval.certified.tip.friction import Friction
+from fuzzyarm.eval.certified.tip.friction import Friction, Plan
 from fuzzyarm.eval.certified.tip.plant import BallPlant, Parameter
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, COUNT
 
@@ -47,12 +49,14 @@ def drive(motion: PeriodMotion, force: Forces, plant: BallPlant, frictions: list
     rest, motor = np.zeros(COUNT), np.zeros(JOINTS)
     for index, parameter in enumerate(plant.parameters):
         for channel, signal in _signals(parameter, motion, force, frictions):
+            if channel not in range(COUNT)[CHANNELS.link]:
+                motor[channel % JOINTS] += signal_size(signal)
+            if channel in range(COUNT)[CHANNELS.motor] and frictions[channel].plan is Plan.MONOTONE:
+                continue
             a = [*signal, arb(0), arb(0)]
             level[channel, index], slope[channel, index] = centre(a[0]), centre(a[1])
             spread = radius_of(a[0], level[channel, index]) + radius_of(a[1], slope[channel, index])
             rest[channel] += rest_size(signal) + spread
-            if channel not in range(COUNT)[CHANNELS.link]:
-                motor[channel % JOINTS] += signal_size(signal)
     return Drive(level, slope, rest, motor)
 
 

@@ -20,6 +20,7 @@ from fuzzyarm.eval.certified.tip.bound_file import check_bound, save_bound
 from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.eval.certified.tip.centre import Mode
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
+from fuzzyarm.eval.certified.tip.friction import Plan
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
 from fuzzyarm.eval.certified.tip.transition import ROWS, STATES
 from fuzzyarm.eval.certified.tip.tube import Tube
@@ -119,6 +120,24 @@ def test_corners_of_a_set_are_in_the_tube(late):
         for state, step in zip(states[1:], bound.steps, strict=True):
             assert (np.abs(state - step.segments[-1].end) <= step.closed[-1].tube[:8] + 1e-12).all()
     assert largest > 0.1
+
+
+def test_the_column_of_a_constant_holds_what_its_corners_do_where_a_velocity_is_bounded_by_itself():
+    """δ - C π is within all that is not C for π = ±1, also where motors begin to move (`Plan.MONOTONE`)."""
+    plants = PlantSet(viscous_friction=(0.9, 1.1))
+    tube, plans = Tube(problem_of(claim(plants, steps=6))), set()
+    corners = [
+        dataclasses.replace(ArmParameters(), viscous_friction=tuple(f * x for x in ArmParameters().viscous_friction))
+        for f in (0.9, 1.1)
+    ]
+    runs = [simulated(claim(plants, steps=6), arm)[0] for arm in corners]
+    for k, step in enumerate(tube, 1):
+        plans |= {plan for closed in step.closed for plan in closed.plans}
+        own = tube._set.columns[:STATES, :2].sum(axis=1)
+        others = np.abs(tube._set.columns[:STATES, 2:]).sum(axis=1) + tube._set.box[:STATES]
+        for sign, states in zip((-1.0, 1.0), runs, strict=True):
+            assert (np.abs(states[k] - step.segments[-1].end - sign * own) <= others + 1e-12).all()
+    assert Plan.MONOTONE in plans
 
 
 def test_any_friction_has_a_wider_tube(exact):
