@@ -102,12 +102,12 @@ MUTATIONS = (
         "columns[:, :constants] += 0.0", "test_tube.py", "corners",
     ),
     Mutation(
-        "constants where a velocity is bounded by itself", "constants.py", "frictions[channel].plan is Plan.MONOTONE:",
-        "False:", "test_tube.py", "column_of_a_constant",
+        "constants where a velocity is bounded by itself", "constants.py",
+        "frictions[torque.channel].plan is Plan.MONOTONE:", "False:", "test_tube.py", "column_of_a_constant",
     ),
     Mutation(
-        "what the constants' columns leave", "constants.py", "rest[channel] += rest_size(signal) + spread",
-        "rest[channel] += 0.0", "test_tip_segment.py",
+        "what the constants' columns leave", "constants.py", "rest[torque.channel] += torque.rest",
+        "rest[torque.channel] += 0.0", "test_tip_segment.py",
     ),
     Mutation(
         "products of constants and the deviation", "period.py",
@@ -123,8 +123,8 @@ MUTATIONS = (
         "test_tip_segment.py",
     ),
     Mutation(
-        "deviations of the links", "tip_error.py", "reach = links.size(rows)", "reach = 0.0 * links.size(rows)",
-        "test_tube.py",
+        "deviations of the links", "tip_error.py", "bound = (widest + float(bent)) * ROUND_UP",
+        "bound = offset + float(bent)", "test_tube.py",
     ),
     Mutation(
         "second order of the tip", "tip_error.py", "(widest + float(bent)) * ROUND_UP", "widest * ROUND_UP",

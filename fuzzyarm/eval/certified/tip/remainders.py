@@ -60,14 +60,11 @@ def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: A
 
     M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], (2, 2) each.
     """
-    boxes = []
-    for kind, rows in (
-        (motion.angle, ROWS.link),
-        (motion.velocity, ROWS.d_link),
-        (motion.acceleration, ROWS.link_acceleration),
-    ):
-        radii = tube[rows].tolist()
-        boxes.append([signal_range(s) + ball(0.0, r) for s, r in zip(kind[JOINTS:], radii, strict=True)])
+    rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
+    boxes = [
+        [x + ball(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
+        for along, of in zip(motion.links, rows, strict=True)
+    ]
     x, y = (signal_range(s) + ball(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
     return link_slopes(boxes, (x, y), arm)
 
