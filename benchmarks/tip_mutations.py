@@ -43,6 +43,15 @@ MUTATIONS = (
         "test_enclosures.py",
     ),
     Mutation(
+        "products of masses and the links", "remainders.py", "(fixed + _by_link(within))", "fixed",
+        "test_enclosures.py", "masses",
+    ),
+    Mutation(
+        "nonlinearity of what a mass adds", "remainders.py",
+        "fixed += link_remainder(tube_slopes(self._motion, tube, _NO_FORCE, arm), at, tube)", "fixed += 0.0",
+        "test_enclosures.py", "masses",
+    ),
+    Mutation(
         "what the series of the links leave", "defects.py", "q[ORDER]]", "arb(0)]", "test_enclosures.py", "series",
     ),
     Mutation(

@@ -24,11 +24,12 @@ from fuzzyarm.eval.certified.tip.defects import PeriodMotion, TipForces, signal_
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.eval.certified.tip.plant import BallPlant
-from fuzzyarm.eval.certified.tip.remainders import at_middle, lever_arms, link_remainder, tube_slopes
+from fuzzyarm.eval.certified.tip.remainders import LinkRemainder, lever_arms
 from fuzzyarm.eval.certified.tip.transition import (
     CHANNELS,
     COUNT,
     D_THETA,
+    ROW_COUNT,
     ROWS,
     STATES,
     Linear,
@@ -85,7 +86,7 @@ class Period:
         force, period = tip.middle, centre.duration
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
         self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
-        self._at = at_middle(self.motion, force, plant.exact)
+        self._links = LinkRemainder(self.motion, tip, plant)
         self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
@@ -131,18 +132,18 @@ class Period:
     ) -> Closed:
         frictions = [self._friction(j, plan, speed) for j, (plan, speed) in enumerate(zip(plans, known, strict=True))]
         system = linear(
-            self.plant.middle, *self._at, self._lever, np.array([f.slope for f in frictions]),
-            [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans],
+            self.plant.middle, *self._links.at, self._lever, np.array([f.slope for f in frictions]),
+            [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
         driven, before = drive(self._constants, self.plant, frictions), start.totals()[D_THETA]
         if claimed is None:
             self._check_monotone(self._least(start, system, frictions, driven, before), before, frictions)
         solution = transition(system, self._period)
         columns, free = self._free(start, system, solution, driven)
-        tube = free * 1.01 + 1e-15 if claimed is None else claimed
+        tube = free[:ROW_COUNT] * 1.01 + 1e-15 if claimed is None else claimed
         for _ in range(ITERATIONS if claimed is None else 1):
-            torques = self._torques(tube, frictions, driven, before)
-            reached = (free + solution.push @ torques) * ROUND_UP
+            torques = self._torques(tube, frictions, driven, before, (free, solution.push))
+            reached = ((free + solution.push @ torques) * ROUND_UP)[:ROW_COUNT]
             self._given_accelerations(reached, tube, frictions)
             if (reached < tube).all():
                 if claimed is None:
@@ -197,7 +198,7 @@ class Period:
     def _free(
         self, start: Zonotope, system: Linear, solution: Transition, driven: Drive
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns (8, n) at the end, and the bound (18,) of |S ξ_h| during the period."""
+        """Return the columns (8, n) at the end, and the bound (18 + n,) of |S ξ_h| during the period."""
         S, D, b, states = system.S, system.D, system.b, slice(0, STATES)
         constants, totals = driven.level.shape[1], start.totals()
         columns = product(solution.phi, start.columns)
@@ -225,11 +226,17 @@ class Period:
         free = ends + self._period**2 / 8.0 * second + slack_of_rows
         return columns, free * ROUND_UP
 
-    def _torques(self, tube: np.ndarray, frictions: list[Friction], driven: Drive, before: np.ndarray) -> np.ndarray:
-        """Return w̄ (8,) for a claimed tube."""
+    def _torques(
+        self,
+        tube: np.ndarray,
+        frictions: list[Friction],
+        driven: Drive,
+        before: np.ndarray,
+        observed: tuple[np.ndarray, np.ndarray],
+    ) -> np.ndarray:
+        """Return w̄ (8,) for a claimed tube; all that is `observed` (free, push) is within free + push w̄."""
         torques = driven.rest.copy()
-        slopes = tube_slopes(self.motion, tube, self._tip, self.plant.whole)
-        torques[CHANNELS.link] += self._defect + link_remainder(slopes, self._at, tube)
+        torques[CHANNELS.link] += self._defect
         torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
         within = sum(half * tube[rows] for half, rows in self._within)
         own = sum(half * tube[rows] for half, rows in self._own)
@@ -244,6 +251,7 @@ class Period:
             torques[CHANNELS.motor][j] += friction.bound(
                 tube[ROWS.d_theta][j], tube[ROWS.net][j], driven.motor[j] + within[j], own[j]
             )
+        torques[CHANNELS.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:

@@ -65,16 +65,24 @@ def test_between_its_ends_a_segment_is_bounded_and_the_curvature_is_needed():
             for j in range(2)
         ]
         duration = period.motion.duration
-        system = linear(problem.plant.middle, *period._at, period._lever, np.zeros(2), [False, False], [False, False])
+        system = linear(
+            problem.plant.middle,
+            *period._links.at,
+            period._lever,
+            np.zeros(2),
+            [False] * 2,
+            [False] * 2,
+            np.zeros((0, 6)),
+        )
         driven = drive([], problem.plant, frictions)
         solution = transition(system, duration)
         instants = [expm(system.A * t) for t in np.linspace(0.0, duration, 40)]
         for _ in range(30):
             start = Zonotope(10, 0)
             start.add(rng.normal(size=(10, 1)) * np.repeat([1e-3, 1e-3, 1.0, 1.0, 10.0], 2)[:, np.newaxis], 0)
-            _, free = period._free(start, system, solution, driven)
+            _, bound = period._free(start, system, solution, driven)
             seen = np.array([np.abs(system.S @ at @ start.columns)[:, 0] for at in instants])
-            assert (seen <= free * (1 + 1e-12)).all()
+            assert (seen <= bound * (1 + 1e-12)).all()
             beyond += int((seen.max(axis=0) > np.maximum(seen[0], seen[-1]) * (1 + 1e-6)).sum())
     assert beyond > 10
 
