@@ -6,8 +6,9 @@ For a claimed tube ρ the remainders are bounded by w̄(ρ), and with them the d
 
 ξ_h: what start, held torque and uncertain constants alone make. If ρ'(ρ) < ρ in every row, the deviation never leaves
 ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within ρ' there, and
-it is continuous. The rows of the accelerations are no part of the state; for them |a| <= r + Q |a| with Q >= 0 and
-r + Q ρ < ρ gives |a| <= ρ, because Q then has a spectral radius below one.
+it is continuous. The accelerations and the products of masses are no part of the state; together they obey a <= G(a),
+where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise λ = max a/ρ > 1 had
+a <= G(λ ρ) <= λ G(ρ) < λ ρ.
 """
 
 from __future__ import annotations

@@ -230,7 +230,13 @@ def test_files_that_are_none(exact, tmp_path, capsys):
     path = tmp_path / "bound.json"
     save_bound(exact, path)
     content = json.loads(path.read_text())
-    for name, value in (("policy", "fuzzy-99"), ("path", "square"), ("plants", {"mass": [1.0]}), ("files", {"a": "b"})):
+    for name, value in (
+        ("policy", "fuzzy-99"),
+        ("path", "square"),
+        ("plants", {"mass": [1.0]}),
+        ("files", {"a": "b"}),
+        ("set_name", "near"),
+    ):
         path.write_text(json.dumps(content | {name: value}))
         assert main(["verify", str(path)]) == 2
         one_line_error(capsys)
@@ -300,9 +306,10 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
     words = ["prove", "--set", str(wanted), "--steps", "4", "--cells", "payload", "2", "--out", str(out)]
     assert main(words) == 0
     assert {path.name for path in tmp_path.glob("*.json")} == {"loads.json", "loads-001.json", "loads-002.json"}
-    capsys.readouterr()
+    assert "at the first 4 of 1500 samples of the circle" in capsys.readouterr().out
     assert main(["verify", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["cells"] == 2
+    assert "for set " + str(wanted) + ", cell 2, proven" in check_bound(tmp_path / "loads-002.json").sentence
     sound = json.loads(out.read_text())
     first, second = sound["cells"]
     for change, why in (
