@@ -15,17 +15,20 @@ from fuzzyarm.envs.physics.records import BLOCK
 __all__ = ["into_block", "out_of_block"]
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def into_block(array: np.ndarray, first: int, lanes: int, block: np.ndarray, row: int) -> None:
     """Copy `lanes` lanes of an array (all lanes, k) from `first` on into k rows of a block (rows BLOCK,) from `row` on."""
-    for lane in range(lanes):
-        for k in range(array.shape[1]):
-            block[(row + k) * BLOCK + lane] = array[first + lane, k]
+    # Without a sign, an index needs no look whether it counts from the end.
+    start, wide = np.uint64(first), np.uint64(BLOCK)
+    for k in range(np.uint64(array.shape[1])):
+        for lane in range(np.uint64(lanes)):
+            block[(np.uint64(row) + k) * wide + lane] = array[start + lane, k]
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def out_of_block(block: np.ndarray, row: int, array: np.ndarray, first: int, lanes: int) -> None:
     """Copy k rows of a block (rows BLOCK,) from `row` on into `lanes` lanes of an array (all lanes, k) from `first` on."""
-    for lane in range(lanes):
-        for k in range(array.shape[1]):
-            array[first + lane, k] = block[(row + k) * BLOCK + lane]
+    start, wide = np.uint64(first), np.uint64(BLOCK)
+    for k in range(np.uint64(array.shape[1])):
+        for lane in range(np.uint64(lanes)):
+            array[start + lane, k] = block[(np.uint64(row) + k) * wide + lane]
