@@ -198,16 +198,17 @@ def _made_for(made_for: str, layout: Layout, act: Any) -> Callable[..., bool]:
                 move(work, numbers, clocks, table, period, substeps, torque, seen)
                 k += 1
                 for i in range(n):
-                    own, place = work[i // BLOCK], i % BLOCK
+                    block, place = i // BLOCK, i % BLOCK
                     if noisy:
-                        _scaled(seen[i, :joints], own[q_at + place :: BLOCK], noise[start + i])
-                        _scaled(seen[i, joints : 2 * joints], own[dq_at + place :: BLOCK], noise[start + i])
+                        _scaled(seen[i, :joints], work[block, q_at + place :: BLOCK], noise[start + i])
+                        _scaled(seen[i, joints : 2 * joints], work[block, dq_at + place :: BLOCK], noise[start + i])
                     if running[i]:
-                        error = own[error_at + place]
+                        error = work[block, error_at + place]
                         largest[start + i] = max(largest[start + i], error)
                         squares[start + i] += error * error
                         steps[start + i] += 1.0
-                        reason = reason_of(own[finite + place], own[angles + place], own[speeds + place])
+                        found = work[block, finite + place], work[block, angles + place], work[block, speeds + place]
+                        reason = reason_of(*found)
                         over = reason == 0.0 and clocks[CLOCK.row, i] == clocks[CLOCK.last, i]
                         if over or reason != 0.0:
                             running[i], completed[start + i] = False, over

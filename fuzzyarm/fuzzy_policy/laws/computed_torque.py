@@ -135,7 +135,8 @@ def _law_of(physics: Physics) -> Any:
             into_block(observation, first, lanes, block, q // BLOCK)
             into_block(integral, first, lanes, block, x_I // BLOCK)
             for joint in range(joints):
-                for place in range(joint * BLOCK, joint * BLOCK + lanes):
+                for lane in range(lanes):
+                    place = joint * BLOCK + lane
                     error, error_rate = block[q + place] - block[q_d + place], block[dq + place] - block[dq_d + place]
                     feedback = 3.0 * error_rate + bandwidth * (3.0 * error + bandwidth * block[x_I + place])
                     block[asked + place] = block[ddq_d + place] - bandwidth * feedback
@@ -145,7 +146,8 @@ def _law_of(physics: Physics) -> Any:
                 write_torque(block, lane, links)
             for joint in range(joints):
                 inertia, viscous = drive.motor_inertia[joint], drive.viscous_friction[joint]
-                for place in range(joint * BLOCK, joint * BLOCK + lanes):
+                for lane in range(lanes):
+                    place = joint * BLOCK + lane
                     links_and_motor = block[torque_at + place] + inertia * block[asked + place]
                     block[torque_at + place] = links_and_motor + viscous * block[dq + place]
             out_of_block(block, x_I // BLOCK, integral, first, lanes)
