@@ -17,7 +17,7 @@ __all__ = ["into_block", "out_of_block"]
 
 @register_jitable(forceinline=True)
 def into_block(array: np.ndarray, first: int, lanes: int, block: np.ndarray, row: int) -> None:
-    """Copy `lanes` lanes of an array (all lanes, k) from `first` on into k rows of a block (rows BLOCK,) from `row` on."""
+    """Copy `lanes` lanes of an array (all lanes, k) from `first` on into k rows of a block (rows x BLOCK,)."""
     # Without a sign, an index needs no look whether it counts from the end.
     start, wide = np.uint64(first), np.uint64(BLOCK)
     for k in range(np.uint64(array.shape[1])):
@@ -27,7 +27,7 @@ def into_block(array: np.ndarray, first: int, lanes: int, block: np.ndarray, row
 
 @register_jitable(forceinline=True)
 def out_of_block(block: np.ndarray, row: int, array: np.ndarray, first: int, lanes: int) -> None:
-    """Copy k rows of a block (rows BLOCK,) from `row` on into `lanes` lanes of an array (all lanes, k) from `first` on."""
+    """Copy k rows of a block (rows x BLOCK,) into `lanes` lanes of an array (all lanes, k) from `first` on."""
     start, wide = np.uint64(first), np.uint64(BLOCK)
     for k in range(np.uint64(array.shape[1])):
         for lane in range(np.uint64(lanes)):

@@ -104,10 +104,10 @@ def _scaled(reading: np.ndarray, truth: np.ndarray, factor: float) -> None:
 
 @functools.cache
 def _plant_of(layout: Layout) -> tuple[Any, Any]:
-    """Return the kernels ``take(work, numbers, lanes)`` and ``move(work, numbers, clock, table, period, substeps, torque, seen)``.
+    """Return the kernels ``take(work, numbers, lanes)`` and ``move(work, numbers, clock, ..., torque, seen)``.
 
     The one takes the lanes of a group from their blocks `numbers` into `work` (blocks, size), where they stay; the
-    other holds torques (lanes, n) for a control step, and fills what is observed then, (lanes, 5 n).
+    other holds torques (lanes, n) [N m] for a control step, and fills what is observed then, (lanes, 5 n).
     """
     (gather, _), move_block, observe = gather_of(layout), move_block_of(layout), observe_of(layout)
     command, joints = layout.WORK.command.joint1 * BLOCK, layout.physics.joints

@@ -92,7 +92,7 @@ Rule = record_type("Rule", torque1=Gains, torque2=Gains)
 Block = record_type(
     "Block", q=PerJoint, dq=PerJoint, wanted=Wanted, x_I=PerJoint, error=Error, weights=Weights, h=Any, torque=PerJoint
 )
-"""What a block of lanes holds: the observation, the memory, ē, the weights ω of the premises, a rule's h, the torque."""
+"""What a block of lanes holds: observation, memory, ē, the weights ω of the premises, a rule's h, torque."""
 
 _AT, _SIZE = places(Block), size(Block) * BLOCK
 _H, _OMEGA = _AT.h * BLOCK, _AT.weights.z1 * BLOCK
