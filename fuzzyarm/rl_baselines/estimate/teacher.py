@@ -19,6 +19,7 @@ from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import columns
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, gain_tables
+from fuzzyarm.learned_policy.estimate.policy import QUICK
 from fuzzyarm.rl_baselines.estimate.courses import Courses
 
 __all__ = ["Teacher"]
@@ -39,7 +40,9 @@ class Teacher:
         """Take the gains that the student's observer has."""
         lanes = courses.lanes
         self._lanes, self._arm, self._period = lanes, arm, lanes.period
-        self._feedback = gain_tables(arm, lanes.period, ObserverWeights()).feedback
+        soft, stiff = (gain_tables(arm, lanes.period, weights).feedback for weights in (ObserverWeights(), QUICK))
+        self._feedback = np.stack([soft, stiff])
+        self._stiff = (courses.delay == 0.0).astype(np.int64)
         self._limit = np.array(arm.torque_limit)
         self._past = np.zeros((3, lanes.count, JOINTS))
         self._smooth = np.zeros((lanes.count, JOINTS))
@@ -60,10 +63,10 @@ class Teacher:
         rate = (after - before) / (2.0 * self._period)
         k, damping = np.stack([arm.stiffness1, arm.stiffness2], 1), np.stack([arm.damping1, arm.damping2], 1)
         desired = np.hstack([q + motion - (load - damping / k * rate) / k, q, motor - rate / k, dq])
-        place = 0.5 * (np.cos(state[:, 1]) + 1.0) * (len(self._feedback) - 1)
-        left = np.clip(place.astype(np.int64), 0, len(self._feedback) - 2)
+        place = 0.5 * (np.cos(state[:, 1]) + 1.0) * (self._feedback.shape[1] - 1)
+        left = np.clip(place.astype(np.int64), 0, self._feedback.shape[1] - 2)
         share = (place - left)[:, np.newaxis, np.newaxis]
-        gain = (1.0 - share) * self._feedback[left] + share * self._feedback[left + 1]
+        gain = (1.0 - share) * self._feedback[self._stiff, left] + share * self._feedback[self._stiff, left + 1]
         fed_back = np.einsum("lij,lj->li", gain, state - desired)
         wanted: np.ndarray = np.clip(smooth - load - 0.5 * self._period * rate - fed_back, -self._limit, self._limit)
         return wanted
