@@ -93,7 +93,9 @@ class Oracle:
         candidate = np.tanh(n.A @ z + (n.C @ c) * (n.B @ z) + r * (n.U @ self.h))
         self.h = self.h + s * (candidate - self.h)
         weights = 1.0 + n.W @ np.tanh(n.P @ c + n.p_0)
-        self.rho = np.clip(c[-1] * (n.V @ (self.h * weights) + n.D @ z), -1.0, 1.0)
+        size = np.sum((load / torques) ** 2)
+        share = size / (size + 600.0**-2)
+        self.rho = np.clip(c[-1] * share * (n.V @ (self.h * weights) + n.D @ z), -1.0, 1.0)
 
     def step(self, o):
         desired, feedforward = np.empty((1, 6)), np.empty((1, 2))

@@ -6,11 +6,11 @@ With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer` and the network ρ of 
     act       u_o = u_ff - d̂ - K (x̂ - x_d),    u = u_o + ρ(z, c, h) R,
     predict   (x̂, d̂)⁻ = what the nominal elastic arm does of (x̂, d̂) under u within its limits.
 
-A second observer differs by its L alone, which expects `QUICK_LOAD_WALK` instead of the weights' `load_walk`: it knows
-of a load sooner, and by itself does not bear noise, delay and other arms. What it would do, u_q, is seen by the network
-as u_q - u_o; where that exceeds all torques by far, the second one goes on from the estimate of the first. z and c are
-those of `signals`, R the torques there. Both observers are told of the residual torque ρ R, so that they do not take it
-for a load. The network was trained by regression on a teacher that knows plant and load, see
+A second observer differs by the weights of its L and K, `QUICK`: it expects loads that change sooner, and its regulator
+is stiffer. It knows of a load sooner, and by itself does not bear noise, delay and other arms. What it would do, u_q,
+is seen by the network as u_q - u_o; where that exceeds all torques by far, the second one goes on from the estimate of
+the first. z and c are those of `signals`, R the torques there. Both observers are told of the residual torque ρ R, so
+that they do not take it for a load. The network was trained by regression on a teacher that knows plant and load, see
 `fuzzyarm.rl_baselines.estimate`.
 """
 

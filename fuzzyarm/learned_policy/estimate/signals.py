@@ -7,7 +7,8 @@ this observer and u_q of the quick one,
 
 with a = `QUICK_SHARE`, `FINE` units s, `COARSE` units S and the torques R = `TORQUES`: the first part resolves what is
 small; the second is linear in what is large and flat about zero, so that it does not bear on small deviations. d̂ is
-what the observer believes to load the links. From the observation follows
+what the observer believes to load the links. z vanishes where nothing is unexplained and the arm is on its target. From
+the observation follows
 
     c = (cos and sin of θ_1 and θ_1 + θ_2, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e, m),
 
@@ -33,6 +34,7 @@ __all__ = [
     "FINE",
     "MOTION",
     "QUICK_SHARE",
+    "QUIET",
     "TORQUES",
     "UNEXPLAINED",
     "UNEXPLAINED_PARTS",
@@ -52,6 +54,9 @@ TORQUES = (600.0, 300.0)
 
 QUICK_SHARE = 0.05
 """Share of them that is the unit of u_q - u_o."""
+
+QUIET = 1.0 / 600.0
+"""Share of them: for a load d̂ below it the network is all but silent."""
 
 _FASTEST, _JERKIEST = 3.0, 30.0  # units of q̇_d [rad/s] and of q̈_d [rad/s²]
 _SLOW, _SLOW_TIP = 0.05, 0.02  # rad/s and m/s: below it a direction fades

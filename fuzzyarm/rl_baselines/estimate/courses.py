@@ -95,7 +95,8 @@ def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.ra
     """Draw `count` lanes for a control period [s]."""
     family = _family(arm)
     circle = JointReference(parameters=arm)
-    scenarios, starts = [], []
+    scenarios: list[Scenario] = []
+    starts: list[np.ndarray] = []
     while len(starts) < count:
         kind = generator.random()
         reference: Reference = circle

@@ -1,10 +1,11 @@
-"""The teacher: the observer's own regulator and target, for the true state, plant and load.
+"""The teacher: regulator and target of the student's observers, for the true state, plant and load.
 
     u* = u_ff - d - ½ T ḋ - K (x - x_d),    x_d = (θ_d - K_t⁻¹ (d - B_t K_t⁻¹ ḋ), q_d, θ̇_d - K_t⁻¹ ḋ, q̇_d),
 
 with u_ff and θ_d of `elastic_target` for the plant as it is, payload included, the load d = Jᵀ F of the links by the
 force F, and its rate ḋ from a control period before to one after. Without ḋ the motors follow a force too late. What
-the student lacks of u* is what it has to learn. Elementwise over lanes.
+the student lacks of u* is what it has to learn. K is that of the second, stiffer observer in lanes whose torques are on
+time, and that of the first one in the others. Elementwise over lanes.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Teacher:
     """
 
     def __init__(self, arm: ArmParameters, courses: Courses) -> None:
-        """Take the gains that the student's observer has."""
+        """Take the gains that the student's observers have."""
         lanes = courses.lanes
         self._lanes, self._arm, self._period = lanes, arm, lanes.period
         soft, stiff = (gain_tables(arm, lanes.period, weights).feedback for weights in (ObserverWeights(), QUICK))
