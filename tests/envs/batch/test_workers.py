@@ -1,6 +1,7 @@
 """Threads that share a step, and the memory of its results."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -28,7 +29,9 @@ def test_every_lane_is_in_one_piece_and_pieces_are_whole_blocks(lanes, threads):
 def test_the_calling_thread_does_all_where_no_other_comes():
     workers, release, caller = Workers(64 * BLOCK, 2), threading.Event(), []
     workers.run(lambda start, stop: None)  # starts the other thread
-    workers._pool.submit(release.wait)  # it is busy with something else
+    workers._helpers._tasks.put(release.wait)  # it is busy with something else
+    while not workers._helpers._tasks.empty():
+        time.sleep(1e-3)
     workers.run(lambda start, stop: caller.append(threading.current_thread()))
     assert len(caller) == 16 and set(caller) == {threading.current_thread()}
     release.set()
