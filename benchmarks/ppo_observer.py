@@ -239,7 +239,7 @@ def _aim(axes: Axes, document: dict[str, Any]) -> None:
     shown = {
         "model-based": [references[name] for name in ("fuzzy-4", "computed-torque", "elastic-observer")],
         "ppo-robust, 12 million steps": list(document["runs"]["ppo-robust"].values()),
-        "settings of robust, 2 million": list(document["runs"]["robust"].values()),
+        "settings of robust, 2 million steps": list(document["runs"]["robust"].values()),
     }
     for (label, rows), mark in zip(shown.items(), "s^x", strict=True):
         cases = [row["cases"]["machining"] for row in rows]

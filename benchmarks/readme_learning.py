@@ -104,16 +104,16 @@ _HEADINGS = (
     "development plants: median / mean / 99 % [mm]",
     "lost",
     "rms, Cases 1 / 2 / 3 [mm]",
-    "half a sample late",
+    "rms half a sample late",
     "torque rate [N m/ms]",
-    "half a sample late",
+    "torque rate half a sample late",
     "spectral radius at rest, on time / half a sample / one sample late",
     "processor time [s]",
 )
 
 
 def _measured(name: str, row: dict[str, Any]) -> list[str]:
-    seen, cases, late = row["development"], row["cases"].values(), row["late"].values()
+    seen, cases, late = row["development"], row["cases"].values(), row.get("late", {}).values()
     radii = ["-" if radius is None else f"{radius:.3f}" for radius in row["radius"].values()]
     return [
         name,
