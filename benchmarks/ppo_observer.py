@@ -246,7 +246,7 @@ def _aim(axes: Axes, document: dict[str, Any]) -> None:
         axes.plot([c["torque_rate"] for c in cases], [c["rms_mm"] for c in cases], mark, label=label)
     axes.set(title="without a model: error and chatter", xlabel="torque rate [N m/ms]", xscale="log")
     axes.set(ylabel="rms tip error [mm]", yscale="log", ylim=(1.0, 4e3), xlim=(0.5, 400.0))
-    axes.legend(fontsize="small", loc="upper right")
+    axes.legend(fontsize="small", loc="center right")
 
 
 def main() -> None:
