@@ -2,13 +2,14 @@
 
 l are the forces and the payload, the first numbers of p, l_0 their first guess, and x the state:
 
-    d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² ρ/d²),
+    d² = (l - l_0)ᵀ P_ll⁻¹ (l - l_0),   s = max(0, 1 - c² calm ρ/d²),
     l_a = l_0 + s (l - l_0),            x_a = x - (1 - s) P_xl P_ll⁻¹ (l - l_0).
 
 ρ is the share that the noise that is read has in the variance that the filter expects of a measured angle, the largest
 of all joints. A load within c standard deviations by that noise moves nothing, one far beyond is hardly smaller than it
-is believed (the positive part of the estimator of James and Stein); without noise ρ is 0 and s is 1. x_a is the state
-that fits l_a: the mean of x, given l_a. The filter itself goes on with x and l.
+is believed (the positive part of the estimator of James and Stein). Without noise ρ is 0, where corrections have a
+direction calm is 0, see `forces`, and in both cases s is 1. x_a is the state that fits l_a: the mean of x, given l_a.
+The filter itself goes on with x and l.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
@@ -41,7 +42,7 @@ def significant(m: Memory, s: Settings, room: Room) -> Memory:
     _solve(room.factor, acted[states : states + loads], room.deviation)
     for i in range(loads):
         square += acted[states + i] * room.deviation[i]
-    kept = max(0.0, 1.0 - INSIGNIFICANT * INSIGNIFICANT * ratio / max(square, TINY))
+    kept = max(0.0, 1.0 - INSIGNIFICANT * INSIGNIFICANT * m.flags[FLAG.calm] * ratio / max(square, TINY))
     for i in range(states):
         for k in range(loads):
             acted[i] -= (1.0 - kept) * m.P[i, states + k] * room.deviation[k]
