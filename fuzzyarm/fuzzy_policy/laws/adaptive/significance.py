@@ -63,7 +63,7 @@ def _factorise(A: np.ndarray, L: np.ndarray) -> None:
         rest = A[i, i]
         for k in range(i):
             rest -= L[i, k] * L[i, k]
-        L[i, i] = np.sqrt(max(rest, ROUNDING * A[i, i], TINY))
+        L[i, i] = np.sqrt(max(max(rest, ROUNDING * A[i, i]), TINY))
 
 
 @register_jitable
