@@ -97,7 +97,7 @@ def tip_bound_table(document: dict[str, Any]) -> str:
         plants = row["set"] if row.get("cells", 1) == 1 else f"{row['set']}, in {row['cells']} cells"
         named = [row["policy"], row["case"], plants, f"{row['path']}, {row['duration']:g} s"]
         if row["proven"]:
-            ratio = "" if row["largest_ratio"] is None else f"{row['largest_ratio']:.4f}"
+            ratio = "" if row["largest_ratio"] is None else at_least(row["largest_ratio"], 4)
             found = [at_most(row["bound_mm"], 4), f"{row['simulated_mm']:.4g}", ratio, f"{row['cpu_seconds']:.0f}"]
         else:
             found = ["none", "", "", ""]
@@ -175,13 +175,11 @@ def tip_gains_table(document: dict[str, Any]) -> str:
 
 def falsification_table(document: dict[str, Any]) -> str:
     """Return the table of the plants that were bred to exceed a bound."""
-    rows = [
-        [
-            row["policy"], row["case"], row["set"], str(row["plants"]), f"{row['by_generation'][0]:.4f}",
-            f"{row['largest_ratio']:.4f}", "" if row["event_by_event"] is None else f"{row['event_by_event']:.4f}",
-        ]
-        for row in document["rows"]
-    ]  # fmt: skip
+    rows = []
+    for row in document["rows"]:
+        found = row["by_generation"][0], row["largest_ratio"], row["event_by_event"]
+        ratios = ["" if ratio is None else at_least(ratio, 4) for ratio in found]
+        rows.append([row["policy"], row["case"], row["set"], str(row["plants"]), *ratios])
     headings = ["policy", "case", "set", "plants", "largest ratio, random", "bred", "the worst, event by event"]
     return (
         f"{table(headings, rows, left=3)}\n\nLargest ratio of a tip error to the bound at the same sample, where the "

@@ -11,10 +11,10 @@ __all__ = ["exported_table", "misra_table"]
 
 def misra_table(document: dict[str, Any]) -> str:
     """Return the table of what the MISRA addon finds in the exported C."""
-    checked = [row for row in document["rows"] if row["violations"] is not None]
-    rules = sorted({rule for row in checked for rule in row["violations"]}, key=lambda rule: rule.split("."))
+    found = {rule for row in document["rows"] for rule in row["violations"]}
+    rules = sorted(found, key=lambda rule: [int(part) for part in rule.split(".")])
     rows = [
-        [row["source"], f"{row['lines']:,}", *(str((row["violations"] or {}).get(rule, "")) for rule in rules)]
+        [row["source"], f"{row['lines']:,}", *(str(row["violations"].get(rule, "")) for rule in rules)]
         for row in document["rows"]
     ]
     made = f"`{document['command']}`; {document['cppcheck']}; {made_with(document)}"

@@ -33,8 +33,9 @@ GENERATIONS = 4
 PARENTS = 0.1  # share of the plants that are bred from
 MUTATED = 0.1  # share of the genes that are new
 SETS = {
-    "any-friction", "near", "near-late", "stiffness ± 10 %", "masses ± 2 %", "dry friction ± 50 %",
-    "payload 0 to 0.2 kg", "payload 0 to 1 g", "force ± 10 %, any course",
+    "any-friction", "near", "near-late", "stiffness ± 10 %", "masses ± 2 %", "masses ± 5 %", "dry friction ± 50 %",
+    "stiffness ± 5 %, masses ± 1 %, dry friction ± 50 %", "payload 0 to 0.2 kg", "payload 0 to 0.5 kg",
+    "payload 0 to 1 g", "force ± 10 %, any course",
 }  # fmt: skip
 OWN = (
     TipClaim("fuzzy-4-tip", "nominal", "force of any course to 3 N", PlantSet(force_course=3.0)),

@@ -43,6 +43,15 @@ MUTATIONS = (
         "test_enclosures.py",
     ),
     Mutation(
+        "products of masses and the links", "remainders.py", "(fixed + _by_link(within))", "fixed",
+        "test_enclosures.py", "masses",
+    ),
+    Mutation(
+        "nonlinearity of what a mass adds", "remainders.py",
+        "fixed += link_remainder(tube_slopes(self._motion, tube, _NO_FORCE, arm), at, tube)", "fixed += 0.0",
+        "test_enclosures.py", "masses",
+    ),
+    Mutation(
         "what the series of the links leave", "defects.py", "q[ORDER]]", "arb(0)]", "test_enclosures.py", "series",
     ),
     Mutation(
@@ -102,8 +111,12 @@ MUTATIONS = (
         "columns[:, :constants] += 0.0", "test_tube.py", "corners",
     ),
     Mutation(
-        "what the constants' columns leave", "constants.py", "rest[channel] += rest_size(signal) + spread",
-        "rest[channel] += 0.0", "test_tip_segment.py",
+        "constants where a velocity is bounded by itself", "constants.py",
+        "frictions[torque.channel].plan is Plan.MONOTONE:", "False:", "test_tube.py", "column_of_a_constant",
+    ),
+    Mutation(
+        "what the constants' columns leave", "constants.py", "rest[torque.channel] += torque.rest",
+        "rest[torque.channel] += 0.0", "test_tip_segment.py",
     ),
     Mutation(
         "products of constants and the deviation", "period.py",
@@ -119,8 +132,8 @@ MUTATIONS = (
         "test_tip_segment.py",
     ),
     Mutation(
-        "deviations of the links", "tip_error.py", "reach = links.size(rows)", "reach = 0.0 * links.size(rows)",
-        "test_tube.py",
+        "deviations of the links", "tip_error.py", "bound = (widest + float(bent)) * ROUND_UP",
+        "bound = offset + float(bent)", "test_tube.py",
     ),
     Mutation(
         "second order of the tip", "tip_error.py", "(widest + float(bent)) * ROUND_UP", "widest * ROUND_UP",

@@ -31,7 +31,7 @@ class Assignment:
     def all_return(self) -> None:
         """Put every lane into its own scenario."""
         self.tables = self.own
-        self._start_of, self._place_of = (places.copy() for places in self.own_places)
+        self._start_of, self._place_of = self.own_places
 
     def back(self, lanes: np.ndarray) -> None:
         """Put these lanes (n,) into their own scenarios; their last ones keep their tables."""
@@ -54,6 +54,8 @@ class Assignment:
     def visit(self, lanes: np.ndarray, scenarios: tuple[Tables, np.ndarray, np.ndarray]) -> None:
         """Put these lanes (n,) into other scenarios, given as the lanes' own ones were."""
         tables, start_of, place_of = scenarios
+        if self._start_of is self.own_places[0]:
+            self._start_of, self._place_of = (places.copy() for places in self.own_places)
         self._start_of[lanes], self._place_of[lanes] = start_of + len(self.tables.schedules), place_of
         self.tables = self.tables.followed_by(tables)
 

@@ -32,7 +32,7 @@ from fuzzyarm.envs.physics.records import (
 )
 from fuzzyarm.envs.task import assess_of, clipped, finite_of, target_record
 
-__all__ = ["advance_block_of", "assess_block_of", "clip_of", "gather_of", "loads_of"]
+__all__ = ["advance_block_of", "assess_block_of", "clip_of", "gather_of", "loads_of", "move_block_of"]
 
 
 class Part(NamedTuple):
@@ -50,9 +50,8 @@ def advance_block_of(layout: Layout) -> Any:
     It advances the `lanes` <= BLOCK lanes from `first` on, whose commands are in `work`; arguments as in
     `kernels.advance_of`.
     """
-    gather, copy_back = gather_of(layout)
-    load, clip, assess_block = loads_of(layout).load, clip_of(layout), assess_block_of(layout)
-    hold_block, report, observe = hold_block_of(layout.physics), report_of(layout), observe_of(layout)
+    (gather, copy_back), move_block = gather_of(layout), move_block_of(layout)
+    report, observe = report_of(layout), observe_of(layout)
 
     @register_jitable(forceinline=True)
     def advance_block(
@@ -68,15 +67,40 @@ def advance_block_of(layout: Layout) -> Any:
     ) -> None:
         block = values[first // BLOCK]
         gather(work, lanes, block)
-        load(work, lanes, block, clock, table, first)
-        clip(work, lanes)
-        hold_block(work, lanes, period / substeps, substeps)
-        assess_block(work, lanes)
+        move_block(work, lanes, block, clock, table, period, substeps, first)
         copy_back(work, lanes, block)
         report(work, lanes, clock, first, period, results, first)
         observe(work, lanes, clock, table, first, results, first)
 
     return advance_block
+
+
+@functools.cache
+def move_block_of(layout: Layout) -> Any:
+    """Return ``move_block(work, lanes, block, clock, table, period, substeps, first)``.
+
+    It advances and assesses the lanes of a block in `work`, where `gather` has put them, and moves their clocks.
+    """
+    load, clip, assess_block = loads_of(layout).load, clip_of(layout), assess_block_of(layout)
+    hold_block = hold_block_of(layout.physics)
+
+    @register_jitable(forceinline=True)
+    def move_block(
+        work: np.ndarray,
+        lanes: int,
+        block: np.ndarray,
+        clock: np.ndarray,
+        table: np.ndarray,
+        period: float,
+        substeps: int,
+        first: int,
+    ) -> None:
+        load(work, lanes, block, clock, table, first)
+        clip(work, lanes)
+        hold_block(work, lanes, period / substeps, substeps)
+        assess_block(work, lanes)
+
+    return move_block
 
 
 @functools.cache

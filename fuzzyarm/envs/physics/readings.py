@@ -83,7 +83,7 @@ def mass_matrix_at(angles: PerJoint, arm: Arm) -> tuple[tuple[Any, Any], tuple[A
     return (m11, m12), (m12, m22)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def inverse_dynamics_at(angles: PerJoint, rates: PerJoint, accelerations: PerJoint, arm: Arm) -> PerJoint:
     """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] for angles [rad], their rates [rad/s] and accelerations [rad/s²]."""
     sin1, sin12 = sine_cosine(angles.joint1)[0], sine_cosine(angles.joint1 + angles.joint2)[0]

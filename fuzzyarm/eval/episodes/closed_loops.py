@@ -7,17 +7,21 @@ policies with a law for compiled loops, see `fuzzy_policy.compiled_law`.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
+from fuzzyarm.envs.batch.block import gather_of, move_block_of
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import CLOCK, SCALARS, Layout
+from fuzzyarm.envs.batch.layout import CLOCK, Layout, Results
+from fuzzyarm.envs.batch.reporting import observe_of
 from fuzzyarm.envs.physics.compiled import announced_compilation, kernel_for
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.records import BLOCK
+from fuzzyarm.envs.physics.records import BLOCK, size
+from fuzzyarm.envs.termination import reason_of
 from fuzzyarm.eval.episodes.loop import TipErrors
 from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
 from fuzzyarm.fuzzy_policy.policy import Policy, limit
@@ -25,7 +29,6 @@ from fuzzyarm.fuzzy_policy.policy import Policy, limit
 __all__ = ["Channel", "closed_loops"]
 
 GROUP = 4 * BLOCK  # lanes
-_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
 
 
 class Channel(NamedTuple):
@@ -57,7 +60,7 @@ def closed_loops(
     """
     errors, at, noise = TipErrors(lanes.count), policy.integral_at, channel.noise
     with announced_compilation():
-        failed = _run_of(lanes.layout, lanes.kernels.advance, policy, law)(
+        failed = _run_of(lanes.layout, policy, law)(
             *lanes.arrays,
             np.array(observation, order="C"),
             *(noise is not None, np.zeros(lanes.count) if noise is None else noise),
@@ -74,11 +77,11 @@ def closed_loops(
 _kernels: dict[str, Callable[..., bool]] = {}
 
 
-def _run_of(layout: Layout, advance: Any, policy: Policy, law: CompiledLaw) -> Callable[..., bool]:
+def _run_of(layout: Layout, policy: Policy, law: CompiledLaw) -> Callable[..., bool]:
     """Return the kernel for a law and arms with these equations; the first one made for them serves all."""
     made_for = f"{layout.physics.digest}_{equations_of(policy.parameters).digest}_{law.name}"
     if made_for not in _kernels:
-        _kernels[made_for] = _made_for(made_for, layout, advance, law.act)
+        _kernels[made_for] = _made_for(made_for, layout, law.act)
     return _kernels[made_for]
 
 
@@ -94,16 +97,59 @@ def _delayed(torque: np.ndarray, sent: np.ndarray, k: int, delay: int) -> None:
 
 @register_jitable
 def _scaled(reading: np.ndarray, truth: np.ndarray, factor: float) -> None:
-    """Scale the noise of readings (n,), which is what they are off the truth."""
-    for joint in range(len(truth)):
+    """Scale the noise of readings (n,), which is what they are off the truth, the first entries of `truth`."""
+    for joint in range(len(reading)):
         reading[joint] = truth[joint] + factor * (reading[joint] - truth[joint])
 
 
-def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable[..., bool]:
+@functools.cache
+def _plant_of(layout: Layout) -> tuple[Any, Any]:
+    """Return the kernels ``take(work, numbers, lanes)`` and ``move(work, numbers, clock, ..., torque, seen)``.
+
+    The one takes the lanes of a group from their blocks `numbers` into `work` (blocks, size), where they stay; the
+    other holds torques (lanes, n) [N m] for a control step, and fills what is observed then, (lanes, 5 n).
+    """
+    (gather, _), move_block, observe = gather_of(layout), move_block_of(layout), observe_of(layout)
+    command, joints = layout.WORK.command.joint1 * BLOCK, layout.physics.joints
+
+    @kernel_for(layout.physics.digest)
+    def take(work: np.ndarray, numbers: np.ndarray, lanes: int) -> None:
+        for block in range(len(numbers)):
+            gather(work[block], min(BLOCK, lanes - block * BLOCK), numbers[block])
+
+    @kernel_for(layout.physics.digest)
+    def move(
+        work: np.ndarray,
+        numbers: np.ndarray,
+        clock: np.ndarray,
+        table: np.ndarray,
+        period: float,
+        substeps: int,
+        torque: np.ndarray,
+        seen: np.ndarray,
+    ) -> None:
+        results = Results(seen.reshape(seen.size), seen[0], seen[0])
+        for block in range(len(numbers)):
+            first, own = block * BLOCK, work[block]
+            lanes = min(BLOCK, len(torque) - first)
+            for joint in range(joints):
+                for i in range(lanes):
+                    own[command + joint * BLOCK + i] = torque[first + i, joint]
+            move_block(own, lanes, numbers[block], clock, table, period, substeps, first)
+            observe(own, lanes, clock, table, first, results, first)
+
+    return take, move
+
+
+def _made_for(made_for: str, layout: Layout, act: Any) -> Callable[..., bool]:
     """Return the kernel; it returns whether a torque was no finite number."""
-    width, observed, joints = layout.width, layout.observed, layout.physics.joints
-    motors, velocities = layout.LANE.state.motor.joint1, layout.LANE.state.motor_velocity.joint1
-    first_scalar = width - len(SCALARS)
+    joints, work_size, at = layout.physics.joints, size(layout.Work) * BLOCK, layout.WORK
+    state, found = at.hold.state, at.assessment
+    error_at, finite, angles, speeds = (
+        BLOCK * row for row in (found.tip_error, at.finite, found.angles_inside, found.velocities_inside)
+    )
+    q_at, dq_at = BLOCK * state.motor.joint1, BLOCK * state.motor_velocity.joint1
+    take, move = _plant_of(layout)
 
     @kernel_for(made_for)
     def run(
@@ -129,10 +175,10 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
         for start in range(0, len(observation), GROUP):
             stop = min(start + GROUP, len(observation))
             n, depth = stop - start, latest + 1
-            numbers, clocks = values[start // BLOCK : -(-stop // BLOCK)].copy(), clock[:, start:stop].copy()
-            remembered, out = memory[start:stop].copy(), np.empty(width * n)
-            seen = out[: observed * n].reshape((n, observed))  # where a step leaves the observations
-            seen[:] = observation[start:stop]
+            numbers, clocks = values[start // BLOCK : -(-stop // BLOCK)], clock[:, start:stop].copy()
+            remembered, seen = memory[start:stop].copy(), observation[start:stop].copy()
+            work = np.empty((len(numbers), work_size))
+            take(work, numbers, n)
             torque, sent, before = np.empty((n, joints)), np.empty((depth, n, joints)), np.empty((n, joints))
             running, left, k = np.ones(n, dtype=np.bool_), n, 0
             while left > 0:
@@ -149,21 +195,22 @@ def _made_for(made_for: str, layout: Layout, advance: Any, act: Any) -> Callable
                         return True
                     if depth > 1:
                         _delayed(torque[i], sent[:, i], k, delay[start + i])
-                advance(numbers, clocks, table, period, substeps, torque, 0, n, out)
+                move(work, numbers, clocks, table, period, substeps, torque, seen)
                 k += 1
                 for i in range(n):
+                    block, place = i // BLOCK, i % BLOCK
                     if noisy:
-                        block, place, factor = i // BLOCK, i % BLOCK, noise[start + i]
-                        _scaled(seen[i, :joints], numbers[block, motors : motors + joints, place], factor)
-                        velocity = numbers[block, velocities : velocities + joints, place]
-                        _scaled(seen[i, joints : 2 * joints], velocity, factor)
+                        _scaled(seen[i, :joints], work[block, q_at + place :: BLOCK], noise[start + i])
+                        _scaled(seen[i, joints : 2 * joints], work[block, dq_at + place :: BLOCK], noise[start + i])
                     if running[i]:
-                        error = out[(first_scalar + _ERROR) * n + i]
+                        error = work[block, error_at + place]
                         largest[start + i] = max(largest[start + i], error)
                         squares[start + i] += error * error
                         steps[start + i] += 1.0
-                        over = out[(first_scalar + _OVER) * n + i] != 0.0
-                        if over or out[(first_scalar + _REASON) * n + i] != 0.0:
+                        found = work[block, finite + place], work[block, angles + place], work[block, speeds + place]
+                        reason = reason_of(*found)
+                        over = reason == 0.0 and clocks[CLOCK.row, i] == clocks[CLOCK.last, i]
+                        if over or reason != 0.0:
                             running[i], completed[start + i] = False, over
                             left -= 1
         return False

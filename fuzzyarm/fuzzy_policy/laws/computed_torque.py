@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.checks import real
-from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_columns, in_list, reader
+from fuzzyarm.envs.physics.records import BLOCK, in_block, in_list, places, reader, record_type, size, writer
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.fuzzy_policy.blocks import into_block, out_of_block
 from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, spread_of
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
@@ -109,8 +110,13 @@ def linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
 @functools.cache
 def _law_of(physics: Physics) -> Any:
     """Return the compiled law for arms with these equations."""
-    joints, inverse_dynamics = physics.joints, physics.inverse_dynamics
-    arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
+    joints, inverse_dynamics, PerJoint = physics.joints, physics.inverse_dynamics, physics.PerJoint
+    Seen = record_type("Seen", **dict.fromkeys(Observation._fields, PerJoint))
+    Block = record_type("Block", seen=Seen, x_I=PerJoint, asked=PerJoint, torque=PerJoint)
+    at, rows, arm_in = places(Block), size(Block), reader(physics.Arm, in_list)
+    q, dq, q_d, dq_d, ddq_d, x_I, asked, torque_at = (BLOCK * part[0] for part in (*at.seen, *at[1:]))
+    q_in, dq_in, asked_in = (reader(PerJoint, in_block, part) for part in (at.seen.q_motor, at.seen.dq_motor, at.asked))
+    write_torque = writer(PerJoint, in_block, at.torque)
 
     @kernel_for(physics.digest)
     def computed_torque(
@@ -123,19 +129,28 @@ def _law_of(physics: Physics) -> Any:
         period: float,
     ) -> None:
         """Evaluate the law for every lane and advance its integral."""
-        arm, drive, o = arm_in(constants, 0), drives_in(drives), observed(observation)
-        for lane in range(len(observation)):
+        arm, drive, block = arm_in(constants, 0), drives_in(drives), np.empty(rows * BLOCK)
+        for first in range(0, len(observation), BLOCK):
+            lanes = min(BLOCK, len(observation) - first)
+            into_block(observation, first, lanes, block, q // BLOCK)
+            into_block(integral, first, lanes, block, x_I // BLOCK)
             for joint in range(joints):
-                error = o.q_motor[lane, joint] - o.q_reference[lane, joint]
-                error_rate = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
-                feedback = 3.0 * error_rate + bandwidth * (3.0 * error + bandwidth * integral[lane, joint])
-                # The acceleration that is asked for stands where the torque will be.
-                torque[lane, joint] = o.ddq_reference[lane, joint] - bandwidth * feedback
-                integral[lane, joint] += period * error
-            q, dq = per_joint(o.q_motor, lane), per_joint(o.dq_motor, lane)
-            links = inverse_dynamics(q, dq, per_joint(torque, lane), arm)
+                for lane in range(lanes):
+                    place = joint * BLOCK + lane
+                    error, error_rate = block[q + place] - block[q_d + place], block[dq + place] - block[dq_d + place]
+                    feedback = 3.0 * error_rate + bandwidth * (3.0 * error + bandwidth * block[x_I + place])
+                    block[asked + place] = block[ddq_d + place] - bandwidth * feedback
+                    block[x_I + place] += period * error
+            for lane in range(lanes):
+                links = inverse_dynamics(q_in(block, lane), dq_in(block, lane), asked_in(block, lane), arm)
+                write_torque(block, lane, links)
             for joint in range(joints):
-                motor = drive.motor_inertia[joint] * torque[lane, joint]
-                torque[lane, joint] = links[joint] + motor + drive.viscous_friction[joint] * o.dq_motor[lane, joint]
+                inertia, viscous = drive.motor_inertia[joint], drive.viscous_friction[joint]
+                for lane in range(lanes):
+                    place = joint * BLOCK + lane
+                    links_and_motor = block[torque_at + place] + inertia * block[asked + place]
+                    block[torque_at + place] = links_and_motor + viscous * block[dq + place]
+            out_of_block(block, x_I // BLOCK, integral, first, lanes)
+            out_of_block(block, torque_at // BLOCK, torque, first, lanes)
 
     return computed_torque

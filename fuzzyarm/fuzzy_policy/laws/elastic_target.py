@@ -21,16 +21,19 @@ import functools
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.observation import starts
 from fuzzyarm.envs.physics.compiled import kernel_for, without_kernels
+from fuzzyarm.envs.physics.elementwise import select, sign
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_columns, in_list, reader
-from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
+from fuzzyarm.envs.physics.records import BLOCK, in_block, in_list, places, reader, record_type, size, writer
+from fuzzyarm.fuzzy_policy.blocks import into_block, out_of_block
+from fuzzyarm.fuzzy_policy.known_arm import Drives, constants_of, drives_in, drives_of
 
 __all__ = ["ElasticTarget", "TargetParts", "memory_size", "target_parts"]
 
@@ -130,19 +133,32 @@ class ElasticTarget:
 
 
 @functools.cache
+def _block_of(physics: Physics) -> Any:
+    """Return the record of what a block of lanes holds: the arguments of `advance`, and τ_d."""
+    PerJoint = physics.PerJoint
+    Motion = record_type("Motion", q=PerJoint, dq=PerJoint, ddq=PerJoint)
+    Past = record_type("Past", started=Any, latest=PerJoint, second=PerJoint, third=PerJoint, smooth=PerJoint)
+    fields = {"wanted": Motion, "memory": Past, "target": Motion, "feedforward": PerJoint, "torque": PerJoint}
+    return record_type("TargetBlock", **fields)
+
+
+@functools.cache
 def _advance_of(physics: Physics) -> Any:
     """Return the compiled `ElasticTarget.advance` for arms with these equations."""
-    joints, inverse_dynamics = physics.joints, physics.inverse_dynamics
-    started, latest_part, second_part, third_part, smooth_part = _memory_parts(joints)
-    q_part, dq_part, ddq_part = target_parts(joints)
-    arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
+    joints, inverse_dynamics, PerJoint = physics.joints, physics.inverse_dynamics, physics.PerJoint
+    Block, reference = _block_of(physics), starts(physics.joints).q_reference
+    at, rows, arm_in = places(Block), size(Block), reader(physics.Arm, in_list)
+    wanted, memory, target, feedforward = at.wanted.q[0], at.memory.started, at.target.q[0], at.feedforward[0]
+    read_wanted = reader(type(at.wanted), in_block, at.wanted)
+    write_torque = writer(PerJoint, in_block, at.torque)
+    lead = _lead_of(physics)
 
     @kernel_for(physics.digest)
     def advance(
         observation: np.ndarray,
-        memory: np.ndarray,
-        target: np.ndarray,
-        feedforward: np.ndarray,
+        past: np.ndarray,
+        motion: np.ndarray,
+        ahead_torque: np.ndarray,
         constants: np.ndarray,
         drives: np.ndarray,
         period: float,
@@ -150,37 +166,62 @@ def _advance_of(physics: Physics) -> Any:
         ahead: float,
     ) -> None:
         """See `ElasticTarget`; `friction` is 1 or 0, `ahead` the share of a period that u_ff is extrapolated."""
-        arm, drive, o = arm_in(constants, 0), drives_in(drives), observed(observation)
-        past, second_past, third_past = memory[:, latest_part], memory[:, second_part], memory[:, third_part]
-        past_smooth, begun = memory[:, smooth_part], memory[:, started]
-        theta, dtheta, ddtheta = target[:, q_part], target[:, dq_part], target[:, ddq_part]
-        for lane in range(len(observation)):
-            q, dq, ddq = (
-                per_joint(o.q_reference, lane), per_joint(o.dq_reference, lane), per_joint(o.ddq_reference, lane)
-            )  # fmt: skip
-            torque = inverse_dynamics(q, dq, ddq, arm)
-            begins = begun[lane, 0] == 0.0
-            begun[lane, 0] = 1.0
+        arm, drive, block = arm_in(constants, 0), drives_in(drives), np.empty(rows * BLOCK)
+        for first in range(0, len(observation), BLOCK):
+            lanes = min(BLOCK, len(observation) - first)
+            into_block(observation[:, reference:], first, lanes, block, wanted)
+            into_block(past, first, lanes, block, memory)
+            for lane in range(lanes):
+                now = read_wanted(block, lane)
+                write_torque(block, lane, inverse_dynamics(now.q, now.dq, now.ddq, arm))
             for joint in range(joints):
-                now = torque[joint]
-                if begins:
-                    past[lane, joint] = second_past[lane, joint] = third_past[lane, joint] = now
-                latest, second, third = past[lane, joint], second_past[lane, joint], third_past[lane, joint]
-                # Backward differences of third order for τ̇_d and of second order for τ̈_d.
-                rate = (11.0 * now - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * period)
-                curvature = (2.0 * now - 5.0 * latest + 4.0 * second - third) / (period * period)
-                past[lane, joint], second_past[lane, joint], third_past[lane, joint] = now, latest, second
-                k, b = drive.stiffness[joint], drive.damping[joint] / drive.stiffness[joint]
-                velocity = o.dq_reference[lane, joint] + (rate - b * curvature) / k
-                acceleration = o.ddq_reference[lane, joint] + curvature / k
-                theta[lane, joint] = o.q_reference[lane, joint] + (now - b * (rate - b * curvature)) / k
-                dtheta[lane, joint], ddtheta[lane, joint] = velocity, acceleration
-                smooth = drive.motor_inertia[joint] * acceleration + drive.viscous_friction[joint] * velocity + now
-                before = smooth if begins else past_smooth[lane, joint]
-                past_smooth[lane, joint] = smooth
-                middle = velocity + ahead * period * acceleration
-                dry = drive.coulomb_friction[joint], drive.static_friction[joint], drive.stribeck_velocity[joint]
-                slip = stribeck_magnitude(middle, *dry) * np.sign(middle)
-                feedforward[lane, joint] = smooth + ahead * (smooth - before) + friction * slip
+                lead(block, lanes, joint, drive, period, friction, ahead)
+            for lane in range(lanes):
+                block[memory * BLOCK + lane] = 1.0
+            out_of_block(block, memory, past, first, lanes)
+            out_of_block(block, target, motion, first, lanes)
+            out_of_block(block, feedforward, ahead_torque, first, lanes)
 
     return advance
+
+
+@functools.cache
+def _lead_of(physics: Physics) -> Any:
+    """Return the compiled function that fills a joint's target and feedforward in a block and advances its memory."""
+    at = places(_block_of(physics))
+    started, latest_at, second_at, third_at, smooth_at = (
+        BLOCK * first for first in (at.memory.started, *(part[0] for part in at.memory[1:]))
+    )
+    q_at, dq_at, ddq_at = (BLOCK * part[0] for part in at.wanted)
+    theta_at, dtheta_at, ddtheta_at = (BLOCK * part[0] for part in at.target)
+    feedforward_at, torque_at = BLOCK * at.feedforward[0], BLOCK * at.torque[0]
+
+    @register_jitable(forceinline=True)
+    def lead(
+        block: np.ndarray, lanes: int, joint: int, drive: Drives, period: float, friction: float, ahead: float
+    ) -> None:
+        inertia, viscous = drive.motor_inertia[joint], drive.viscous_friction[joint]
+        k, b = drive.stiffness[joint], drive.damping[joint] / drive.stiffness[joint]
+        dry = drive.coulomb_friction[joint], drive.static_friction[joint], drive.stribeck_velocity[joint]
+        for lane in range(lanes):
+            place = joint * BLOCK + lane
+            begins, now = block[started + lane] == 0.0, block[torque_at + place]
+            latest = select(begins, now, block[latest_at + place])
+            second = select(begins, now, block[second_at + place])
+            third = select(begins, now, block[third_at + place])
+            # Backward differences of third order for τ̇_d and of second order for τ̈_d.
+            rate = (11.0 * now - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * period)
+            curvature = (2.0 * now - 5.0 * latest + 4.0 * second - third) / (period * period)
+            velocity = block[dq_at + place] + (rate - b * curvature) / k
+            acceleration = block[ddq_at + place] + curvature / k
+            smooth = inertia * acceleration + viscous * velocity + now
+            before = select(begins, smooth, block[smooth_at + place])
+            middle = velocity + ahead * period * acceleration
+            slip = stribeck_magnitude(middle, *dry) * sign(middle)
+            block[feedforward_at + place] = smooth + ahead * (smooth - before) + friction * slip
+            block[theta_at + place] = block[q_at + place] + (now - b * (rate - b * curvature)) / k
+            block[dtheta_at + place], block[ddtheta_at + place] = velocity, acceleration
+            block[latest_at + place], block[second_at + place], block[third_at + place] = now, latest, second
+            block[smooth_at + place] = smooth
+
+    return lead

@@ -8,19 +8,35 @@ L_ik r = -A_pi[3:4, :] (q_d, q̇_d) + E_pk[3:4, 3:4] q̈_d, which cancels A_ph x
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.observation import JOINTS, REFERENCE, observed
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.elementwise import select, sine_cosine
+from fuzzyarm.envs.physics.records import (
+    BLOCK,
+    PerJoint,
+    in_block,
+    in_columns,
+    in_list,
+    joint_by_joint,
+    places,
+    reader,
+    record_type,
+    size,
+    writer,
+)
 from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.fuzzy_policy.blocks import into_block, out_of_block
 from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, spread_of
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, controller_certificate
-from fuzzyarm.fuzzy_policy.states import ERROR_STATES, INTEGRAL, POSITION, VELOCITY
+from fuzzyarm.fuzzy_policy.states import ERROR_STATES
 from fuzzyarm.fuzzy_policy.ts_model import PREMISES
 
 __all__ = ["FuzzyPolicy"]
@@ -44,11 +60,12 @@ class FuzzyPolicy(Policy):
         # Without the integral its gain is zero, so that one law serves both.
         gains = np.zeros((*controller.gains.shape[:-1], ERROR_STATES))
         gains[..., :n_e] = controller.gains
+        rules = np.concatenate([gains, controller.feedforward_gains], axis=-1)
         self._arguments = (
-            gains,
-            np.ascontiguousarray(controller.feedforward_gains),
+            rules.reshape(-1, size(Rule)),
+            gains.shape[1],
             np.array(model.kept_in_A, dtype=np.int64),
-            model.bounds,
+            model.bounds.T.ravel(),
             *(arm.c2, arm.c4, arm.c5),  # not the whole record, which takes as long to hand over as the law itself
             self.control_period,
         )
@@ -66,13 +83,98 @@ class FuzzyPolicy(Policy):
         _fuzzy_law(observation, memory, torque, *self._arguments)
 
 
+Wanted = record_type("Wanted", position=PerJoint, velocity=PerJoint, acceleration=PerJoint)
+Error = record_type("Error", position=PerJoint, velocity=PerJoint, integral=PerJoint)
+Weights = record_type("Weights", **dict.fromkeys(PREMISES, Any))
+Bounds = record_type("Bounds", low=Weights, high=Weights)
+Gains = record_type("Gains", back=Error, forward=Wanted)
+Rule = record_type("Rule", torque1=Gains, torque2=Gains)
+Block = record_type(
+    "Block", q=PerJoint, dq=PerJoint, wanted=Wanted, x_I=PerJoint, error=Error, weights=Weights, h=Any, torque=PerJoint
+)
+"""What a block of lanes holds: observation, memory, ē, the weights ω of the premises, a rule's h, torque."""
+
+_AT, _SIZE = places(Block), size(Block) * BLOCK
+_H, _OMEGA = _AT.h * BLOCK, _AT.weights.z1 * BLOCK
+_read_q, _read_dq, _read_x_I, _read_torque = (
+    reader(PerJoint, in_block, at) for at in (_AT.q, _AT.dq, _AT.x_I, _AT.torque)
+)
+_write_x_I, _write_torque = (writer(PerJoint, in_block, at) for at in (_AT.x_I, _AT.torque))
+_read_wanted, _read_error = reader(Wanted, in_block, _AT.wanted), reader(Error, in_block, _AT.error)
+_write_error, _write_weights = writer(Error, in_block, _AT.error), writer(Weights, in_block, _AT.weights)
+_read_bounds, _read_rule = reader(Bounds, in_list), reader(Rule, in_columns)
+
+
+@register_jitable(forceinline=True)
+def _premises(q: PerJoint, dq: PerJoint, c2: float, c4: float, c5: float) -> Any:
+    """Return the premises (6) at the measured motor angles, as `premises` has them."""
+    sinc12, (sin2, cos2) = _sinc(q.joint1 + q.joint2), sine_cosine(q.joint2)
+    gravity = -c4 * _sinc(q.joint1) - c5 * sinc12
+    return Weights(cos2, gravity, -c5 * sinc12, c2 * dq.joint2 * sin2, -c2 * dq.joint1 * sin2)
+
+
+@register_jitable(forceinline=True)
+def _sinc(angle: float) -> float:
+    """Return sin(x)/x, 1 at x = 0."""
+    ratio: float = select(angle == 0.0, 1.0, sine_cosine(angle)[0] / angle)
+    return ratio
+
+
+@register_jitable(forceinline=True)
+def _at_maximum(z: float, low: float, high: float) -> float:
+    """Return the weight of the vertex at a premise's maximum."""
+    return min(max((z - low) / (high - low), 0.0), 1.0)
+
+
+@register_jitable(forceinline=True)
+def _minus(a: PerJoint, b: PerJoint) -> PerJoint:
+    return PerJoint(a.joint1 - b.joint1, a.joint2 - b.joint2)
+
+
+@register_jitable(forceinline=True)
+def _advanced(error: Any, period: float) -> PerJoint:
+    """Return x_I one control period later."""
+    e, x_I = error.position, error.integral
+    return PerJoint(x_I.joint1 + period * e.joint1, x_I.joint2 + period * e.joint2)
+
+
+@register_jitable
+def _blend(block: np.ndarray, lanes: int, kept_in_A: np.ndarray, i: int) -> None:
+    """Fill h of vertex i of A."""
+    for lane in range(lanes):
+        block[_H + lane] = 1.0
+    for position in range(len(kept_in_A)):
+        omega, at_maximum = _OMEGA + kept_in_A[position] * BLOCK, (i >> position) & 1
+        for lane in range(lanes):
+            block[_H + lane] *= _weight(block[omega + lane], at_maximum)
+
+
+@register_jitable(forceinline=True)
+def _weight(omega: float, at_maximum: int) -> float:
+    """Return ω for a vertex at the premise's maximum, 1 - ω for one at its minimum."""
+    return omega if at_maximum else 1.0 - omega
+
+
+@register_jitable(forceinline=True)
+def _added(torque: float, h: float, gains: Any, error: Any, wanted: Any) -> float:
+    """Return the torque with h (K ē + L r) added, entry by entry."""
+    back, forward = gains
+    for part in range(len(back)):
+        for joint in range(JOINTS):
+            torque += h * (back[part][joint] * error[part][joint] + forward[part][joint] * wanted[part][joint])
+    return torque
+
+
+_weights = joint_by_joint(_at_maximum, Weights, 3)
+
+
 @kernel
 def _fuzzy_law(
     observation: np.ndarray,
     integral: np.ndarray,
     torque: np.ndarray,
-    gains: np.ndarray,
-    feedforward: np.ndarray,
+    rules: np.ndarray,
+    of_E: int,
     kept_in_A: np.ndarray,
     bounds: np.ndarray,
     c2: float,
@@ -86,56 +188,38 @@ def _fuzzy_law(
         observation: (lanes, 10).
         integral: x_I (lanes, 2) [rad s].
         torque: (lanes, 2), becomes u [N m].
-        gains: K̄ = [K H], (N, N_e, 2, 6).
-        feedforward: L, (N, N_e, 2, 6).
+        rules: K̄ = [K H] and L of each rule, (N N_e, numbers of `Rule`).
+        of_E: N_e, how many vertices E has.
         kept_in_A: indices of the premises that blend A.
-        bounds: of the premises, (5, 2).
+        bounds: of the premises, (numbers of `Bounds`,).
         c2: inertia of (3) [kg m²].
         c4: gravity torque of (3) [N m].
         c5: likewise.
         period: T [s].
     """
-    o, reference = observed(observation), observation[:, REFERENCE]
-    omega, error = np.empty(len(PREMISES)), np.empty(ERROR_STATES)
-    e, de, x_I = error[POSITION], error[VELOCITY], error[INTEGRAL]
-    for lane in range(len(observation)):
-        q1, q2, dq1, dq2 = o.q_motor[lane, 0], o.q_motor[lane, 1], o.dq_motor[lane, 0], o.dq_motor[lane, 1]
-        # The premises (6) at the measured motor angles, as `premises` has them.
-        sinc12, (sin2, cos2) = _sinc(q1 + q2), sine_cosine(q2)
-        z = (cos2, -c4 * _sinc(q1) - c5 * sinc12, -c5 * sinc12, c2 * dq2 * sin2, -c2 * dq1 * sin2)
-        for index in range(len(omega)):  # the weight of the vertex at the premise's maximum
-            low, high = bounds[index, 0], bounds[index, 1]
-            omega[index] = min(max((z[index] - low) / (high - low), 0.0), 1.0)
-        for joint in range(JOINTS):
-            e[joint] = o.q_motor[lane, joint] - o.q_reference[lane, joint]
-            de[joint] = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
-            x_I[joint] = integral[lane, joint]
-        torque1, torque2 = 0.0, 0.0
-        for i in range(gains.shape[0]):
-            h = 1.0
-            for position in range(len(kept_in_A)):
-                h *= _weight(omega[kept_in_A[position]], (i >> position) & 1)
-            for k in range(gains.shape[1]):
-                hv = h if gains.shape[1] == 1 else h * _weight(omega[0], k)  # z1 alone blends E
-                for entry in range(ERROR_STATES):
-                    back, forward = error[entry], reference[lane, entry]
-                    torque1 += hv * (gains[i, k, 0, entry] * back + feedforward[i, k, 0, entry] * forward)
-                    torque2 += hv * (gains[i, k, 1, entry] * back + feedforward[i, k, 1, entry] * forward)
-        torque[lane, 0], torque[lane, 1] = torque1, torque2
-        for joint in range(JOINTS):
-            integral[lane, joint] += period * e[joint]
+    block, limits = np.empty(_SIZE), _read_bounds(bounds, 0)
+    for first in range(0, len(observation), BLOCK):
+        lanes = min(BLOCK, len(observation) - first)
+        into_block(observation, first, lanes, block, _AT.q.joint1)
+        into_block(integral, first, lanes, block, _AT.x_I.joint1)
+        for lane in range(lanes):
+            q, dq, wanted = _read_q(block, lane), _read_dq(block, lane), _read_wanted(block, lane)
+            error = Error(_minus(q, wanted.position), _minus(dq, wanted.velocity), _read_x_I(block, lane))
+            _write_error(block, lane, error)
+            _write_x_I(block, lane, _advanced(error, period))
+            _write_weights(block, lane, _weights(_premises(q, dq, c2, c4, c5), limits.low, limits.high))
+            _write_torque(block, lane, PerJoint(0.0, 0.0))
+        for number in range(len(rules)):
+            i, k, rule = number // of_E, number % of_E, _read_rule(rules, number)
+            if k == 0:
+                _blend(block, lanes, kept_in_A, i)
+            for lane in range(lanes):
+                h = block[_H + lane] * (_weight(block[_OMEGA + lane], k) if of_E > 1 else 1.0)  # z1 alone blends E
+                error, wanted, before = _read_error(block, lane), _read_wanted(block, lane), _read_torque(block, lane)
+                torque1 = _added(before.joint1, h, rule.torque1, error, wanted)
+                _write_torque(block, lane, PerJoint(torque1, _added(before.joint2, h, rule.torque2, error, wanted)))
+        out_of_block(block, _AT.x_I.joint1, integral, first, lanes)
+        out_of_block(block, _AT.torque.joint1, torque, first, lanes)
 
 
 _ACT = spread_of(_fuzzy_law)
-
-
-@register_jitable
-def _weight(omega: float, at_maximum: int) -> float:
-    """Return ω for a vertex at the premise's maximum, 1 - ω for one at its minimum."""
-    return omega if at_maximum else 1.0 - omega
-
-
-@register_jitable
-def _sinc(angle: float) -> float:
-    """Return sin(x)/x, 1 at x = 0."""
-    return 1.0 if angle == 0.0 else sine_cosine(angle)[0] / angle

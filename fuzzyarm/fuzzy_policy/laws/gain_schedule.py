@@ -136,7 +136,7 @@ def _turned_to(angles: np.ndarray, kept: tuple[int, ...]) -> list[np.ndarray]:
     return turned
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def place_in_schedule(
     q: np.ndarray, kept: np.ndarray, cosine: bool, points: int, index: np.ndarray, weight: np.ndarray
 ) -> None:

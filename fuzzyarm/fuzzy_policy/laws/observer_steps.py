@@ -19,18 +19,23 @@ __all__ = ["Prediction", "act_of", "begin_of", "correct_of", "estimated_of", "pr
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
-@register_jitable
-def _add_product(
-    table: np.ndarray, index: np.ndarray, weight: np.ndarray, x: np.ndarray, sign: float, y: np.ndarray, lane: int
-) -> None:
-    """Add ±G x to y[lane] (rows,), with G (rows, columns) interpolated between the points `index` of a table."""
-    for corner in range(len(index)):
-        point, share = index[corner], sign * weight[corner]
-        for i in range(table.shape[1]):
-            product = 0.0
-            for k in range(table.shape[2]):
-                product += table[point, i, k] * x[k]
-            y[lane, i] += share * product
+@functools.cache
+def _add_product_of(rows: int, columns: int) -> Any:
+    """Return the compiled function that adds ±G x to y[lane] (rows,), G interpolated between points of a table."""
+
+    @register_jitable(forceinline=True)
+    def add_product(
+        table: np.ndarray, index: np.ndarray, weight: np.ndarray, x: np.ndarray, sign: float, y: np.ndarray, lane: int
+    ) -> None:
+        for corner in range(len(index)):
+            point, share = index[corner], sign * weight[corner]
+            for i in range(rows):
+                product = 0.0
+                for k in range(columns):
+                    product += table[point, i, k] * x[k]
+                y[lane, i] += share * product
+
+    return add_product
 
 
 def _first_of_parts(joints: int) -> Estimate:
@@ -59,8 +64,9 @@ def estimated_of(joints: int) -> Any:
 def correct_of(joints: int) -> Any:
     """Return the compiled function that corrects a lane's (x̂, d̂)⁻ by what is measured, and gives ν (2 n,)."""
     q_motor, _, dq_motor, _, _ = _first_of_parts(joints)
+    add_product = _add_product_of(5 * joints, 2 * joints)
 
-    @register_jitable
+    @register_jitable(forceinline=True)
     def correct(
         lane: int,
         o: Observation,
@@ -73,7 +79,7 @@ def correct_of(joints: int) -> Any:
         for i in range(joints):
             innovation[i] = o.q_motor[lane, i] - predicted[lane, q_motor + i]
             innovation[joints + i] = o.dq_motor[lane, i] - predicted[lane, dq_motor + i]
-        _add_product(observer, index, weight, innovation, 1.0, predicted, lane)
+        add_product(observer, index, weight, innovation, 1.0, predicted, lane)
 
     return correct
 
@@ -83,8 +89,9 @@ def act_of(joints: int) -> Any:
     """Return the compiled function that turns a lane's u_ff into u = u_ff - d̂ - K (x̂ - x_d); `error` is room (4 n,)."""
     q_motor, q_link, dq_motor, dq_link, load = _first_of_parts(joints)
     theta_d, dtheta_d, _ = (part.start for part in target_parts(joints))
+    add_product = _add_product_of(joints, 4 * joints)
 
-    @register_jitable
+    @register_jitable(forceinline=True)
     def act(
         lane: int,
         o: Observation,
@@ -104,7 +111,7 @@ def act_of(joints: int) -> Any:
             error[2 * joints + i] = predicted[lane, dq_motor + i] - target[lane, dtheta_d + i]
             error[3 * joints + i] = predicted[lane, dq_link + i] - o.dq_reference[lane, i]
             torque[lane, i] -= predicted[lane, load + i]
-        _add_product(feedback, index, weight, error, -1.0, torque, lane)
+        add_product(feedback, index, weight, error, -1.0, torque, lane)
 
     return act
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -62,6 +63,11 @@ class TipClaim:
     duration: float = 1.5
     steps: int | None = None
 
+    def samples(self, count: int) -> str:
+        """Return in words which samples of the motion `count` ones are."""
+        total = math.ceil(self.duration / PERIOD - 1e-9)
+        return f"every one of {total} samples" if count == total else f"the first {count} of {total} samples"
+
 
 @dataclasses.dataclass(frozen=True)
 class TipBound:
@@ -115,7 +121,7 @@ class TipBound:
         what = escaped(f"{c.policy}, {c.case}, set {c.set_name}")
         return (
             f"{what}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm\n"
-            f"  at every one of {len(self.tip)} samples of the {c.path} in {c.duration:g} s: PROVEN "
+            f"  at {c.samples(len(self.tip))} of the {c.path} in {c.duration:g} s: PROVEN "
             f"in {self.seconds:.0f} s\n"
             f"  largest at t = {at:.3f} s; made of, in mm: {parts}"
         )

@@ -26,7 +26,7 @@ from fuzzyarm.eval.certified.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.friction import Plan
 from fuzzyarm.eval.certified.tip.period import Claim
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet, check_set_name
 from fuzzyarm.eval.certified.tip.transition import ROW_COUNT, STATES
 from fuzzyarm.policies import load_policy, resolve
 
@@ -97,7 +97,7 @@ class BoundCheck:
     def sentence(self) -> str:
         """What is proven of the tip, in one sentence."""
         c = self.claim
-        motion = f"{c.path} in {c.duration:g} s, case {c.case}"
+        motion = f"{c.samples(len(self.tip))} of the {c.path} in {c.duration:g} s, case {c.case}"
         most = at_most(1e3 * self.bound, 4)
         said = "claimed" if self.reason else "proven"
         return f"tip within {most} mm for set {c.set_name}, {said} (elastic arm, sampled control; {motion})"
@@ -156,6 +156,7 @@ def read_bound(path: Path) -> tuple[TipClaim, _Document, Claims]:
             document.policy, document.case, document.set_name, PlantSet.from_dict(document.plants), document.path,
             document.duration, len(document.tip),
         )  # fmt: skip
+        check_set_name(claim.set_name, claim.plants)
         real("bound", document.bound, "m", low=0.0)
         if resolve(document.policy).files() != document.files:
             raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")

@@ -99,7 +99,10 @@ def bounds_of_cells(
     Raises:
         NoBound: a cell has none; the message says which.
     """
-    tasks = [dataclasses.replace(claim, plants=cell) for cell in cells(claim.plants, divisions)]
+    tasks = [
+        dataclasses.replace(claim, plants=cell, set_name=f"{claim.set_name}, cell {number}")
+        for number, cell in enumerate(cells(claim.plants, divisions), 1)
+    ]
     names = [name for name, _ in divisions]
     paths = [out and out.with_name(f"{out.stem}-{number:03}") for number in range(1, len(tasks) + 1)]
     work = (delayed(_saved)(task, claim.plants, names, path) for task, path in zip(tasks, paths, strict=True))

@@ -18,7 +18,7 @@ from fuzzyarm.common.rounding import at_most
 from fuzzyarm.eval.certified.tip.bound import TipClaim
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
 from fuzzyarm.eval.certified.tip.cells import CellBound, missed, ranges_in_words
-from fuzzyarm.eval.certified.tip.plant_set import RANGES, PlantSet
+from fuzzyarm.eval.certified.tip.plant_set import RANGES, PlantSet, check_set_name
 
 __all__ = ["SCHEMA", "CellsCheck", "check_cells", "is_cells", "save_cells"]
 
@@ -96,6 +96,7 @@ def check_cells(path: Path) -> CellsCheck:
             document.policy, document.case, document.set_name, PlantSet.from_dict(document.plants), document.path,
             document.duration, document.samples,
         )  # fmt: skip
+        check_set_name(claim.set_name, claim.plants)
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
     begin = time.perf_counter()

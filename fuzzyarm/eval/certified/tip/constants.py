@@ -6,6 +6,8 @@
     mass, payload, force   -Δp R_p on the links.
 
 A constant keeps its value, so its column of the zonotope is driven by the signal with one factor in [-1, 1] for good.
+A motor whose velocity is bounded by itself (`Plan.MONOTONE`) takes no signal: its channel stands for the velocity, and
+that bound holds what the torques of the constants do (`Friction.driving`).
 """
 
 from __future__ import annotations
@@ -18,11 +20,11 @@ from flint import arb
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, Signal, rest_size, signal_size
 from fuzzyarm.eval.certified.tip.enclosures import centre, radius_of
-from fuzzyarm.eval.certified.tip.friction import Friction
+from fuzzyarm.eval.certified.tip.friction import Friction, Plan
 from fuzzyarm.eval.certified.tip.plant import BallPlant, Parameter
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, COUNT
 
-__all__ = ["Drive", "drive"]
+__all__ = ["ConstantTorque", "Drive", "constant_torques", "drive"]
 
 
 class Drive(NamedTuple):
@@ -40,25 +42,62 @@ class Drive(NamedTuple):
     motor: np.ndarray
 
 
-def drive(motion: PeriodMotion, force: Forces, plant: BallPlant, frictions: list[Friction]) -> Drive:
-    """Return the torques of the uncertain constants in one period."""
-    count = len(plant.parameters)
+class ConstantTorque(NamedTuple):
+    """The torque of an uncertain constant on one channel: a_0, a_1, what they leave, and a bound of all of it."""
+
+    constant: int
+    channel: int
+    level: float
+    slope: float
+    rest: float
+    size: float
+
+
+def constant_torques(motion: PeriodMotion, force: Forces, plant: BallPlant) -> list[ConstantTorque]:
+    """Return the torques of all constants but the dry friction's, which depends on how friction is bounded."""
+    return [
+        _linear_in_time(index, channel, signal)
+        for index, parameter in enumerate(plant.parameters)
+        for channel, signal in _signals(parameter, motion, force)
+    ]
+
+
+def drive(torques: list[ConstantTorque], plant: BallPlant, frictions: list[Friction]) -> Drive:
+    """Return what the uncertain constants do, from `constant_torques` and the frictions of both motors."""
+    count, motors = len(plant.parameters), range(COUNT)[CHANNELS.motor]
     level, slope = np.zeros((COUNT, count)), np.zeros((COUNT, count))
     rest, motor = np.zeros(COUNT), np.zeros(JOINTS)
-    for index, parameter in enumerate(plant.parameters):
-        for channel, signal in _signals(parameter, motion, force, frictions):
-            a = [*signal, arb(0), arb(0)]
-            level[channel, index], slope[channel, index] = centre(a[0]), centre(a[1])
-            spread = radius_of(a[0], level[channel, index]) + radius_of(a[1], slope[channel, index])
-            rest[channel] += rest_size(signal) + spread
-            if channel not in range(COUNT)[CHANNELS.link]:
-                motor[channel % JOINTS] += signal_size(signal)
+    for torque in [*torques, *_dry(plant, frictions)]:
+        if torque.channel not in range(COUNT)[CHANNELS.link]:
+            motor[torque.channel % JOINTS] += torque.size
+        if torque.channel in motors and frictions[torque.channel].plan is Plan.MONOTONE:
+            continue
+        level[torque.channel, torque.constant] = torque.level
+        slope[torque.channel, torque.constant] = torque.slope
+        rest[torque.channel] += torque.rest
     return Drive(level, slope, rest, motor)
 
 
-def _signals(
-    parameter: Parameter, motion: PeriodMotion, force: Forces, frictions: list[Friction]
-) -> list[tuple[int, Signal]]:
+def _dry(plant: BallPlant, frictions: list[Friction]) -> list[ConstantTorque]:
+    """Return the torques of uncertain factors of the dry friction."""
+    found = []
+    for index, parameter in enumerate(plant.parameters):
+        if parameter.kind == "dry_friction":
+            torque = frictions[parameter.joint].torque()
+            if torque is not None:
+                channel = CHANNELS.motor.start + parameter.joint
+                found.append(_linear_in_time(index, channel, _times(arb(parameter.half), torque)))
+    return found
+
+
+def _linear_in_time(constant: int, channel: int, signal: Signal) -> ConstantTorque:
+    a = [*signal, arb(0), arb(0)]
+    level, slope = centre(a[0]), centre(a[1])
+    rest = rest_size(signal) + radius_of(a[0], level) + radius_of(a[1], slope)
+    return ConstantTorque(constant, channel, level, slope, rest, signal_size(signal))
+
+
+def _signals(parameter: Parameter, motion: PeriodMotion, force: Forces) -> list[tuple[int, Signal]]:
     """Return the signals of one constant with their channels."""
     joint, half = parameter.joint, arb(parameter.half)
     motor, within = CHANNELS.motor.start + joint, CHANNELS.joint.start + joint
@@ -72,8 +111,7 @@ def _signals(
         case "viscous_friction":
             return [(motor, _times(-half, motion.velocity[joint]))]
         case "dry_friction":
-            torque = frictions[joint].torque()
-            return [] if torque is None else [(motor, _times(half, torque))]
+            return []
         case "force":
             push = Forces(_times(half, force.x), _times(half, force.y))
         case _:

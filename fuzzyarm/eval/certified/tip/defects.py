@@ -12,6 +12,7 @@ in a_0 + [-1, 1] Σ |a_i|.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, NamedTuple
 
@@ -135,6 +136,11 @@ class PeriodMotion:
 
     def _derivative(self, signal: Signal) -> Signal:
         return [self._rate * i * signal[i] for i in range(1, len(signal))]
+
+    @functools.cached_property
+    def links(self) -> list[list[Any]]:
+        """Return balls that hold the angles, velocities and accelerations of both links during the whole period."""
+        return [[signal_range(s) for s in kind[JOINTS:]] for kind in (self.angle, self.velocity, self.acceleration)]
 
     def at(self, s: int) -> list[Any]:
         """Return the eight numbers of the state at s = -1 or s = 1."""

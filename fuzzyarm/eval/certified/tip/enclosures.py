@@ -9,9 +9,9 @@ u = 2^-53, in whatever order it is summed. `SLACK` = 2^-40 is that bound for 2^1
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-import numpy as np
 from flint import arb
 
 __all__ = [
@@ -59,7 +59,7 @@ def between(low: float, high: float) -> arb:
 def centre(x: Any) -> float:
     """Return a float near the middle of a ball; ValueError where the ball is not finite."""
     value = float(x.mid())
-    if not np.isfinite(value) or not x.is_finite():
+    if not math.isfinite(value) or not x.is_finite():
         raise ValueError("an enclosure is not finite")
     return value
 

@@ -15,7 +15,7 @@ import numpy as np
 from flint import arb
 
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, centre, radius_of
-from fuzzyarm.eval.certified.tip.zonotope import Zonotope, product
+from fuzzyarm.eval.certified.tip.zonotope import Zonotope, product, reach
 
 __all__ = ["Forms"]
 
@@ -49,9 +49,9 @@ class Forms:
     def spread(self, rows: np.ndarray) -> np.ndarray:
         """Return bounds of |r (x - c)| for rows (k, n)."""
         images = rows @ self._map
-        reach = np.abs(product(images, self._base.columns)).sum(axis=1) + np.abs(images) @ self._base.box
-        reach += np.abs(rows @ self._own).sum(axis=1)
-        return np.asarray((reach + np.abs(rows) @ (self.box + SLACK * self.sizes())) * ROUND_UP)
+        size = reach(images, self._base.columns) + np.abs(images) @ self._base.box
+        size += np.abs(rows @ self._own).sum(axis=1)
+        return np.asarray((size + np.abs(rows) @ (self.box + SLACK * self.sizes())) * ROUND_UP)
 
     def extend(self, rows: np.ndarray, at: list[Any], rest: np.ndarray, own: np.ndarray | None = None) -> None:
         """Append numbers r x, with `rows` (k, n), up to a `rest` (k,).

@@ -6,8 +6,9 @@ For a claimed tube ρ the remainders are bounded by w̄(ρ), and with them the d
 
 ξ_h: what start, held torque and uncertain constants alone make. If ρ'(ρ) < ρ in every row, the deviation never leaves
 ρ during the period (first exit): up to the first time at which it did, the bounds hold, so it is within ρ' there, and
-it is continuous. The rows of the accelerations are no part of the state; for them |a| <= r + Q |a| with Q >= 0 and
-r + Q ρ < ρ gives |a| <= ρ, because Q then has a spectral radius below one.
+it is continuous. The accelerations and the products of masses are no part of the state; together they obey a <= G(a),
+where G is the smaller of some r + Q a with r, Q >= 0, and G(ρ) < ρ gives a <= ρ: otherwise λ = max a/ρ > 1 had
+a <= G(λ ρ) <= λ G(ρ) < λ ρ.
 """
 
 from __future__ import annotations
@@ -19,16 +20,17 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.tip.centre import Mode, Segment
-from fuzzyarm.eval.certified.tip.constants import Drive, drive
+from fuzzyarm.eval.certified.tip.constants import Drive, constant_torques, drive
 from fuzzyarm.eval.certified.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound, low_high
 from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.eval.certified.tip.plant import BallPlant
-from fuzzyarm.eval.certified.tip.remainders import at_middle, lever_arms, link_remainder, tube_slopes
+from fuzzyarm.eval.certified.tip.remainders import LinkRemainder, lever_arms
 from fuzzyarm.eval.certified.tip.transition import (
     CHANNELS,
     COUNT,
     D_THETA,
+    ROW_COUNT,
     ROWS,
     STATES,
     Linear,
@@ -85,10 +87,12 @@ class Period:
         force, period = tip.middle, centre.duration
         self.motion, self.force, self.plant = PeriodMotion(centre.angles, period), force, plant
         self._centre, self._torque, self._period, self._tip = centre, torque, period, tip
-        self._at = at_middle(self.motion, force, plant.exact)
+        self._links = LinkRemainder(self.motion, tip, plant)
         self._lever, self._lever_spread = lever_arms(self.motion, tip.direction, plant.exact)
         torques = self.motion.link_torques(force, plant.exact)
         self._defect = np.array([signal_size(d) for d in self.motion.link_defects(torques, plant.exact)])
+        self._constants = constant_torques(self.motion, force, plant)
+        self._frictions: dict[tuple[int, Plan, Speed], Friction] = {}
         halves = {kind: np.array(plant.half(kind)) for kind in _PRODUCTS}
         self._within = [(halves["stiffness"], ROWS.bending), (halves["damping"], ROWS.bending_rate)]
         self._own = [(halves["motor_inertia"], ROWS.motor_acceleration), (halves["viscous_friction"], ROWS.d_theta)]
@@ -127,25 +131,24 @@ class Period:
     def _closed(
         self, start: Zonotope, known: tuple[Speed, ...], plans: list[Plan], claimed: np.ndarray | None = None
     ) -> Closed:
-        frictions = [
-            Friction(j, plans[j], self._centre.modes[j], self.motion, float(self._torque[j]), self.plant, known[j])
-            for j in range(JOINTS)
-        ]
+        frictions = [self._friction(j, plan, speed) for j, (plan, speed) in enumerate(zip(plans, known, strict=True))]
         system = linear(
-            self.plant.middle, *self._at, self._lever, np.array([f.slope for f in frictions]),
-            [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans],
+            self.plant.middle, *self._links.at, self._lever, np.array([f.slope for f in frictions]),
+            [p is Plan.HELD for p in plans], [p is Plan.MONOTONE for p in plans], self._links.products,
         )  # fmt: skip
-        solution, driven = transition(system, self._period), drive(self.motion, self.force, self.plant, frictions)
+        driven, before = drive(self._constants, self.plant, frictions), start.totals()[D_THETA]
+        if claimed is None:
+            self._check_monotone(self._least(start, system, frictions, driven, before), before, frictions)
+        solution = transition(system, self._period)
         columns, free = self._free(start, system, solution, driven)
-        before = start.totals()[D_THETA]
-        tube = free * 1.01 + 1e-15 if claimed is None else claimed
+        tube = free[:ROW_COUNT] * 1.01 + 1e-15 if claimed is None else claimed
         for _ in range(ITERATIONS if claimed is None else 1):
-            torques = self._torques(tube, frictions, driven, before)
-            reached = (free + solution.push @ torques) * ROUND_UP
+            torques = self._torques(tube, frictions, driven, before, (free, solution.push))
+            reached = ((free + solution.push @ torques) * ROUND_UP)[:ROW_COUNT]
             self._given_accelerations(reached, tube, frictions)
             if (reached < tube).all():
                 if claimed is None:
-                    self._check_monotone(torques, before, frictions)
+                    self._check_monotone(torques[CHANNELS.motor], before, frictions)
                 after = self._speeds(tube, frictions, driven)
                 drags = tuple(f.drag if f.plan is Plan.MIXED else None for f in frictions)
                 return Closed(tube, torques, solution, driven, columns, after, tuple(plans), drags)
@@ -165,47 +168,76 @@ class Period:
                 pull = friction.pull(float(tube[ROWS.net][j])) / inertia[j]
                 reached[ROWS.motor_acceleration.start + j] = pull * ROUND_UP
 
-    def _check_monotone(self, torques: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
-        """Give up a plan that lets a velocity grow by much of what the friction itself could."""
+    def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
+        """Return the friction of a motor by a plan; it is made once."""
+        key = joint, plan, known
+        if key not in self._frictions:
+            mode, torque = self._centre.modes[joint], float(self._torque[joint])
+            self._frictions[key] = Friction(joint, plan, mode, self.motion, torque, self.plant, known)
+        return self._frictions[key]
+
+    def _least(
+        self, start: Zonotope, system: Linear, frictions: list[Friction], driven: Drive, before: np.ndarray
+    ) -> np.ndarray:
+        """Return velocities (2,) of the plan MONOTONE that no tube can be below, as it holds the start."""
+        least = before.copy()
+        if Plan.MONOTONE in {friction.plan for friction in frictions}:
+            nets = start.size(system.S[ROWS.net])
+            for j, friction in enumerate(frictions):
+                least[j] = friction.parted(before[j], self._period, friction.driving(nets[j], driven.motor[j], 0.0))
+        return least
+
+    def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
+        """Give up a plan that lets a velocity (2,) grow by much of what the friction itself could."""
         inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
         static = self.plant.middle.static1, self.plant.middle.static2
         for j, friction in enumerate(frictions):
-            grown = torques[CHANNELS.motor][j] - before[j]
+            grown = after[j] - before[j]
             if friction.plan is Plan.MONOTONE and grown * inertia[j] > WORTH * static[j] * self._period:
                 raise PlanFails(j)
 
     def _free(
         self, start: Zonotope, system: Linear, solution: Transition, driven: Drive
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns (8, n) at the end, and the bound (18,) of |S ξ_h| during the period."""
-        S, D, b = system.S, system.D, system.b
-        constants = driven.level.shape[1]
+        """Return the columns (8, n) at the end, and the bound (18 + n,) of |S ξ_h| during the period."""
+        S, D, b, states = system.S, system.D, system.b, slice(0, STATES)
+        constants, totals = driven.level.shape[1], start.totals()
         columns = product(solution.phi, start.columns)
         columns[:, :constants] += solution.held @ driven.level + solution.ramp @ driven.slope
-        end = Zonotope(len(columns), constants)
-        slack = solution.growth @ (start.box + SLACK * start.totals())
-        end.columns, end.box = columns, slack
-        first = start.size(S, D @ (driven.level - driven.slope))
-        last = end.size(S, D @ (driven.level + driven.slope))
-        # ξ̈ = e^{A t} g with g = A² ξ(0) + A b a(0) + b ȧ, because a is linear in time.
+        whole = Zonotope(len(columns), constants)
+        whole.columns, whole.box = columns, solution.growth @ (start.box + SLACK * totals)
+        end = whole.part(slice(None))
+        own, others = np.diag(S)[states], slice(STATES, None)  # a state is observed by itself, see `linear`
+        first = start.size(S[others], D[others] @ (driven.level - driven.slope))
+        last = end.size(S[others], D[others] @ (driven.level + driven.slope))
+        ends = np.maximum([*(own * totals[states]), *first], [*(own * end.totals()[states]), *last])
+        # ξ̈ = e^{A t} g with g = A² ξ(0) + A b a(0) + b ȧ, because a is linear in time; S is one on the states, and
+        # the held torque has no acceleration.
         kick = b @ driven.slope * (2.0 / self._period)
         turn = system.A @ (b @ (driven.level - driven.slope)) + kick
         bend = start.size(solution.S_A_A, S @ turn)
-        totals, sized = start.totals(), np.abs(S) @ system.size
-        whole = start.size(solution.A_A, turn) + SLACK * system.size @ (system.size @ totals)
-        grown = self._period * (np.abs(solution.S_A) + SLACK * np.abs(S) @ system.size) @ solution.growth @ whole
+        sized = np.abs(S) @ system.size
+        turned = SLACK * system.size @ (system.size @ totals)
+        turned[states] += bend[states]
+        grown = self._period * (np.abs(solution.S_A) + SLACK * np.abs(S) @ system.size) @ solution.growth @ turned
         sizes = np.abs(S) @ (system.size @ np.abs(b) @ (np.abs(driven.level) + np.abs(driven.slope)) + np.abs(kick))
         # Rounding of the products of matrices themselves, whose terms may cancel.
         second = bend + grown + 4.0 * SLACK * (sizes.sum(axis=1) + sized @ (system.size @ totals))
         slack_of_rows = SLACK * (system.size_of_rows @ (totals + end.totals()))
-        free = np.maximum(first, last) + self._period**2 / 8.0 * second + slack_of_rows
+        free = ends + self._period**2 / 8.0 * second + slack_of_rows
         return columns, free * ROUND_UP
 
-    def _torques(self, tube: np.ndarray, frictions: list[Friction], driven: Drive, before: np.ndarray) -> np.ndarray:
-        """Return w̄ (8,) for a claimed tube."""
+    def _torques(
+        self,
+        tube: np.ndarray,
+        frictions: list[Friction],
+        driven: Drive,
+        before: np.ndarray,
+        observed: tuple[np.ndarray, np.ndarray],
+    ) -> np.ndarray:
+        """Return w̄ (8,) for a claimed tube; all that is `observed` (free, push) is within free + push w̄."""
         torques = driven.rest.copy()
-        slopes = tube_slopes(self.motion, tube, self._tip, self.plant.whole)
-        torques[CHANNELS.link] += self._defect + link_remainder(slopes, self._at, tube)
+        torques[CHANNELS.link] += self._defect
         torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
         within = sum(half * tube[rows] for half, rows in self._within)
         own = sum(half * tube[rows] for half, rows in self._own)
@@ -220,6 +252,7 @@ class Period:
             torques[CHANNELS.motor][j] += friction.bound(
                 tube[ROWS.d_theta][j], tube[ROWS.net][j], driven.motor[j] + within[j], own[j]
             )
+        torques[CHANNELS.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:

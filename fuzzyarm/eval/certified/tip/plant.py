@@ -1,4 +1,4 @@
-"""The arm of a set in numbers: its middle, what each uncertain constant adds, and balls that hold every arm of the set.
+"""The arm of a set in numbers: its middle, and what each uncertain constant adds.
 
     p = p_0 + Δp π_p,  |π_p| <= 1;      R(·; p) = R(·; p_0) + Σ Δp π_p R_p,      R_p: R with the constants ∂c/∂p,
 
@@ -55,14 +55,12 @@ class BallPlant:
     Attributes:
         middle: constants in floats, of the arm in the middle.
         exact: the same in balls that hold the exact constants of that arm.
-        whole: balls that hold those of every arm of the set.
         parameters: what is uncertain.
         share: lowest and highest factor of the dry friction of each motor, relative to the middle.
     """
 
     middle: Arm
     exact: Arm
-    whole: Arm
     parameters: tuple[Parameter, ...]
     share: tuple[tuple[float, float], ...]
 
@@ -106,7 +104,7 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
         units.append(Parameter("force", 0, _half(plants.force), massless))
     uncertain += units
     middle = Arm(*(centre(x) for x in exact))
-    return BallPlant(middle, exact, _whole(exact, uncertain), tuple(uncertain), share)
+    return BallPlant(middle, exact, tuple(uncertain), share)
 
 
 _FACTORS = {
@@ -163,13 +161,3 @@ def _mass_units(plant: Plant, plants: PlantSet, parameters: ArmParameters) -> li
         arm = loaded(empty, arb(_half(plants.payload)), arb(parameters.length[-1]), plant.gravity)
         found.append(Parameter("payload", 0, _half(plants.payload), arm))
     return found
-
-
-def _whole(exact: Arm, uncertain: list[Parameter]) -> Arm:
-    """Return balls that hold every arm of the set."""
-    whole = exact
-    for parameter in uncertain:
-        if parameter.arm is not None:
-            wider = {name: getattr(whole, name) + getattr(parameter.arm, name) * between(-1.0, 1.0) for name in _LUMPED}
-            whole = whole._replace(**wider)
-    return whole

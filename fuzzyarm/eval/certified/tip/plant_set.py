@@ -17,7 +17,7 @@ from fuzzyarm.common.documents import read_toml, record
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
 
-__all__ = ["BY_JOINT", "RANGES", "SETS", "PlantSet", "find_set"]
+__all__ = ["BY_JOINT", "RANGES", "SETS", "PlantSet", "check_set_name", "find_set"]
 
 Range = tuple[float, float]
 Factor = tuple[float | Range, float | Range]
@@ -123,6 +123,12 @@ SETS: dict[str, PlantSet] = {
 }
 """Sets by name: the arm of Table 1 alone; with any friction torque up to the static one; K ± 2 %, B ± 10 %, m ± 0.5 %,
 I_a ± 1 %, dry friction ± 20 %; the same with every torque one control period late."""
+
+
+def check_set_name(name: str, plants: PlantSet) -> None:
+    """Raise ValueError where a name of `SETS` is given to other plants than its own."""
+    if name in SETS and plants != SETS[name]:
+        raise ValueError(f"set_name = {checks.shown(name)}, but the plants are not those of this set")
 
 
 def find_set(name: str | Path) -> PlantSet:

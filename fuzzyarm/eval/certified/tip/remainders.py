@@ -3,6 +3,7 @@
 With the tube |S ξ| <= ρ during the period, the torques that are left out are bounded by
 
     links    |d| + |M - M_k| ρ_q̈ + |R_q - G_k| ρ_q + |R_q̇ - D_k| ρ_q̇     M, R_q, R_q̇ at every point of the tube (balls),
+             and for each uncertain mass the same with its R_p, and |r_p ξ|, see `LinkRemainder`,
     joints   Δk ρ_φ + Δb ρ_φ̇                                            products of uncertain constants,
     motors   ΔI ρ_θ̈ + Δf ρ_θ̇ and the friction, see `friction`,
     tip      the force of any course,
@@ -22,9 +23,13 @@ from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
 from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, TipForces, signal_range
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, no_jet, radius_of
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
-from fuzzyarm.eval.certified.tip.transition import ROWS
+from fuzzyarm.eval.certified.tip.plant import BallPlant
+from fuzzyarm.eval.certified.tip.transition import CHANNELS, OBSERVED, ROWS
 
-__all__ = ["LinkSlopes", "at_middle", "lever_arms", "link_remainder", "link_slopes", "tube_slopes"]
+__all__ = ["LinkRemainder", "LinkSlopes", "at_middle", "lever_arms", "link_remainder", "link_slopes", "tube_slopes"]
+
+REFINED = 3  # how often the products of the masses are bounded anew
+_NO_FORCE = TipForces(Forces([arb(0)], [arb(0)]), (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
 
 
 class LinkSlopes(NamedTuple):
@@ -60,14 +65,11 @@ def tube_slopes(motion: PeriodMotion, tube: np.ndarray, force: TipForces, arm: A
 
     M [kg m²], ∂R/∂q [N m/rad] and ∂R/∂q̇ [N m s/rad], (2, 2) each.
     """
-    boxes = []
-    for kind, rows in (
-        (motion.angle, ROWS.link),
-        (motion.velocity, ROWS.d_link),
-        (motion.acceleration, ROWS.link_acceleration),
-    ):
-        radii = tube[rows].tolist()
-        boxes.append([signal_range(s) + ball(0.0, r) for s, r in zip(kind[JOINTS:], radii, strict=True)])
+    rows = ROWS.link, ROWS.d_link, ROWS.link_acceleration
+    boxes = [
+        [x + ball(0.0, r) for x, r in zip(along, tube[of].tolist(), strict=True)]
+        for along, of in zip(motion.links, rows, strict=True)
+    ]
     x, y = (signal_range(s) + ball(0.0, r) for s, r in zip(force.middle, force.radii, strict=True))
     return link_slopes(boxes, (x, y), arm)
 
@@ -81,6 +83,57 @@ def link_remainder(slopes: LinkSlopes, at: tuple[np.ndarray, np.ndarray, np.ndar
         )
         total += spread @ tube[rows]
     return total * ROUND_UP
+
+
+class LinkRemainder:
+    """The torques on the links that their linear equation leaves out in one period.
+
+    With R(·; p) = R + Σ π_p R_p, |π_p| <= 1, and r_p ξ = M_p δq̈ + R_p,q δq + R_p,q̇ δq̇ at the middle of the period,
+
+        |n| <= E + Σ (E_p + |r_p ξ|),      E, E_p: what `link_remainder` leaves of R and of R_p on the tube.
+
+    r_p ξ is a row that is observed like the others: what it has of links that turn against each other cancels in it,
+    which it does not in |M_p| ρ_q̈ + |R_p,q| ρ_q + |R_p,q̇| ρ_q̇. The smaller of the two counts.
+
+    Attributes:
+        at: M_k, G_k and D_k, see `at_middle`.
+        products: r_p (2 masses, 6) over the rows `OBSERVED`.
+    """
+
+    def __init__(self, motion: PeriodMotion, force: TipForces, plant: BallPlant) -> None:
+        """Take the centre, what may act at the tip, and the plant."""
+        self._motion, self._force, self._arm = motion, force, plant.exact
+        self.at = at_middle(motion, force.middle, plant.exact)
+        arms = [parameter.arm for parameter in plant.parameters if parameter.kind in ("mass", "payload")]
+        self._masses = [(arm, at_middle(motion, _NO_FORCE.middle, arm)) for arm in arms if arm is not None]
+        self.products = np.vstack([np.zeros((0, len(OBSERVED))), *(np.hstack(at) for _, at in self._masses)])
+
+    def bound(self, tube: np.ndarray, torques: np.ndarray, free: np.ndarray, push: np.ndarray) -> np.ndarray:
+        """Return a bound (2,) of |n| [N m] on a claimed tube (18,).
+
+        Args:
+            tube: ρ.
+            torques: w̄ (8,) without n.
+            free: (18 + n,) all that is observed, then the `products`, is within free + push w̄.
+            push: (18 + n, 8).
+        """
+        fixed = link_remainder(tube_slopes(self._motion, tube, self._force, self._arm), self.at, tube)
+        for arm, at in self._masses:
+            fixed += link_remainder(tube_slopes(self._motion, tube, _NO_FORCE, arm), at, tube)
+        sizes, count = np.abs(self.products), len(self.products)
+        found = (fixed + _by_link(sizes @ tube[OBSERVED])) * ROUND_UP
+        for _ in range(REFINED if count else 0):
+            acting = torques.copy()
+            acting[CHANNELS.link] += found
+            seen = free + push @ acting
+            within = seen[-count:] + SLACK * sizes @ seen[OBSERVED]
+            found = np.minimum(found, (fixed + _by_link(within)) * ROUND_UP)
+        return np.asarray(found)
+
+
+def _by_link(torques: np.ndarray) -> np.ndarray:
+    """Return the sums (2,) over all masses of torques (2 masses,), those of each mass on both links."""
+    return np.asarray(torques.reshape(-1, JOINTS).sum(axis=0))
 
 
 def lever_arms(motion: PeriodMotion, direction: tuple[float, float], arm: Arm) -> tuple[np.ndarray, np.ndarray]:

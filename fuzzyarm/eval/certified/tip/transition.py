@@ -17,7 +17,19 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.eval.certified.tip.enclosures import SLACK
 
-__all__ = ["CHANNELS", "PARTS", "ROWS", "STATES", "Channels", "Linear", "Transition", "linear", "transition"]
+__all__ = [
+    "CHANNELS",
+    "OBSERVED",
+    "PARTS",
+    "ROWS",
+    "ROW_COUNT",
+    "STATES",
+    "Channels",
+    "Linear",
+    "Transition",
+    "linear",
+    "transition",
+]
 
 STATES = 4 * JOINTS
 """Numbers of δθ, δq, δθ̇, δq̇."""
@@ -63,9 +75,12 @@ ROWS = Rows(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(9)))
 
 ROW_COUNT = 9 * JOINTS
 
+OBSERVED = np.r_[ROWS.link_acceleration, ROWS.link, ROWS.d_link]
+"""Rows of δq̈, δq and δq̇, of which further rows can be made."""
+
 
 class Linear(NamedTuple):
-    """A (10, 10), its absolute value |A|' (10, 10), b (10, 8), S (18, 10), |S|' (18, 10) and D (18, 8)."""
+    """A (10, 10), its absolute value |A|' (10, 10), b (10, 8), S (18 + n, 10), |S|' (18 + n, 10) and D (18 + n, 8)."""
 
     A: np.ndarray
     size: np.ndarray
@@ -85,8 +100,8 @@ class Transition(NamedTuple):
         moments: directions (PARTS, 2, 10, 8) of the first two moments of a disturbance of size one.
         beyond: bound (10, 8) of what the two moments leave of it.
         push_state: bound (10, 8) of all of it.
-        push: bound (18, 8) of what a disturbance of size one can add to the observed numbers within the period.
-        S_A, A_A, S_A_A: products (18, 10), (10, 10), (18, 10).
+        push: bound (18 + n, 8) of what a disturbance of size one can add to the observed numbers within the period.
+        S_A, S_A_A: products (18 + n, 10).
     """
 
     phi: np.ndarray
@@ -98,7 +113,6 @@ class Transition(NamedTuple):
     push_state: np.ndarray
     push: np.ndarray
     S_A: np.ndarray
-    A_A: np.ndarray
     S_A_A: np.ndarray
 
 
@@ -111,6 +125,7 @@ def linear(
     slip: np.ndarray,
     still: list[bool],
     given: list[bool],
+    products: np.ndarray,
 ) -> Linear:
     """Return the linear equation of a period.
 
@@ -124,6 +139,7 @@ def linear(
         still: which motors are held by friction; their rows are zero.
         given: of which motors the velocity is bounded otherwise. It is then no state: the motor's channel stands for
             it, in rad/s.
+        products: further rows (n, 6) over δq̈, δq and δq̇ that are observed.
     """
     K, B = np.diag([arm.stiffness1, arm.stiffness2]), np.diag([arm.damping1, arm.damping2])
     inertia, viscous = np.array([arm.motor_inertia1, arm.motor_inertia2]), np.array([arm.viscous1, arm.viscous2])
@@ -160,6 +176,8 @@ def linear(
         A[:, velocity], size[:, velocity], S[:, velocity] = 0.0, 0.0, 0.0
     size_of_rows = np.abs(S)
     size_of_rows[ROWS.motor_acceleration], size_of_rows[ROWS.link_acceleration] = size[D_THETA], size[D_LINK]
+    S, D = np.vstack([S, products @ S[OBSERVED]]), np.vstack([D, products @ D[OBSERVED]])
+    size_of_rows = np.vstack([size_of_rows, np.abs(products) @ size_of_rows[OBSERVED]])
     return Linear(A, size, b, S, size_of_rows, D)
 
 
@@ -191,5 +209,5 @@ def transition(system: Linear, period: float) -> Transition:
     return Transition(
         phi, growth, held, held - 2.0 / period * later, moments, beyond * 1.001,
         period * growth @ np.abs(b), push * 1.001 + np.abs(system.D),
-        S_A, A @ A, S_A @ A,
+        S_A, S_A @ A,
     )  # fmt: skip

@@ -166,7 +166,7 @@ class Tube:
             closed = period.close(start, self._known, friction=problem.plants.friction)
         else:
             closed = period.confirm(start, self._known, claim, friction=problem.plants.friction)
-        self._advance(closed)
+        self._advance(start, closed)
         self._state, self._known, self._drags = segment.end, closed.known, closed.drags
         self._shift(self._set, period.motion.at(1), self._state)
         return closed
@@ -226,29 +226,33 @@ class Tube:
                     f"|{torque[joint]:.4g}| ± {radius[joint]:.3g} N m"
                 )
 
-    def _advance(self, closed: Closed) -> None:
-        """Take the zonotope over a segment."""
+    def _advance(self, start: Zonotope, closed: Closed) -> None:
+        """Take the zonotope over a segment, from its part `start`."""
         z, solution, xi = self._set, closed.solution, STATES + JOINTS
-        start = z.part(slice(0, xi))
         box = solution.growth @ (start.box + SLACK * start.totals())
         drive = np.abs(closed.drive.level) + np.abs(closed.drive.slope)
         box += 4.0 * SLACK * solution.push_state @ drive.sum(axis=1)
         z.columns[:STATES], z.box[:STATES] = closed.columns[:STATES], box[:STATES]
+        fresh, sources = [], []
         for j, plan in enumerate(closed.plans):
             if plan is Plan.MONOTONE:  # the velocity is known by its bound alone
-                fresh = np.zeros((len(z.box), 1))
-                fresh[STATES // 2 + j] = closed.torques[CHANNELS.motor][j]
+                velocity = np.zeros(STATES)
+                velocity[STATES // 2 + j] = closed.torques[CHANNELS.motor][j]
                 z.columns[STATES // 2 + j], z.box[STATES // 2 + j] = 0.0, 0.0
-                z.add(fresh, _CHANNEL_SOURCE["motor"])
-        sizes = z.totals()[:STATES]
+                fresh.append(velocity)
+                sources.append(_CHANNEL_SOURCE["motor"])
+        sizes = z.totals()[:STATES] + sum(fresh, np.zeros(STATES))
+        z.box[:STATES] += solution.beyond[:STATES] @ closed.torques
         for name, channels in CHANNELS._asdict().items():
             for channel in range(channels.start, channels.stop):
-                torque = closed.torques[channel]
-                made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * torque
-                z.box[:STATES] += solution.beyond[:STATES, channel] * torque
-                # What is small beside the rest is not worth columns.
-                if (np.abs(made).sum(axis=0) <= 1e-4 * sizes).all():
-                    z.box[:STATES] += np.abs(made).sum(axis=0) * ROUND_UP
-                    continue
-                below = np.zeros((len(z.box) - STATES, len(made)))
-                z.add(np.vstack([made.T, below]), _CHANNEL_SOURCE[name])
+                made = solution.moments[..., channel].reshape(-1, xi)[:, :STATES] * closed.torques[channel]
+                total = np.abs(made).sum(axis=0)
+                if (total <= 1e-4 * sizes).all():  # what is small beside the rest is not worth columns
+                    z.box[:STATES] += total * ROUND_UP
+                else:
+                    fresh += [*made]
+                    sources += [_CHANNEL_SOURCE[name]] * len(made)
+        if fresh:
+            columns = np.zeros((len(z.box), len(fresh)))
+            columns[:STATES] = np.array(fresh).T
+            z.add(columns, np.array(sources))

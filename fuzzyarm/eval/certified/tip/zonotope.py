@@ -13,7 +13,7 @@ import numpy as np
 
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK
 
-__all__ = ["SOURCES", "Zonotope", "product"]
+__all__ = ["SOURCES", "Zonotope", "product", "reach"]
 
 SOURCES = ("friction", "nonlinearity", "parameter products", "force", "law and noise", "rounding")
 """Where a column comes from, beside the uncertain constants."""
@@ -39,21 +39,25 @@ class Zonotope:
         self.source = -1 - np.arange(constants)
         self.box = np.zeros(numbers)
         self._constants, self._age = constants, 0
+        self._totals: np.ndarray | None = None  # of a part, which does not change
 
-    def add(self, columns: np.ndarray, source: int) -> None:
-        """Add columns (numbers, n) of a source."""
-        used = columns[:, np.abs(columns).sum(axis=0) > 0.0]
-        self.columns = np.hstack([self.columns, used])
-        self.source = np.concatenate([self.source, np.full(used.shape[1], source)])
+    def add(self, columns: np.ndarray, source: int | np.ndarray) -> None:
+        """Add columns (numbers, n) of a source, or each of its own (n,)."""
+        used = columns.any(axis=0)
+        self.columns = np.hstack([self.columns, columns[:, used]])
+        self.source = np.concatenate([self.source, np.broadcast_to(source, used.shape)[used]])
 
     def part(self, numbers: slice) -> Zonotope:
-        """Return the zonotope of some of the numbers; the columns are views."""
+        """Return the zonotope of some of the numbers; the columns are views, and it is not to be changed."""
         part = Zonotope(0, self._constants)
         part.columns, part.source, part.box = self.columns[numbers], self.source, self.box[numbers]
+        part._totals = part.totals()
         return part
 
     def totals(self) -> np.ndarray:
         """Return bounds (numbers,) of |x|."""
+        if self._totals is not None:
+            return self._totals
         return np.asarray((np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP)
 
     def size(self, rows: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:
@@ -63,10 +67,10 @@ class Zonotope:
             rows: r.
             extra: (n, constants), added to the columns of the uncertain constants.
         """
-        images, sizes = product(rows, self.columns), np.abs(rows)
-        if extra is not None:
-            images[:, : self._constants] += extra
-        return np.asarray((np.abs(images).sum(axis=1) + sizes @ (self.box + SLACK * self.totals())) * ROUND_UP)
+        others = reach(rows, self.columns[:, self._constants :])
+        constants = rows @ self.columns[:, : self._constants] + (0.0 if extra is None else extra)
+        slack = np.abs(rows) @ (self.box + SLACK * self.totals())
+        return np.asarray((others + np.abs(constants).sum(axis=1) + slack) * ROUND_UP)
 
     def tidy(self, box_source: int) -> None:
         """Turn the box into columns every few periods, and merge old columns."""
@@ -94,8 +98,23 @@ def product(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
     The whole product would be worth the threads of a linear algebra library, which on a busy machine take far longer.
     """
-    starts = range(0, max(columns.shape[1], 1), BLOCK)
-    return np.hstack([matrix @ columns[:, start : start + BLOCK] for start in starts])
+    made = np.empty((len(matrix), columns.shape[1]))
+    for block in _blocks(columns):
+        np.matmul(matrix, columns[:, block], out=made[:, block])
+    return made
+
+
+def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the sums (m,) of the absolute values of each row of matrix (m, n) times columns (n, k)."""
+    total = np.zeros(len(matrix))
+    for block in _blocks(columns):
+        image = matrix @ columns[:, block]
+        total += np.abs(image, out=image).sum(axis=1)
+    return total
+
+
+def _blocks(columns: np.ndarray) -> list[slice]:
+    return [slice(start, start + BLOCK) for start in range(0, columns.shape[1], BLOCK)]
 
 
 def _merged(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

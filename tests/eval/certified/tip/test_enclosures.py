@@ -1,5 +1,8 @@
 """Balls, derivatives on them, signals and the linear equation, against values computed in another way."""
 
+import dataclasses
+import itertools
+
 import numpy as np
 import pytest
 from flint import arb, ctx
@@ -11,6 +14,7 @@ from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.readings import tip_point
 from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.certified.tip.defects import (
     Forces,
     PeriodMotion,
@@ -22,9 +26,11 @@ from fuzzyarm.eval.certified.tip.defects import (
 )
 from fuzzyarm.eval.certified.tip.enclosures import BITS, Jet, low_high
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
-from fuzzyarm.eval.certified.tip.remainders import LinkSlopes, link_remainder, tube_slopes
-from fuzzyarm.eval.certified.tip.tip_error import tip_bound
-from fuzzyarm.eval.certified.tip.transition import CHANNELS, PARTS, ROWS, linear, transition
+from fuzzyarm.eval.certified.tip.plant import ball_plant
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.certified.tip.remainders import LinkRemainder, LinkSlopes, link_remainder, tube_slopes
+from fuzzyarm.eval.certified.tip.tip_error import _reach, tip_bound
+from fuzzyarm.eval.certified.tip.transition import CHANNELS, OBSERVED, PARTS, ROWS, linear, transition
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
 
 ARM = arm_constants(ArmParameters())
@@ -135,10 +141,52 @@ def test_link_remainder_bounds_sampled_values():
     assert (worst > 0.05 * bound).all()
 
 
+@pytest.mark.parametrize("plants", [PlantSet(mass=(0.9, 1.1)), PlantSet(payload=(0.0, 0.5))], ids=["mass", "payload"])
+def test_products_of_masses_are_bounded_for_links_that_turn_against_each_other(plants):
+    """n = R(y + δ; p) - R(y; p) - (M δq̈ + G δq + D δq̇) for corners p, δ in a thin zonotope; the bound is needed."""
+    motion, force = motion_of(1e-2), Forces([arb(20.0)], [arb(-5.0)])
+    plant = ball_plant(ArmParameters(), Disturbance(), plants)
+    push = TipForces(force, (0.0, 0.0), (1.0, 0.0), (0.0, 0.0))
+    remainder = LinkRemainder(motion, push, plant)
+    certain = LinkRemainder(motion, push, dataclasses.replace(plant, parameters=()))
+    columns = np.zeros((18, 2))  # accelerations against each other, and a little of all
+    columns[ROWS.link_acceleration] = [[5.0, 0.1], [-12.0, 0.1]]
+    columns[ROWS.link], columns[ROWS.d_link] = 1e-5, 1e-4
+    own = remainder.products @ columns[OBSERVED]
+    free = np.abs(np.vstack([columns, own])).sum(axis=1)
+    bound = remainder.bound(free[:18], np.zeros(8), free, np.zeros((len(free), 8)))
+    arms = [parameter.arm for parameter in plant.parameters]
+    signs = [np.array(x) for x in itertools.product((-1.0, 1.0), repeat=len(arms))]
+    of_masses = bound - certain.bound(free[:18], np.zeros(8), free[:18], np.zeros((18, 8)))
+    coarse = remainder.bound(free[:18], np.zeros(8), 1e9 * free, np.zeros((len(free), 8)))
+    worst, (mass, stiff, damp) = np.zeros(2), remainder.at
+    for sign, g in itertools.product(signs, [np.array([1.0, 1.0]), np.array([1.0, -1.0]), np.array([-0.7, 1.0])]):
+        arm = plant.middle._replace(**{
+            c: getattr(plant.middle, c) + sum(x * float(getattr(a, c)) for x, a in zip(sign, arms, strict=True))
+            for c in ("c1", "c2", "c3", "c4", "c5")
+        })  # fmt: skip
+        delta = columns[[*range(18)[ROWS.link], *range(18)[ROWS.d_link], *range(18)[ROWS.link_acceleration]]] @ g
+        base = np.array([at(signal, 0.3) for kind in (motion.angle, motion.velocity, motion.acceleration)
+                         for signal in kind[2:]])  # fmt: skip
+
+        def torque(x, arm=arm):
+            return np.array(floats(link_torque(LinkMotion(*(map(arb, p) for p in x.reshape(3, 2))), (20.0, -5.0), arm)))
+
+        linearised = stiff @ delta[:2] + damp @ delta[2:4] + mass @ delta[4:]
+        change = torque(base + delta) - torque(base)
+        worst = np.maximum(worst, np.abs(change - linearised))
+        middle = torque(base + delta, plant.middle) - torque(base, plant.middle)
+        assert (np.abs(change - middle) <= of_masses).all()
+    assert (worst <= bound).all() and (worst > 0.3 * bound).any()
+    assert (bound < coarse).any()
+
+
 def system():
     mass = np.array([[5.8, 1.5], [1.5, 0.75]])
     stiff, damp = RNG.normal(size=(2, 2, 2))
-    return linear(ARM, mass, 30.0 * stiff, damp, np.eye(2), np.array([3.0, 1.0]), [False, False], [False, False])
+    return linear(
+        ARM, mass, 30.0 * stiff, damp, np.eye(2), np.array([3.0, 1.0]), [False] * 2, [False] * 2, np.zeros((0, 6))
+    )
 
 
 def test_transition_is_the_matrix_exponential():
@@ -237,3 +285,21 @@ def test_the_tip_is_within_its_bound_to_second_order():
     tip = tip_point(PerJoint(np.array([0.3 - turn, 0.3 + turn]), np.zeros(2)), ARM)
     errors = np.hypot(tip.x - beyond[0], tip.y - beyond[1])
     assert 0.98 * bound < errors.max() <= bound
+
+
+def test_the_directions_that_are_left_out_never_hold_the_farthest_point():
+    """The largest reach of 48 directions, for round and thin sets; of thin ones a third of the directions is enough."""
+    rng, turns = np.random.default_rng(8), np.pi * np.arange(48) / 48
+    units = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    for thin in (1.0, 0.3, 1e-3):
+        counts = []
+        for angle in rng.uniform(0.0, np.pi, 20):
+            z = Zonotope(2, 0)
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            z.add(turn @ (np.array([[1.0], [thin]]) * rng.normal(size=(2, 30))), 0)
+            aside = np.abs(units @ rng.normal(size=2))
+            found, reached = _reach(z, units, aside)
+            every = z.size(units)
+            counts.append(reached.sum())
+            assert found[reached].max() == every.max() and (found + aside)[reached].max() == (every + aside).max()
+        assert thin == 1.0 or np.median(counts) < 32

@@ -9,7 +9,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.certified.tip.bound import TipClaim, problem_of
 from fuzzyarm.eval.certified.tip.centre import DEGREE, Mode
-from fuzzyarm.eval.certified.tip.constants import drive
+from fuzzyarm.eval.certified.tip.constants import constant_torques, drive
 from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, TipForces
 from fuzzyarm.eval.certified.tip.enclosures import BITS
 from fuzzyarm.eval.certified.tip.friction import Friction, Plan, Speed
@@ -31,7 +31,7 @@ def test_what_is_not_linear_in_time_is_within_the_rest_and_the_rest_is_needed(na
         motion = PeriodMotion(angles, PERIOD)
         plant = ball_plant(ArmParameters(), Disturbance(), PlantSet(**{name: (0.9, 1.1)}))
         frictions = [Friction(j, Plan.ANY, Mode.FORWARD, motion, 0.0, plant, Speed(-np.inf, np.inf)) for j in range(2)]
-        found = drive(motion, Forces([arb(0)], [arb(0)]), plant, frictions)
+        found = drive(constant_torques(motion, Forces([arb(0)], [arb(0)]), plant), plant, frictions)
     half = plant.half(name)
     channels = CHANNELS.joint if name in ("stiffness", "damping") else CHANNELS.motor
     gaps = []
@@ -65,16 +65,24 @@ def test_between_its_ends_a_segment_is_bounded_and_the_curvature_is_needed():
             for j in range(2)
         ]
         duration = period.motion.duration
-        system = linear(problem.plant.middle, *period._at, period._lever, np.zeros(2), [False, False], [False, False])
-        driven = drive(period.motion, period.force, problem.plant, frictions)
+        system = linear(
+            problem.plant.middle,
+            *period._links.at,
+            period._lever,
+            np.zeros(2),
+            [False] * 2,
+            [False] * 2,
+            np.zeros((0, 6)),
+        )
+        driven = drive([], problem.plant, frictions)
         solution = transition(system, duration)
         instants = [expm(system.A * t) for t in np.linspace(0.0, duration, 40)]
         for _ in range(30):
             start = Zonotope(10, 0)
             start.add(rng.normal(size=(10, 1)) * np.repeat([1e-3, 1e-3, 1.0, 1.0, 10.0], 2)[:, np.newaxis], 0)
-            _, free = period._free(start, system, solution, driven)
+            _, bound = period._free(start, system, solution, driven)
             seen = np.array([np.abs(system.S @ at @ start.columns)[:, 0] for at in instants])
-            assert (seen <= free * (1 + 1e-12)).all()
+            assert (seen <= bound * (1 + 1e-12)).all()
             beyond += int((seen.max(axis=0) > np.maximum(seen[0], seen[-1]) * (1 + 1e-6)).sum())
     assert beyond > 10
 

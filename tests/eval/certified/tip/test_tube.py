@@ -20,6 +20,7 @@ from fuzzyarm.eval.certified.tip.bound_file import check_bound, save_bound
 from fuzzyarm.eval.certified.tip.cells_file import check_cells
 from fuzzyarm.eval.certified.tip.centre import Mode
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
+from fuzzyarm.eval.certified.tip.friction import Plan
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
 from fuzzyarm.eval.certified.tip.transition import ROWS, STATES
 from fuzzyarm.eval.certified.tip.tube import Tube
@@ -121,6 +122,24 @@ def test_corners_of_a_set_are_in_the_tube(late):
     assert largest > 0.1
 
 
+def test_the_column_of_a_constant_holds_what_its_corners_do_where_a_velocity_is_bounded_by_itself():
+    """δ - C π is within all that is not C for π = ±1, also where motors begin to move (`Plan.MONOTONE`)."""
+    plants = PlantSet(viscous_friction=(0.9, 1.1))
+    tube, plans = Tube(problem_of(claim(plants, steps=6))), set()
+    corners = [
+        dataclasses.replace(ArmParameters(), viscous_friction=tuple(f * x for x in ArmParameters().viscous_friction))
+        for f in (0.9, 1.1)
+    ]
+    runs = [simulated(claim(plants, steps=6), arm)[0] for arm in corners]
+    for k, step in enumerate(tube, 1):
+        plans |= {plan for closed in step.closed for plan in closed.plans}
+        own = tube._set.columns[:STATES, :2].sum(axis=1)
+        others = np.abs(tube._set.columns[:STATES, 2:]).sum(axis=1) + tube._set.box[:STATES]
+        for sign, states in zip((-1.0, 1.0), runs, strict=True):
+            assert (np.abs(states[k] - step.segments[-1].end - sign * own) <= others + 1e-12).all()
+    assert Plan.MONOTONE in plans
+
+
 def test_any_friction_has_a_wider_tube(exact):
     wide = find_bound(claim(PlantSet(friction="any"), steps=12))
     assert (wide.tip >= exact.tip[:12]).all() and wide.tip[-1] > 10.0 * exact.tip[11]
@@ -211,7 +230,13 @@ def test_files_that_are_none(exact, tmp_path, capsys):
     path = tmp_path / "bound.json"
     save_bound(exact, path)
     content = json.loads(path.read_text())
-    for name, value in (("policy", "fuzzy-99"), ("path", "square"), ("plants", {"mass": [1.0]}), ("files", {"a": "b"})):
+    for name, value in (
+        ("policy", "fuzzy-99"),
+        ("path", "square"),
+        ("plants", {"mass": [1.0]}),
+        ("files", {"a": "b"}),
+        ("set_name", "near"),
+    ):
         path.write_text(json.dumps(content | {name: value}))
         assert main(["verify", str(path)]) == 2
         one_line_error(capsys)
@@ -281,9 +306,10 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
     words = ["prove", "--set", str(wanted), "--steps", "4", "--cells", "payload", "2", "--out", str(out)]
     assert main(words) == 0
     assert {path.name for path in tmp_path.glob("*.json")} == {"loads.json", "loads-001.json", "loads-002.json"}
-    capsys.readouterr()
+    assert "at the first 4 of 1500 samples of the circle" in capsys.readouterr().out
     assert main(["verify", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["cells"] == 2
+    assert "for set " + str(wanted) + ", cell 2, proven" in check_bound(tmp_path / "loads-002.json").sentence
     sound = json.loads(out.read_text())
     first, second = sound["cells"]
     for change, why in (
