@@ -29,7 +29,7 @@ def network(seed=0):
     generator = np.random.default_rng(seed)
     return EstimateNetwork(
         **{
-            name: ((0.003 if name in "VD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
+            name: ((0.0015 if name in "VD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
             for name, shape in shapes_of(HIDDEN, MODULATION).items()
         }
     )
@@ -49,7 +49,9 @@ class Oracle:
 
     def __init__(self, made):
         self.n, self.observer = made, ElasticObserverPolicy(ARM, PERIOD)
-        self.quick = ElasticObserverPolicy(ARM, PERIOD, ObserverWeights(load_walk=10.0))
+        self.quick = ElasticObserverPolicy(
+            ARM, PERIOD, ObserverWeights(load_walk=10.0, link_angle=0.0027, link_velocity=0.55)
+        )
         self.target, self.h, self.rho, self.predicted = ElasticTarget(ARM, PERIOD), np.zeros(HIDDEN), np.zeros(2), None
         self.target_memory = np.zeros((1, self.target.memory_size))
 
@@ -73,7 +75,7 @@ class Oracle:
         velocity = jacobian @ dq
         travel = velocity / np.sqrt(velocity @ velocity + 0.02**2)
         angles = np.cos(q[0]), np.sin(q[0]), np.cos(q.sum()), np.sin(q.sum())
-        moving = velocity @ velocity / (velocity @ velocity + 2e-4**2)
+        moving = velocity @ velocity / (velocity @ velocity + 1e-4**2)
         directions = dq / np.sqrt(dq**2 + 0.05**2)
         limits = np.array(ARM.torque_limit)
         return np.concatenate(
@@ -84,14 +86,16 @@ class Oracle:
         n, units = self.n, np.array([[5e-7, 2e-6, 1e-3, 4e-3], [1e-5, 4e-5, 2e-2, 8e-2]])
         fine, coarse = np.arcsinh(innovation / units)
         coarse *= innovation**2 / (innovation**2 + units[0] ** 2)
-        torques = np.array([300.0, 150.0])
-        z = np.concatenate([fine, coarse, load / torques, np.arcsinh(gap / (0.1 * torques)), self.rho])
+        torques = np.array([600.0, 300.0])
+        z = np.concatenate([fine, coarse, load / torques, np.arcsinh(gap / (0.05 * torques)), self.rho])
         gates = sigmoid(n.gate_z @ z + n.gate_h @ self.h + n.gate_c @ c + n.gate_bias)
         s, r = gates[:HIDDEN], gates[HIDDEN:]
         candidate = np.tanh(n.A @ z + (n.C @ c) * (n.B @ z) + r * (n.U @ self.h))
         self.h = self.h + s * (candidate - self.h)
         weights = 1.0 + n.W @ np.tanh(n.P @ c + n.p_0)
-        self.rho = np.clip(c[-1] * (n.V @ (self.h * weights) + n.D @ z), -1.0, 1.0)
+        size = np.sum((load / torques) ** 2)
+        share = size / (size + 600.0**-2)
+        self.rho = np.clip(c[-1] * share * (n.V @ (self.h * weights) + n.D @ z), -1.0, 1.0)
 
     def step(self, o):
         desired, feedforward = np.empty((1, 6)), np.empty((1, 2))
@@ -107,7 +111,7 @@ class Oracle:
             for observer, predicted in zip((self.observer, self.quick), self.predicted, strict=True)
         )
         self.residual(innovation, steady[8:], hasty - u, self.context(o, feedforward[0]))
-        u = np.clip(u + self.rho * [300.0, 150.0], -np.array(ARM.torque_limit), ARM.torque_limit)
+        u = np.clip(u + self.rho * [600.0, 300.0], -np.array(ARM.torque_limit), ARM.torque_limit)
         self.predicted = tuple(self.predict(estimate, u) for estimate in (steady, soon))
         return u
 

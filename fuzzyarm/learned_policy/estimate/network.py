@@ -5,10 +5,11 @@ gated recurrent unit whose candidate has no bias gives
 
     s = σ(S_z z + S_h h + S_c c + s_0),    r = σ(R_z z + R_h h + R_c c + r_0),
     n = tanh(A z + (C c)∘(B z) + r∘(U h)),    h⁺ = h + s∘(n - h),
-    ρ = clip(m (V (h⁺∘w) + D z), ±1),         w = 1 + W tanh(P c + p_0),
+    ρ = clip(m g (V (h⁺∘w) + D z), ±1),       w = 1 + W tanh(P c + p_0),
 
-and m of c, which is 0 where the reference is at rest. z = 0 and h = 0 give ρ = 0 exactly, whatever the context: without
-an unexplained motion the observer acts alone, and so it does at rest.
+with m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) of the load δ in z, δ_0 = `QUIET`.
+z = 0 and h = 0 give ρ = 0 exactly, whatever the context. Where the observer believes in no load, and at rest, it acts
+alone, and ρ is flat: small deviations are left to a loop that is stable whatever was learned.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import finite_array, instance, shown
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, UNEXPLAINED
+from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, QUIET, UNEXPLAINED, UNEXPLAINED_PARTS
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
 
 __all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "respond", "shapes_of"]
@@ -120,6 +121,9 @@ class EstimateNetwork:
         return tuple(np.array(array, dtype=np.float64, order="C") for array in arrays)
 
 
+_LOAD: int = UNEXPLAINED_PARTS.load.start
+
+
 @register_jitable
 def respond(
     z: np.ndarray,
@@ -152,10 +156,14 @@ def respond(
         candidate = from_z[gates + i] + from_c[gates + i] * from_z[gates + hidden + i] + r * from_h[gates + i]
         n = hyperbolic_tangent(candidate)
         h[i] += s * (n - h[i])
+    square = 0.0
+    for k in range(JOINTS):
+        square += z[_LOAD + k] * z[_LOAD + k]
+    heard = c[MOTION] * (square / (square + QUIET * QUIET))
     for joint in range(len(rho)):
         total = 0.0
         for i in range(hidden):
             total += V[joint, i] * (h[i] * w[i])
         for k in range(len(z)):
             total += D[joint, k] * z[k]
-        rho[joint] = min(max(c[MOTION] * total, -1.0), 1.0)
+        rho[joint] = min(max(heard * total, -1.0), 1.0)

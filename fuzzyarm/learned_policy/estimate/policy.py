@@ -6,18 +6,17 @@ With (x̂, d̂), K, L, x_d and u_ff of `elastic_observer` and the network ρ of 
     act       u_o = u_ff - d̂ - K (x̂ - x_d),    u = u_o + ρ(z, c, h) R,
     predict   (x̂, d̂)⁻ = what the nominal elastic arm does of (x̂, d̂) under u within its limits.
 
-A second observer differs by its L alone, which expects `QUICK_LOAD_WALK` instead of the weights' `load_walk`: it knows
-of a load sooner, and by itself does not bear noise, delay and other arms. What it would do, u_q, is seen by the network
-as u_q - u_o; where that exceeds all torques by far, the second one goes on from the estimate of the first. z and c are
-those of `signals`, R the torques there. Both observers are told of the residual torque ρ R, so that they do not take it
-for a load. The network was trained by regression on a teacher that knows plant and load, see
+A second observer differs by the weights of its L and K, `QUICK`: it expects loads that change sooner, and its regulator
+is stiffer. It knows of a load sooner, and by itself does not bear noise, delay and other arms. What it would do, u_q,
+is seen by the network as u_q - u_o; where that exceeds all torques by far, the second one goes on from the estimate of
+the first. z and c are those of `signals`, R the torques there. Both observers are told of the residual torque ρ R, so
+that they do not take it for a load. The network was trained by regression on a teacher that knows plant and load, see
 `fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations
 
 import copy
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -39,10 +38,10 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond
 from fuzzyarm.learned_policy.estimate.signals import CONTEXT, TORQUES, UNEXPLAINED, see_context, see_unexplained
 
-__all__ = ["QUICK_LOAD_WALK", "SEEN", "SEEN_PARTS", "LearnedObserverPolicy"]
+__all__ = ["QUICK", "SEEN", "SEEN_PARTS", "LearnedObserverPolicy"]
 
-QUICK_LOAD_WALK = 10.0
-"""`ObserverWeights.load_walk` of the second observer."""
+QUICK = ObserverWeights(load_walk=10.0, link_angle=0.0027, link_velocity=0.55)
+"""Weights of the second observer and of its regulator."""
 
 _LOST = 1000.0  # size of u_q - u_o, in units of R, above which the second observer has lost the arm
 
@@ -94,8 +93,7 @@ class LearnedObserverPolicy(Policy):
         self._substeps = whole_substeps(control_period, None)
         weights = weights or ObserverWeights()
         self.gains = gain_tables(arm, self.control_period, weights)
-        quick = dataclasses.replace(weights, load_walk=QUICK_LOAD_WALK)
-        self.quick = gain_tables(arm, self.control_period, quick)
+        self.quick = gain_tables(arm, self.control_period, QUICK)
         self._know(arm)
 
     def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
@@ -129,6 +127,7 @@ class LearnedObserverPolicy(Policy):
             *(
                 self.gains.feedback,
                 self.gains.observer,
+                self.quick.feedback,
                 self.quick.observer,
                 schedule.kept,
                 schedule.cosine,
@@ -156,6 +155,7 @@ def _observe_and_act(
     seen: np.ndarray,
     feedback: np.ndarray,
     observer: np.ndarray,
+    quick_feedback: np.ndarray,
     quick_observer: np.ndarray,
     kept: np.ndarray,
     cosine: bool,
@@ -191,7 +191,7 @@ def _observe_and_act(
         z, c = seen[lane, _Z], seen[lane, _C]
         see_context(lane, o, torque[lane], torque_limit, length, c)
         _CORRECT(lane, o, quick, quick_observer, index, weight, innovation)
-        _ACT(lane, o, target, quick, stiffness, feedback, index, weight, error, quick_torque)
+        _ACT(lane, o, target, quick, stiffness, quick_feedback, index, weight, error, quick_torque)
         _CORRECT(lane, o, predicted, observer, index, weight, innovation)
         _ACT(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
         seen[lane, _OWN] = torque[lane]

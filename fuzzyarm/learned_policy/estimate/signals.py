@@ -7,12 +7,13 @@ this observer and u_q of the quick one,
 
 with a = `QUICK_SHARE`, `FINE` units s, `COARSE` units S and the torques R = `TORQUES`: the first part resolves what is
 small; the second is linear in what is large and flat about zero, so that it does not bear on small deviations. d̂ is
-what the observer believes to load the links. From the observation follows
+what the observer believes to load the links. z vanishes where nothing is unexplained and the arm is on its target. From
+the observation follows
 
     c = (cos and sin of θ_1 and θ_1 + θ_2, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e, m),
 
 e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints. m = |v|²/(|v|² + v_1²) is 0
-at rest and close to 1 in motion, with v_1 = 0.2 mm/s; the network acts in proportion to it.
+at rest and close to 1 in motion, with v_1 = 0.1 mm/s; the network acts in proportion to it.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ __all__ = [
     "FINE",
     "MOTION",
     "QUICK_SHARE",
+    "QUIET",
     "TORQUES",
     "UNEXPLAINED",
     "UNEXPLAINED_PARTS",
@@ -47,15 +49,18 @@ FINE = (5e-7, 2e-6, 1e-3, 4e-3)
 COARSE = (1e-5, 4e-5, 2e-2, 8e-2)
 """Units S, which one innovation in a hundred exceeds."""
 
-TORQUES = (300.0, 150.0)
-"""Units of loads and residual torques [N m]; the largest residual torque."""
+TORQUES = (600.0, 300.0)
+"""Units of loads and residual torques [N m]; the largest residual torque, beyond what the motors have."""
 
-QUICK_SHARE = 0.1
+QUICK_SHARE = 0.05
 """Share of them that is the unit of u_q - u_o."""
+
+QUIET = 1.0 / 600.0
+"""Share of them: for a load d̂ below it the network is all but silent."""
 
 _FASTEST, _JERKIEST = 3.0, 30.0  # units of q̇_d [rad/s] and of q̈_d [rad/s²]
 _SLOW, _SLOW_TIP = 0.05, 0.02  # rad/s and m/s: below it a direction fades
-_REST = 2e-4  # m/s, v_1
+_REST = 1e-4  # m/s, v_1
 
 
 class UnexplainedParts(NamedTuple):

@@ -29,11 +29,11 @@ class EstimateConfig:
     """Numbers that the network remembers (1 to 512)."""
     modulation: int = 16
     """Numbers by which the context weighs them (1 to 512)."""
-    chunks: int = 100
+    chunks: int = 120
     """Chunks of experience, each of which is learned from before the next."""
     lanes: int = 160
     """Number of arms that are simulated at once (1 to 65536)."""
-    steps: int = 250
+    steps: int = 100
     """Control periods of a chunk, a multiple of 50."""
     window: int = 100
     """Control periods of a sequence that is learned from, a multiple of 50, at most those of a chunk."""

@@ -8,7 +8,8 @@ all but stands, so that the student learns to rest under a load. Loads are a pay
 
 v the velocity of the tip and Q a rotation: by nothing (along the course) or by any angle (across it). Encoders are
 noisy in half of the lanes, in half of these by as little as a computer rounds; torques are late in a quarter of them,
-by 0.5 to 2 control periods.
+by 0.5 to 2 control periods. Lanes that ask for more than nine tenths of the torque limits are drawn again: what the
+motors cannot do teaches nothing.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.periods import default_substeps
-from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TipForce
 from fuzzyarm.envs.scenario.paths import Circle
@@ -38,6 +39,7 @@ SMALLEST, LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres
 STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg
 FADES = 5e-3, 0.1  # m/s, range of v_0
 LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
+BEARABLE, INSTANTS = 0.9, 120  # share of the torque limits; instants at which it is looked at
 NOISIEST, LEAST = 2.0, 1e-3  # in units of the encoder noise of the sweeps
 NOISE = 1e-5, 1e-3  # rad, rad/s
 
@@ -93,8 +95,9 @@ def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.ra
     """Draw `count` lanes for a control period [s]."""
     family = _family(arm)
     circle = JointReference(parameters=arm)
-    scenarios, starts = [], []
-    for _ in range(count):
+    scenarios: list[Scenario] = []
+    starts: list[np.ndarray] = []
+    while len(starts) < count:
         kind = generator.random()
         reference: Reference = circle
         if kind >= CIRCLES + RESTS:
@@ -103,7 +106,10 @@ def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.ra
             reference = _all_but_rest(arm, generator)
         mass = generator.uniform(0.0, HEAVIEST) if generator.random() < 0.6 else 0.0
         force = _force(reference.duration, generator)
-        scenarios.append(Scenario(Disturbance(tip_force=force, payload=Payload(mass)), reference))
+        load = Disturbance(tip_force=force, payload=Payload(mass))
+        if not _within_limits(arm, reference, load):
+            continue
+        scenarios.append(Scenario(load, reference))
         starts.append(_rest(arm, reference))
     lanes = Lanes(
         [arm],
@@ -152,6 +158,18 @@ def _all_but_rest(arm: ArmParameters, generator: np.random.Generator) -> Referen
     center = distance * math.cos(bearing), distance * math.sin(bearing)
     path = Circle(center=center, radius=generator.uniform(SMALLEST, LARGEST))
     return JointReference(path, duration=generator.uniform(0.8, 2.0), parameters=arm)
+
+
+def _within_limits(arm: ArmParameters, reference: Reference, load: Disturbance) -> bool:
+    """Return whether the rigid nominal arm follows a reference under a load with a share `BEARABLE` of its torques."""
+    time = np.linspace(0.0, reference.duration, INSTANTS)
+    q, dq, ddq = reference.sample(time)[:3]
+    torque = rigid_inverse_dynamics(q, dq, ddq, arm_constants(arm, load.payload)) + ddq * np.array(arm.motor_inertia)
+    if load.tip_force is not None:
+        jacobian = tip_jacobian(q, arm.length)
+        velocity = np.einsum("tai,ti->ta", jacobian, dq)
+        torque -= np.einsum("tai,ta->ti", jacobian, load.tip_force.at(time, velocity))
+    return bool(np.all(np.abs(torque) <= BEARABLE * np.array(arm.torque_limit)))
 
 
 def _rest(arm: ArmParameters, reference: Reference) -> np.ndarray:

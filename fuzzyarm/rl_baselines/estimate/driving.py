@@ -21,7 +21,7 @@ __all__ = ["Chunk", "Drive"]
 _Z, _C, _OWN = SEEN_PARTS
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
 _LATEST = 4  # torques that may be on their way
-_RESTARTS = 0.3  # share of the lanes that begin an episode anew with each chunk, for a load is hardest when it comes
+_RESTARTS = 0.5  # share of the lanes that begin an episode anew with each chunk, for a load is hardest when it comes
 
 
 class Chunk(NamedTuple):

@@ -24,7 +24,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix
 from fuzzyarm.eval.stability.linearisation import linearise
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.observer_gains import sampled_arm
+from fuzzyarm.fuzzy_policy.laws.observer_gains import GainTables, sampled_arm
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.learned_policy.estimate.signals import COARSE, FINE, QUICK_SHARE, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS
 from fuzzyarm.rl_baselines.estimate.student import Student
@@ -130,16 +130,15 @@ def _loop(policy: LearnedObserverPolicy, q: np.ndarray, condition: Condition) ->
     # what a load of the links does in a control period
     inertia = np.array(mass_matrix(np.cos(q[1]), arm_constants(arm)))[[[0, 1], [1, 2]]]
     loaded = sampled_arm(arm, period, inertia)[0][:_PLANT, _PLANT:]
-    feedback = _at(policy.gains.feedback, q)
 
-    def correct(estimate: np.ndarray, gains: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        corrected = estimate + _at(gains, q) @ (x - estimate[:_PLANT])[_MEASURED]
+    def correct(estimate: np.ndarray, gains: GainTables) -> tuple[np.ndarray, np.ndarray]:
+        corrected = estimate + _at(gains.observer, q) @ (x - estimate[:_PLANT])[_MEASURED]
         bent, load = corrected[:_PLANT].copy(), corrected[_PLANT:]
         bent[:JOINTS] += load / np.array(arm.stiffness)[:, None]
-        return corrected, -load - feedback @ bent
+        return corrected, -load - _at(gains.feedback, q) @ bent
 
     innovation = (x - s[:_PLANT])[_MEASURED]
-    (corrected, steady), (soon, hasty) = correct(s, policy.gains.observer), correct(quick, policy.quick.observer)
+    (corrected, steady), (soon, hasty) = correct(s, policy.gains), correct(quick, policy.quick)
     load, own = corrected[_PLANT:], np.diag(TORQUES) @ rho + steady
     predict = np.vstack([np.hstack([known[:, :_PLANT], loaded]), np.eye(JOINTS, _OBSERVER, _PLANT)])
     told = np.vstack([known[:, _PLANT:] @ own, np.zeros((JOINTS, size + JOINTS))])

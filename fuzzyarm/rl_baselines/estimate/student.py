@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
-from fuzzyarm.learned_policy.estimate.signals import MOTION
+from fuzzyarm.learned_policy.estimate.signals import MOTION, QUIET, UNEXPLAINED_PARTS
 
 __all__ = ["Slopes", "Student"]
 
@@ -92,7 +92,7 @@ class Student(torch.nn.Module):
             h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
             states.append(h)
         after = torch.stack(states)
-        return c[..., MOTION, None] * ((after * self._weights(c)) @ self.V.T + z @ self.D.T), after
+        return (c[..., MOTION, None] * _heard(z)) * ((after * self._weights(c)) @ self.V.T + z @ self.D.T), after
 
     def _weights(self, c: torch.Tensor) -> torch.Tensor:
         return 1.0 + torch.tanh(c @ self.P.T + self.p_0) @ self.W.T
@@ -113,9 +113,20 @@ class Student(torch.nn.Module):
         h_z = s * n_z + gate_s * p["gate_z"][:hidden]
         h_h = (1.0 - s) * unit + s * n_h + gate_s * p["gate_h"][:hidden]
         w = 1.0 + torch.tanh(c @ p["P"].T + p["p_0"]) @ p["W"].T
-        moving = c[:, MOTION, None, None]
-        out = moving * p["V"] * w[:, None, :]
-        return Slopes(h_h, h_z, out @ h_h, out @ h_z + moving * p["D"])
+        moving, heard, load = c[:, MOTION, None, None], _heard(z)[:, :, None], z[:, None, UNEXPLAINED_PARTS.load]
+        after = h[:, :, None] + s * (n - h[:, :, None])
+        weighed = p["V"] * w[:, None, :]
+        answer = weighed @ after + (z @ p["D"].T)[:, :, None]
+        out, rho_z = moving * heard * weighed, moving * heard * p["D"].expand(len(z), -1, -1)
+        by_load = torch.zeros_like(rho_z)
+        by_load[:, :, UNEXPLAINED_PARTS.load] = moving * answer * 2.0 * load * (1.0 - heard) ** 2 / (QUIET * QUIET)
+        return Slopes(h_h, h_z, out @ h_h, out @ h_z + rho_z + by_load)
+
+
+def _heard(z: torch.Tensor) -> torch.Tensor:
+    """Return g (..., 1) of z (..., numbers of z), see `network`."""
+    square = z[..., UNEXPLAINED_PARTS.load].square().sum(-1, keepdim=True)
+    return square / (square + QUIET * QUIET)
 
 
 def as_tensor(array: np.ndarray) -> torch.Tensor:

@@ -1,10 +1,11 @@
-"""The teacher: the observer's own regulator and target, for the true state, plant and load.
+"""The teacher: regulator and target of the student's observers, for the true state, plant and load.
 
     u* = u_ff - d - ½ T ḋ - K (x - x_d),    x_d = (θ_d - K_t⁻¹ (d - B_t K_t⁻¹ ḋ), q_d, θ̇_d - K_t⁻¹ ḋ, q̇_d),
 
 with u_ff and θ_d of `elastic_target` for the plant as it is, payload included, the load d = Jᵀ F of the links by the
 force F, and its rate ḋ from a control period before to one after. Without ḋ the motors follow a force too late. What
-the student lacks of u* is what it has to learn. Elementwise over lanes.
+the student lacks of u* is what it has to learn. K is that of the second, stiffer observer in lanes whose torques are on
+time, and that of the first one in the others. Elementwise over lanes.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import columns
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, gain_tables
+from fuzzyarm.learned_policy.estimate.policy import QUICK
 from fuzzyarm.rl_baselines.estimate.courses import Courses
 
 __all__ = ["Teacher"]
@@ -36,10 +38,12 @@ class Teacher:
     """
 
     def __init__(self, arm: ArmParameters, courses: Courses) -> None:
-        """Take the gains that the student's observer has."""
+        """Take the gains that the student's observers have."""
         lanes = courses.lanes
         self._lanes, self._arm, self._period = lanes, arm, lanes.period
-        self._feedback = gain_tables(arm, lanes.period, ObserverWeights()).feedback
+        soft, stiff = (gain_tables(arm, lanes.period, weights).feedback for weights in (ObserverWeights(), QUICK))
+        self._feedback = np.stack([soft, stiff])
+        self._stiff = (courses.delay == 0.0).astype(np.int64)
         self._limit = np.array(arm.torque_limit)
         self._past = np.zeros((3, lanes.count, JOINTS))
         self._smooth = np.zeros((lanes.count, JOINTS))
@@ -60,10 +64,10 @@ class Teacher:
         rate = (after - before) / (2.0 * self._period)
         k, damping = np.stack([arm.stiffness1, arm.stiffness2], 1), np.stack([arm.damping1, arm.damping2], 1)
         desired = np.hstack([q + motion - (load - damping / k * rate) / k, q, motor - rate / k, dq])
-        place = 0.5 * (np.cos(state[:, 1]) + 1.0) * (len(self._feedback) - 1)
-        left = np.clip(place.astype(np.int64), 0, len(self._feedback) - 2)
+        place = 0.5 * (np.cos(state[:, 1]) + 1.0) * (self._feedback.shape[1] - 1)
+        left = np.clip(place.astype(np.int64), 0, self._feedback.shape[1] - 2)
         share = (place - left)[:, np.newaxis, np.newaxis]
-        gain = (1.0 - share) * self._feedback[left] + share * self._feedback[left + 1]
+        gain = (1.0 - share) * self._feedback[self._stiff, left] + share * self._feedback[self._stiff, left + 1]
         fed_back = np.einsum("lij,lj->li", gain, state - desired)
         wanted: np.ndarray = np.clip(smooth - load - 0.5 * self._period * rate - fed_back, -self._limit, self._limit)
         return wanted

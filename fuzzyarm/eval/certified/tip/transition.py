@@ -74,6 +74,7 @@ ROWS = Rows(*(slice(i * JOINTS, (i + 1) * JOINTS) for i in range(9)))
 """Where the rows lie."""
 
 ROW_COUNT = 9 * JOINTS
+"""Numbers of these rows; those that are made of `OBSERVED` follow."""
 
 OBSERVED = np.r_[ROWS.link_acceleration, ROWS.link, ROWS.d_link]
 """Rows of δq̈, δq and δq̇, of which further rows can be made."""
