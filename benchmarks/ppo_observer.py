@@ -4,8 +4,10 @@ python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer knobs robust
 
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
-references; what was chosen was chosen by these), rms in the paper's three cases, rate of its torques, and spectral
-radii of the local loop. Writes benchmarks/results/ppo_observer.json after every run.
+references; what was chosen was chosen by these), rms in the paper's three cases and rate of its torques, on time and
+half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`, and what
+follows a fixed share of what the second observer of `learned-observer` would do, without learning. Writes
+benchmarks/results/ppo_observer.json after every run.
 """
 
 from __future__ import annotations
@@ -20,7 +22,10 @@ from typing import Any
 import matplotlib.style
 import numpy as np
 from learned_figures import BOUND
+from learned_figures import SEED as ONE_SEED
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
@@ -34,15 +39,23 @@ from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import linearise_path
 from fuzzyarm.eval.stability.local_loop import largest_radius
-from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
+from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
+from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.learned_policy.estimate.signals import QUICK_SHARE, UNEXPLAINED_PARTS
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 
 RESULT = Path(__file__).parent / "results" / "ppo_observer.json"
+LEARNED = Path(__file__).parent / "learned"
 PERIOD = 1e-3  # s
 LANES, STEPS, SEED, REFERENCES = 128, 1500, 7777, 64  # of the development plants
 SHOWN = {"machining": "force (Case 2)", "payload": "payload (Case 3)"}
 DELAYS = (0.0, 0.5, 1.0)  # samples
+SHARES = (0.25, 0.5, 0.75, 1.0)
+REFERENCES_SHOWN = (
+    *("fuzzy-4", "computed-torque", "elastic-observer", "learned-observer", "ppo-robust", "ppo-residual"),
+)
 
 _OBSERVER = dataclasses.replace(PRESETS["observer"], tensorboard=False)
 _SHORT = dataclasses.replace(_OBSERVER, total_timesteps=750_000, seed=100)
@@ -50,7 +63,7 @@ _ROBUST = dataclasses.replace(PRESETS["robust"], tensorboard=False, total_timest
 _SHIFTED = {"gate": 0.0, "scale": (0.01, 0.02), "innovation_times": (), "smoothing_time": 0.06}
 
 RUNS: dict[str, dict[str, PPOConfig]] = {
-    "observer": {f"seed {seed}": dataclasses.replace(_OBSERVER, seed=seed) for seed in range(3)},
+    "observer": {f"seed {seed}": dataclasses.replace(_OBSERVER, seed=seed) for seed in range(5)},
     "knobs": {
         "as is": _SHORT,
         "value function sees the features alone": dataclasses.replace(_SHORT, asymmetric_critic=False),
@@ -64,6 +77,9 @@ RUNS: dict[str, dict[str, PPOConfig]] = {
         "value function sees the plant, smoothness 1 in the loss": dataclasses.replace(
             _ROBUST, asymmetric_critic=True, smoothness=1.0
         ),
+        "low-pass of 5 ms on the actions": dataclasses.replace(_ROBUST, smoothing_time=0.005),
+        "low-pass of 20 ms on the actions": dataclasses.replace(_ROBUST, smoothing_time=0.02),
+        "smoothness 100 in the loss": dataclasses.replace(_ROBUST, smoothness=100.0),
     },
 }
 """Settings by group and by what is changed."""
@@ -94,25 +110,54 @@ def development(policy: Policy) -> dict[str, float]:
     }
 
 
-def in_cases(policy: Policy) -> dict[str, dict[str, float]]:
-    """Return rms tip error [mm] and rms change of the torque per period [N m] in each case."""
-    cases = list(PAPER_CASES)
-    envs = FuzzyArmVectorEnv(len(cases), case=cases, control_period=PERIOD, threads=1)
+class HalfLate:
+    """A policy at every second call, whose torque arrives a call later: half a sample of delay at half the period."""
+
+    def __init__(self, policy: Predictor) -> None:
+        """Wrap a policy."""
+        self._policy, self._calls = policy, 0
+
+    def predict(
+        self, observation: np.ndarray, state: Any, episode_start: np.ndarray, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return the torque that acts now (lanes, 2) [N m], and the state of the policy."""
+        if self._calls % 2 == 0:
+            torque, state = self._policy.predict(observation, state, episode_start)
+            self._acting, self._next = (self._next if self._calls else torque), torque
+        else:
+            self._acting = self._next
+        self._calls += 1
+        return self._acting, state
+
+
+def in_cases(policy: Policy, late: bool = False) -> dict[str, dict[str, float]]:
+    """Return rms tip error [mm] and rms change of the torque per period [N m] in each case, on time or half late."""
+    cases, calls = list(PAPER_CASES), 2 if late else 1
+    envs = FuzzyArmVectorEnv(len(cases), case=cases, control_period=PERIOD / calls, threads=1)
+    acts: Predictor = HalfLate(policy) if late else policy
     errors, torques = [], []
-    for step in episodes(envs, policy, envs.reset(seed=0)):
+    for step in episodes(envs, acts, envs.reset(seed=0)):
         errors.append(np.where(step.running, step.info["tip_error"], np.nan))
         torques.append(step.info["torque"].copy())
     rms = 1e3 * np.sqrt(np.nanmean(np.array(errors) ** 2, axis=0))
-    rate = np.sqrt((np.diff(np.array(torques), axis=0)[5:] ** 2).sum(axis=2).mean(axis=0))
+    rate = np.sqrt((np.diff(np.array(torques)[::calls], axis=0)[5:] ** 2).sum(axis=2).mean(axis=0))
     return {
         case: {"rms_mm": round(float(rms[k]), 4), "torque_rate": round(float(rate[k]), 4)}
         for k, case in enumerate(cases)
     }
 
 
+def following(share: float) -> Policy:
+    """Return the elastic observer beside a fixed share of u_q - u_o, ρ = m (share a) asinh((u_q - u_o)/(a R))."""
+    arrays = {name: np.zeros(shape) for name, shape in shapes_of(1, 1).items()}
+    arrays["D"][:, UNEXPLAINED_PARTS.quick] = share * QUICK_SHARE * np.eye(len(arrays["D"]))
+    return LearnedObserverPolicy(EstimateNetwork(**arrays), control_period=PERIOD)
+
+
 def measured(policy: Policy) -> dict[str, Any]:
     """Return all that is measured of a policy."""
-    row: dict[str, Any] = {"development": development(policy), "cases": in_cases(policy), "radius": {}}
+    row: dict[str, Any] = {"development": development(policy), "cases": in_cases(policy)}
+    row |= {"late": in_cases(policy, late=True), "radius": {}}
     try:
         loops = linearise_path(policy, ArmParameters(), PERIOD)
     except ValueError:  # it does not hold still, or its torques are clipped there
@@ -131,29 +176,77 @@ def trained(config: PPOConfig, folder: Path) -> dict[str, Any]:
     wanted = json.loads(json.dumps(config.to_dict()))
     if any(recorded.get(name) != value for name, value in wanted.items() if name != "tensorboard"):
         raise ValueError(f"{folder} holds a training with other settings; choose another --out")
-    curve = [
-        {"steps": row["steps"], **{case: round(row[f"{case}_rms_mm"], 4) for case in PAPER_CASES}}
-        for row in policy.bundle.curve  # type: ignore[attr-defined]
-    ]
-    return {**json.loads((folder / "run.json").read_text()), **measured(policy), "curve": curve}
+    return {**json.loads((folder / "run.json").read_text()), **measured(policy), "curve": curve_of(policy)}
+
+
+def curve_of(policy: Policy) -> list[dict[str, float]]:
+    """Return the rms errors [mm] of a learned policy over the steps of its training."""
+    rows = policy.bundle.curve  # type: ignore[attr-defined]
+    return [{"steps": row["steps"], **{case: round(row[f"{case}_rms_mm"], 4) for case in PAPER_CASES}} for row in rows]
+
+
+def without_training() -> dict[str, Any]:
+    """Return what is measured of shipped policies, of fixed shares, and of the seeds of `ppo-robust`."""
+    shares = {f"a fixed share {share:g} of the second observer": measured(following(share)) for share in SHARES}
+    seeds = {}
+    for seed in range(5):
+        folder = LEARNED / f"ppo-robust-{seed}"
+        policy = load_policy(folder / "policy", control_period=PERIOD)
+        times = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        row = {"steps": PRESETS["robust"].total_timesteps, "seed": seed, **times}
+        seeds[f"seed {seed}"] = {**row, **measured(policy), "curve": curve_of(policy)}
+    references = {name: measured(load_policy(name)) for name in REFERENCES_SHOWN}
+    return {"references": references | shares, "runs": {"ppo-robust": seeds}}
 
 
 def draw(document: dict[str, Any], path: Path) -> None:
-    """Draw the errors of the seeds over the steps of the training, with those of the base."""
+    """Draw the errors of the seeds over the steps, beside the elastic observer and without a model."""
     with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-        figure = Figure(figsize=(7.5, 3.0))
-        for axes, (case, title) in zip(figure.subplots(1, 2), SHOWN.items(), strict=True):
-            base = document["references"]["elastic-observer"]["cases"][case]["rms_mm"]
-            axes.axhline(base, label="elastic-observer", **BOUND)
-            for name, run in document["runs"]["observer"].items():
-                steps = [row["steps"] / 1e6 for row in run["curve"]]
-                axes.plot(steps, [row[case] for row in run["curve"]], label=name)
-            axes.set(title=title, xlabel="environment steps [million]", ylim=(0.0, None))
-        figure.axes[0].set_ylabel("rms tip error [mm]")
-        figure.axes[0].legend()
+        figure = Figure(figsize=(7.5, 6.0))
+        upper, lower = figure.subplots(2, 2)
+        for axes, (case, title) in zip(upper, SHOWN.items(), strict=True):
+            _curves(axes, document, "observer", case, ("elastic-observer", "learned-observer"))
+            axes.set(title=f"preset observer: {title}", ylim=(0.0, None))
+        upper[0].set(ylim=(0.0, 3.2))
+        upper[0].legend(fontsize="small", loc="upper right")
+        _curves(lower[0], document, "ppo-robust", "machining", ("fuzzy-4",))
+        lower[0].set(title="ppo-robust: force (Case 2)", yscale="log", ylim=(2.0, None))
+        lower[0].legend(fontsize="small")
+        _aim(lower[1], document)
         picture = io.BytesIO()
         figure.savefig(picture, format="png")
     write_atomically(path, picture.getvalue())
+
+
+def _curves(axes: Axes, document: dict[str, Any], group: str, case: str, beside: tuple[str, ...]) -> None:
+    """Draw the rms error of every seed of a group in a case, and those of other policies as lines across."""
+    for name, dashes in zip(beside, ((0, (1, 2)), (0, (5, 2))), strict=False):
+        base = document["references"][name]["cases"][case]["rms_mm"]
+        axes.axhline(base, label=name, **{**BOUND, "linestyle": dashes})
+    for number, run in enumerate(document["runs"][group].values()):
+        steps = [row["steps"] / 1e6 for row in run["curve"]]
+        label = None if number else f"{len(document['runs'][group])} seeds"
+        axes.plot(steps, [row[case] for row in run["curve"]], label=label, **{**ONE_SEED, "linewidth": 1.4})
+    axes.set(xlabel="environment steps [million]", ylabel="rms tip error [mm]")
+
+
+def _aim(axes: Axes, document: dict[str, Any]) -> None:
+    """Draw error over rate of the torque under the force, and what was aimed at without a model."""
+    references = document["references"]
+    largest = references["fuzzy-4"]["cases"]["machining"]["rms_mm"]
+    fastest = 2.0 * references["computed-torque"]["cases"]["machining"]["torque_rate"]
+    axes.add_patch(Rectangle((0.5, 1.0), fastest - 0.5, largest - 1.0, color="#009E73", alpha=0.15, lw=0, label="aim"))
+    shown = {
+        "model-based": [references[name] for name in ("fuzzy-4", "computed-torque", "elastic-observer")],
+        "ppo-robust, 12 million steps": list(document["runs"]["ppo-robust"].values()),
+        "settings of robust, 2 million steps": list(document["runs"]["robust"].values()),
+    }
+    for (label, rows), mark in zip(shown.items(), "s^x", strict=True):
+        cases = [row["cases"]["machining"] for row in rows]
+        axes.plot([c["torque_rate"] for c in cases], [c["rms_mm"] for c in cases], mark, label=label)
+    axes.set(title="without a model: error and chatter", xlabel="torque rate [N m/ms]", xscale="log")
+    axes.set(ylabel="rms tip error [mm]", yscale="log", ylim=(1.0, 4e3), xlim=(0.5, 400.0))
+    axes.legend(fontsize="small", loc="center right")
 
 
 def main() -> None:
@@ -164,9 +257,9 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="also draw the errors over the steps of the training")
     arguments = parser.parse_args()
     known = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {"runs": {}}
-    if "references" not in known:
-        names = ("fuzzy-4", "computed-torque", "elastic-observer", "ppo-robust", "ppo-residual")
-        known["references"] = {name: measured(load_policy(name)) for name in names}
+    if "references" not in known or "ppo-robust" not in known["runs"]:
+        found = without_training()
+        known = {"runs": known["runs"] | found["runs"], "references": found["references"]}
     for group in arguments.groups:
         for name, config in RUNS[group].items():
             folder = arguments.out / f"{group}-{name}".replace(" ", "-").replace(",", "").replace("'", "")

@@ -78,11 +78,12 @@ def training_speed_table(document: dict[str, Any]) -> str:
 
 def observer_tables(document: dict[str, Any]) -> str:
     """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
-    rows = [_measured(f"`{name}`", row) for name, row in document["references"].items()]
-    titles = {"observer": "`observer`, {}", "knobs": "{}", "robust": "`robust`: {}"}
+    rows = [_measured(name if " " in name else f"`{name}`", row) for name, row in document["references"].items()]
+    titles = {"observer": "`observer`, {}", "knobs": "{}", "robust": "`robust`: {}", "ppo-robust": "`ppo-robust`, {}"}
     parts = []
-    for group, runs in document["runs"].items():
-        found = [_measured(titles[group].format(name), run) for name, run in runs.items()]
+    for group, title in titles.items():
+        runs = document["runs"][group]
+        found = [_measured(title.format(name), run) for name, run in runs.items()]
         steps = sorted({run["steps"] for run in runs.values()})
         known = f"**{group}**, {', '.join(f'{count / 1e6:g}' for count in steps)} million steps"
         parts.append(f"{known}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
@@ -103,21 +104,25 @@ _HEADINGS = (
     "development plants: median / mean / 99 % [mm]",
     "lost",
     "rms, Cases 1 / 2 / 3 [mm]",
+    "rms half a sample late",
     "torque rate [N m/ms]",
-    "spectral radius on time / half a sample / one sample late",
+    "torque rate half a sample late",
+    "spectral radius at rest, on time / half a sample / one sample late",
     "processor time [s]",
 )
 
 
 def _measured(name: str, row: dict[str, Any]) -> list[str]:
-    seen, cases = row["development"], row["cases"].values()
+    seen, cases, late = row["development"], row["cases"].values(), row.get("late", {}).values()
     radii = ["-" if radius is None else f"{radius:.3f}" for radius in row["radius"].values()]
     return [
         name,
         f"{seen['median_mm']:.2f} / {seen['mean_mm']:.2f} / {seen['p99_mm']:.1f}",
         str(seen["lost"]),
         " / ".join(f"{case['rms_mm']:.2g}" for case in cases),
+        " / ".join(f"{case['rms_mm']:.2g}" for case in late),
         " / ".join(f"{case['torque_rate']:.2f}" for case in cases),
+        " / ".join(f"{case['torque_rate']:.3g}" for case in late),
         " / ".join(radii),
         f"{row['cpu_time_s']:.0f}" if "cpu_time_s" in row else "",
     ]

@@ -1,4 +1,4 @@
-"""How fast forces and motors may stray: forces slowly while only noise corrects them, motors after jumps of torque.
+"""How far forces, motors and lateness may stray: forces little while only noise corrects them, motors after jumps.
 
 c_k are the corrections of the forces by the samples, in N, and means are over the last `SHARE`⁻¹ samples or so:
 
@@ -12,6 +12,9 @@ grows by that of `reopening` seconds of walk, which it would have had without ca
 A motor's torque may be wrong by the share w (Δu/u_max)² of its limit u_max, w = `torque_doubt` and Δu the largest jump
 of the commands that are on their way. A wrong torque constant or lateness acts through such jumps, and what it does to
 the motors would be taken for a load that is answered by a larger jump.
+
+A filter may become sure of a wrong lateness. Where the innovations are larger than it expects, the lateness is doubted:
+a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one.
 """
 
 from __future__ import annotations
@@ -22,11 +25,12 @@ from numba.extending import register_jitable
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
-__all__ = ["note_moves", "spread_out", "walk_share"]
+__all__ = ["doubt_lateness", "note_moves", "spread_out", "walk_share"]
 
 SHARE = 0.1  # of a sample, in the means
 NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
 CALMING, STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
+LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
 
 
 @register_jitable
@@ -49,6 +53,14 @@ def note_moves(m: Memory, s: Settings, before: np.ndarray) -> None:
     else:
         change *= CALMING
     m.flags[FLAG.calm] += change
+
+
+@register_jitable
+def doubt_lateness(m: Memory, s: Settings, surprise: float) -> None:
+    """Let a sample with this mean ν²/s add to the variance of the lateness."""
+    last = len(m.z) - 1
+    wider = m.P[last, last] + LATENESS_DOUBT * max(0.0, surprise - 1.0)
+    m.P[last, last] = min(wider, s.spread[last] * s.spread[last])
 
 
 @register_jitable

@@ -13,11 +13,12 @@ from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of, mean_torque
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, predict_of, read_noise
-from fuzzyarm.fuzzy_policy.laws.adaptive.forces import note_moves, spread_out
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, numbers_at, predict_of, read_noise
+from fuzzyarm.fuzzy_policy.laws.adaptive.forces import doubt_lateness, note_moves, spread_out
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.fuzzy_policy.laws.adaptive.significance import significant
 
 __all__ = ["NOISE_SHARE", "begin_of", "law_of"]
 
@@ -52,7 +53,7 @@ def law_of(physics: Physics) -> Any:
                 begin(lane, o, m, s, room)
                 _correct(m, s, room)
                 if m.flags[FLAG.lost] == 0.0:
-                    act(m, s, room, known[lane], torque[lane])
+                    act(significant(m, s, room), s, room, known[lane], torque[lane])
                     predict(m, s, room)
                     if not np.isfinite(np.sum(torque[lane])):
                         m.flags[FLAG.lost] = 1.0
@@ -122,11 +123,11 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
 
 @register_jitable
 def _noise_share(samples: float, first: float) -> float:
-    """Return the share of a sample in the noise: a mean of all and the first guess, until that is `NOISE_SHARE`.
+    """Return the share of a sample in the noise: a mean of all, until that is `NOISE_SHARE`.
 
     The first change of e is that of the third sample; no share is larger than `first`.
     """
-    return min(max(NOISE_SHARE, 1.0 / (samples - 1.0)), first) if samples > 2.0 else 0.0
+    return min(max(NOISE_SHARE, 1.0 / (samples - 2.0)), first) if samples > 2.0 else 0.0
 
 
 @register_jitable
@@ -146,6 +147,7 @@ def _correct(m: Memory, s: Settings, room: Room) -> None:
     before[:] = m.z[states : states + forces]
     surprise = correct(m.z, m.P, measured, room.variances, room.silent, s.cautious, s.gate, room.column)
     m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
+    doubt_lateness(m, s, surprise)
     note_moves(m, s, before)
     confine(m.z, m.P, s.low, s.high)
     total = np.sum(m.z) + np.sum(m.P)
@@ -161,6 +163,7 @@ def _predict_of(physics: Physics) -> Any:
     @register_jitable
     def predict(m: Memory, s: Settings, room: Room) -> None:
         joints, size = len(m.noise), len(m.z)
+        numbers_at(m.z[4 * joints :], s.guess, s.base, s.slopes, room.numbers)
         lateness, wide = m.z[size - 1], np.sqrt(max(m.P[size - 1, size - 1], 0.0))
         early, late = max(lateness - wide, 0.0), min(lateness + wide, float(LONGEST_LATENESS))
         applied, slope = room.joints[0], room.joints[1]

@@ -28,6 +28,9 @@ class Room(NamedTuple):
     variances: Any  # of the measured numbers (2 n,)
     silent: Any  # (2 n,)
     moved: Any  # forces before a correction (forces,)
+    acted: Any  # z on which the law acts (N,), see `significance`
+    deviation: Any  # P_ll⁻¹ (l - l_0) there (loads,)
+    factor: Any  # of P_ll (loads, loads)
     link_torque: Any  # τ_d of each kept reference (KEPT, n)
     travel: Any  # direction of travel of each, then the next one (KEPT + 1, axes)
     directions: Any  # force line of each unit force (rows, forces)
@@ -57,6 +60,9 @@ def room_for(s: Settings) -> Room:
         np.empty(2 * joints),
         np.empty(2 * joints),
         np.empty(forces),
+        np.empty(size),
+        np.empty(forces + 1),
+        np.empty((forces + 1, forces + 1)),
         np.empty((KEPT, joints)),
         np.empty((KEPT + 1, axes)),
         directions,

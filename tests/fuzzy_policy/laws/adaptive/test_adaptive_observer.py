@@ -54,9 +54,10 @@ def rms(errors):
 def test_tip_errors_of_the_papers_cases(paper_cases):
     errors = paper_cases[0]
     assert errors[:, 0].max() < 0.003
-    assert np.all(rms(errors)[[1, 2]] < (0.40, 0.20))
-    assert np.all(rms(errors)[[4, 5]] < (0.45, 0.25))
-    assert np.all(errors.max(axis=0)[[1, 2]] < (2.6, 1.4))
+    assert np.all(rms(errors)[[1, 2]] < (0.25, 0.20))
+    assert np.all(rms(errors)[[4, 5]] < (0.30, 0.20))
+    assert errors[100:, 3].max() < 0.06  # noise moves little where there is no load
+    assert np.all(errors.max(axis=0)[[1, 2]] < (2.0, 1.4))
 
 
 def test_it_errs_several_times_less_than_the_elastic_observer(paper_cases):

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.forces import note_moves, spread_out, walk_share
+from fuzzyarm.fuzzy_policy.laws.adaptive.forces import (
+    LATENESS_DOUBT,
+    doubt_lateness,
+    note_moves,
+    spread_out,
+    walk_share,
+)
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
@@ -51,3 +57,14 @@ def test_calm_forces_walk_less_and_jumping_torques_are_doubted(memory):
     added = np.sqrt(np.diagonal(memory.P)[4:6])  # of the motor velocities
     inertia, weights = POLICY.arm.motor_inertia[1], POLICY.weights
     np.testing.assert_allclose(added, [0.0, 1e-3 * weights.torque_doubt * 0.25 * SETTINGS.limit[1] / inertia])
+
+
+def test_surprise_opens_the_lateness_up_to_its_first_variance(memory):
+    first = SETTINGS.spread[-1] ** 2
+    memory.P[-1, -1] = 0.01
+    doubt_lateness(memory, SETTINGS, 1.0)
+    assert memory.P[-1, -1] == 0.01
+    doubt_lateness(memory, SETTINGS, 11.0)
+    assert memory.P[-1, -1] == pytest.approx(0.01 + 10.0 * LATENESS_DOUBT)
+    doubt_lateness(memory, SETTINGS, 1e9)
+    assert memory.P[-1, -1] == first

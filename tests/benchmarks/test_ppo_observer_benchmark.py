@@ -1,0 +1,49 @@
+"""How `ppo_observer.py` makes torques half a sample late, and what follows a fixed share of the second observer."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def script():
+    """The script, which imports its neighbours."""
+    sys.path.insert(0, str(FOLDER))
+    try:
+        import ppo_observer
+    finally:
+        sys.path.remove(str(FOLDER))
+    return ppo_observer
+
+
+class Counting:
+    """A policy whose torque is the number of its call."""
+
+    calls = 0
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.calls += 1
+        return np.full((1, 2), float(self.calls)), state
+
+
+@pytest.mark.slow
+def test_each_torque_acts_from_half_a_period_after_its_call_to_half_a_period_after_the_next(script):
+    late, found = script.HalfLate(Counting()), []
+    for _ in range(7):
+        torque, _ = late.predict(np.zeros((1, 10)), None, np.ones(1, dtype=bool))
+        found.append(torque[0, 0])
+    assert found == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
+
+
+@pytest.mark.slow
+def test_a_share_of_nothing_is_the_elastic_observer_and_a_share_reduces_its_error(script):
+    alone = script.in_cases(script.load_policy("elastic-observer"))
+    assert script.in_cases(script.following(0.0)) == alone
+    shared = script.in_cases(script.following(0.5))
+    assert shared["machining"]["rms_mm"] < 0.8 * alone["machining"]["rms_mm"]
+    assert shared["nominal"] == alone["nominal"]

@@ -1,0 +1,71 @@
+"""What the law acts on: the load beyond the noise that is read, and the state that fits it."""
+
+import numpy as np
+import pytest
+
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.significance import INSIGNIFICANT, significant
+
+POLICY = AdaptiveObserverPolicy()
+SETTINGS, STATES = POLICY.settings, 8
+LOAD = slice(STATES, STATES + POLICY.belief.payload.stop)
+
+
+@pytest.fixture
+def believed():
+    """A memory with a calm load, a covariance without structure, and the room; an eighth of the variance is noise."""
+    rng = np.random.default_rng(0)
+    forces = len(SETTINGS.reopening)
+    m = remembered(np.zeros(POLICY.memory.noise.stop), 2, len(SETTINGS.guess), forces)
+    root = rng.normal(size=m.P.shape)
+    m.P[:] = root @ root.T
+    m.z[:] = rng.normal(size=len(m.z))
+    m.flags[FLAG.calm], m.noise[:] = 1.0, (1e-10, 0.5e-10)
+    room = room_for(SETTINGS)
+    room.variances[:] = 8e-10
+    return m, room
+
+
+def length(m):
+    """d² of the load."""
+    off = m.z[LOAD] - SETTINGS.guess[: LOAD.stop - STATES]
+    return off @ np.linalg.solve(m.P[LOAD, LOAD], off)
+
+
+def scaled(m, square):
+    """Let the load have this d²."""
+    guess = SETTINGS.guess[: LOAD.stop - STATES]
+    m.z[LOAD] = guess + (m.z[LOAD] - guess) * np.sqrt(square / length(m))
+
+
+@pytest.mark.parametrize("beyond", [0.5, 1.0, 4.0, 1e4])
+def test_the_load_shrinks_by_its_length_and_the_state_is_the_mean_given_it(believed, beyond):
+    m, room = believed
+    scaled(m, beyond * INSIGNIFICANT**2 / 8.0)
+    before = m.z.copy()
+    acted = significant(m, SETTINGS, room).z
+    guess = SETTINGS.guess[: LOAD.stop - STATES]
+    np.testing.assert_allclose(acted[LOAD] - guess, max(0.0, 1.0 - 1.0 / beyond) * (before[LOAD] - guess), atol=1e-12)
+    gain = m.P[:STATES, LOAD] @ np.linalg.inv(m.P[LOAD, LOAD])
+    np.testing.assert_allclose(acted[:STATES], before[:STATES] + gain @ (acted[LOAD] - before[LOAD]), rtol=1e-9)
+    np.testing.assert_array_equal(acted[LOAD.stop :], before[LOAD.stop :])
+    np.testing.assert_array_equal(m.z, before)  # the filter goes on with what it believes
+
+
+@pytest.mark.parametrize("what", ["no noise", "a direction"])
+def test_without_noise_and_where_corrections_have_a_direction_nothing_shrinks(believed, what):
+    m, room = believed
+    if what == "no noise":
+        m.noise[:] = 0.0
+    else:
+        m.flags[FLAG.calm] = 0.0
+    np.testing.assert_allclose(significant(m, SETTINGS, room).z, m.z, rtol=1e-12)
+
+
+def test_a_load_that_is_known_for_certain_gives_finite_numbers(believed):
+    m, room = believed
+    m.P[LOAD, :], m.P[:, LOAD] = 0.0, 0.0
+    m.z[LOAD] = SETTINGS.guess[: LOAD.stop - STATES]
+    assert np.isfinite(significant(m, SETTINGS, room).z).all()
