@@ -1,11 +1,11 @@
 """What the adaptive observer reaches: the paper's cases, passes over one path, and plants that it was not tuned on.
 
-    python benchmarks/adaptive_cases.py [--json FILE] [--figure FILE] [--plants N]
+    python benchmarks/adaptive_cases.py [--json FILE] [--figure FILE] [--plants N] [--pass-plants M]
 
 Cases: the three cases without and with encoder noise of 1e-5 rad and 1e-3 rad/s, seed 0.
 
 Passes: five passes of Cases 2 and 3, beside classical iterative learning control of `fuzzy-4-tip`; then four passes of
-a fifth of N random plants in each case, and of how many the largest error grew from a pass to the next, by more than
+M random plants in each case, and of how many the largest error grew from a pass to the next, by more than
 `NOTICED` mm.
 
 Plants: N held-out plants in each case. "corner" draws from the distribution ``all``, with twice the noise and two
@@ -41,7 +41,7 @@ from fuzzyarm.eval.sweep.distributions import DISTRIBUTIONS
 
 NAME, BASELINE, NOISE = "adaptive-observer", "fuzzy-4-tip", EncoderNoise(position=1e-5, velocity=1e-3)
 LOADED, PASSES, PLANT_PASSES, NOTICED = ("machining", "payload"), 5, 4, 0.05
-SEED, PLANTS, LOST_MM = 400000, 100, 50.0
+SEED, PLANTS, PASS_PLANTS, LOST_MM = 400000, 100, 1000, 50.0
 TORQUE, HEAVY, LATEST = (0.67, 1.5), 10.0, 2
 
 
@@ -168,9 +168,12 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw the passes here")
     parser.add_argument("--plants", type=int, default=PLANTS, metavar="N", help=f"of each kind (default: {PLANTS})")
+    parser.add_argument(
+        "--pass-plants", type=int, default=PASS_PLANTS, metavar="M", help=f"in passes (default: {PASS_PLANTS})"
+    )
     options = parser.parse_args()
     found: dict[str, Any] = {"seed": SEED, "lost_mm": LOST_MM, "cases": paper_cases(), "passes": passes()}
-    found["passes_of_plants"] = passes_of_plants(max(1, options.plants // 5))
+    found["passes_of_plants"] = passes_of_plants(options.pass_plants)
     found["populations"] = populations(options.plants)
     if options.figure:
         draw(found["passes"], options.figure)

@@ -46,6 +46,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.fuzzy_policy.laws.adaptive.significance import INSIGNIFICANT
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of, unit_force
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
@@ -232,8 +233,10 @@ class AdaptiveObserverPolicy(Policy):
             cautious=cautious,
             gate=weights.gate,
             dead_zone=weights.dead_zone,
-            # An arm that nothing was tuned for begins to learn with more caution.
+            # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on
+            # to a first guess, so that it does not say which loads are significant.
             first_share=NOISE_SHARE if isinstance(arm, Robot) else 1.0,
+            insignificant=0.0 if isinstance(arm, Robot) else INSIGNIFICANT**2,
             limit=self._torque_limit,
             mass=mass_of(arm),
             substep=period / substeps,

@@ -33,6 +33,7 @@ class Settings(NamedTuple):
         gate: see `AdaptiveWeights`.
         dead_zone: see `AdaptiveWeights`.
         first_share: largest share of a sample in the noise that is read.
+        insignificant: c² of `significance`.
         limit: torque limits [N m].
         mass: of all links [kg].
         substep: h [s].
@@ -61,6 +62,7 @@ class Settings(NamedTuple):
     gate: Any
     dead_zone: Any
     first_share: Any
+    insignificant: Any
     limit: Any
     mass: Any
     substep: Any

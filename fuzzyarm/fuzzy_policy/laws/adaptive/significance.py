@@ -21,9 +21,9 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
-__all__ = ["significant"]
+__all__ = ["INSIGNIFICANT", "significant"]
 
-INSIGNIFICANT = 1.25  # c
+INSIGNIFICANT = 1.25  # c of an arm whose noise is a mean over all samples
 TINY = 1e-300
 ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
 
@@ -42,7 +42,7 @@ def significant(m: Memory, s: Settings, room: Room) -> Memory:
     _solve(room.factor, acted[states : states + loads], room.deviation)
     for i in range(loads):
         square += acted[states + i] * room.deviation[i]
-    kept = max(0.0, 1.0 - INSIGNIFICANT * INSIGNIFICANT * m.flags[FLAG.calm] * ratio / max(square, TINY))
+    kept = max(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio / max(square, TINY))
     for i in range(states):
         for k in range(loads):
             acted[i] -= (1.0 - kept) * m.P[i, states + k] * room.deviation[k]
