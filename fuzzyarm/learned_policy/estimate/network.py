@@ -25,7 +25,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, QUIET, UNEXPLAINED, UNEXPLAINED_PARTS
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
 
-__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "respond", "shapes_of"]
+__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "heard", "respond", "shapes_of"]
 
 GATES = 2
 """s and r."""
@@ -125,6 +125,16 @@ _LOAD: int = UNEXPLAINED_PARTS.load.start
 
 
 @register_jitable
+def heard(z: np.ndarray, c: np.ndarray) -> float:
+    """Return m g of z and c (numbers of `signals`), see the module."""
+    square = 0.0
+    for k in range(JOINTS):
+        square += z[_LOAD + k] * z[_LOAD + k]
+    share: float = c[MOTION] * (square / (square + QUIET * QUIET))
+    return share
+
+
+@register_jitable
 def respond(
     z: np.ndarray,
     c: np.ndarray,
@@ -156,14 +166,11 @@ def respond(
         candidate = from_z[gates + i] + from_c[gates + i] * from_z[gates + hidden + i] + r * from_h[gates + i]
         n = hyperbolic_tangent(candidate)
         h[i] += s * (n - h[i])
-    square = 0.0
-    for k in range(JOINTS):
-        square += z[_LOAD + k] * z[_LOAD + k]
-    heard = c[MOTION] * (square / (square + QUIET * QUIET))
+    share = heard(z, c)
     for joint in range(len(rho)):
         total = 0.0
         for i in range(hidden):
             total += V[joint, i] * (h[i] * w[i])
         for k in range(len(z)):
             total += D[joint, k] * z[k]
-        rho[joint] = min(max(heard * total, -1.0), 1.0)
+        rho[joint] = min(max(share * total, -1.0), 1.0)

@@ -1,19 +1,20 @@
 """What the network of `learned-observer` sees: the unexplained z and the context c, each of order 1.
 
-With the innovation ν = y - ŷ⁻ of the observer, one number for each motor angle and velocity, and the torques u_o of
-this observer and u_q of the quick one,
+With the innovation ν = y - ŷ⁻ of the adaptive observer, one number for each motor angle and velocity, the torques u_o
+of the elastic observer and u_a of the adaptive one, and the load l = (forces, payload) of the beliefs p,
 
-    z = (asinh(ν/s), asinh(ν/S) ν²/(s² + ν²), d̂/R, asinh((u_q - u_o)/(a R)), the last ρ),
+    z = (asinh(ν/s), asinh(ν/S) ν²/(s² + ν²), d̂/R, asinh((u_a - u_o)/(a R)), the last ρ, asinh((l - l_0)/l_1)),
 
-with a = `QUICK_SHARE`, `FINE` units s, `COARSE` units S and the torques R = `TORQUES`: the first part resolves what is
-small; the second is linear in what is large and flat about zero, so that it does not bear on small deviations. d̂ is
-what the observer believes to load the links. z vanishes where nothing is unexplained and the arm is on its target. From
-the observation follows
+with a = `GAP_SHARE`, `FINE` units s, `COARSE` units S, the torques R = `TORQUES` and the units l_1 = `LOADS`: the first
+part resolves what is small; the second is linear in what is large and flat about zero. d̂ is what the elastic observer
+believes to load the links. z vanishes where nothing is unexplained and the arm is on its target. From the observation
+and the beliefs follows
 
-    c = (cos and sin of θ_1 and θ_1 + θ_2, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e, m),
+    c = (cos and sin of θ_1 and θ_1 + θ_2, q̇_d, q̈_d, u_ff, directions of the joints, direction of travel e, Jᵀ e,
+         what is believed of lateness and noise, m),
 
 e = v/√(|v|² + v_0²) with the reference velocity v of the tip, and likewise of the joints. m = |v|²/(|v|² + v_1²) is 0
-at rest and close to 1 in motion, with v_1 = 0.1 mm/s; the network acts in proportion to it.
+at rest and close to 1 in motion, with v_1 = 0.1 mm/s.
 """
 
 from __future__ import annotations
@@ -26,41 +27,50 @@ from numba.extending import register_jitable
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import JOINTS, Observation
 from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.learned_policy.functions import area_sine
 
 __all__ = [
     "COARSE",
     "CONTEXT",
     "FINE",
+    "GAP_SHARE",
+    "LOADS",
     "MOTION",
-    "QUICK_SHARE",
     "QUIET",
     "TORQUES",
     "UNEXPLAINED",
     "UNEXPLAINED_PARTS",
     "UnexplainedParts",
+    "see_beliefs",
     "see_context",
+    "see_innovation",
     "see_unexplained",
 ]
 
 FINE = (5e-7, 2e-6, 1e-3, 4e-3)
-"""Units s of the innovation of angles [rad] and velocities [rad/s]; about the median in the training."""
+"""Units s of the innovation of angles [rad] and velocities [rad/s]."""
 
 COARSE = (1e-5, 4e-5, 2e-2, 8e-2)
-"""Units S, which one innovation in a hundred exceeds."""
+"""Units S of what is large among them."""
 
 TORQUES = (600.0, 300.0)
 """Units of loads and residual torques [N m]; the largest residual torque, beyond what the motors have."""
 
-QUICK_SHARE = 0.05
-"""Share of them that is the unit of u_q - u_o."""
+GAP_SHARE = 0.05
+"""Share of them that is the unit of u_a - u_o."""
+
+LOADS = (20.0, 20.0, 20.0, 1.0)
+"""Units of the force along the direction of travel, of the free force [N] and of the payload [kg]."""
 
 QUIET = 1.0 / 600.0
-"""Share of them: for a load d̂ below it the network is all but silent."""
+"""Share of the torques R: for a load d̂ below it the elastic observer all but acts alone."""
 
 _FASTEST, _JERKIEST = 3.0, 30.0  # units of q̇_d [rad/s] and of q̈_d [rad/s²]
 _SLOW, _SLOW_TIP = 0.05, 0.02  # rad/s and m/s: below it a direction fades
 _REST = 1e-4  # m/s, v_1
+_NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the noise that is read; e-fold of its asinh that counts as 1
 
 
 class UnexplainedParts(NamedTuple):
@@ -69,38 +79,64 @@ class UnexplainedParts(NamedTuple):
     fine: Any
     coarse: Any
     load: Any
-    quick: Any
+    gap: Any
     residual: Any
+    belief: Any
 
 
-UNEXPLAINED_PARTS = UnexplainedParts(*consecutive(2 * JOINTS, 2 * JOINTS, JOINTS, JOINTS, JOINTS))
+UNEXPLAINED_PARTS = UnexplainedParts(*consecutive(2 * JOINTS, 2 * JOINTS, JOINTS, JOINTS, JOINTS, len(LOADS)))
 """Where they stand in z."""
-UNEXPLAINED: int = UNEXPLAINED_PARTS.residual.stop
+UNEXPLAINED: int = UNEXPLAINED_PARTS.belief.stop
 """Numbers in z."""
 
-_ANGLES, _VELOCITIES, _ACCELERATIONS, _FEEDFORWARD, _SIGNS, _TRAVEL, _LEVER, _MOTION = consecutive(
-    2 * JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, 1
+_ANGLES, _VELOCITIES, _ACCELERATIONS, _FEEDFORWARD, _SIGNS, _TRAVEL, _LEVER, _TRUST, _MOTION = consecutive(
+    2 * JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, JOINTS, 5, 1
 )
 MOTION: int = _MOTION.start
 """Where m stands in c."""
 CONTEXT: int = _MOTION.stop
 """Numbers in c."""
-_Z_FINE, _Z_COARSE, _Z_LOAD, _Z_QUICK, _Z_RESIDUAL = UNEXPLAINED_PARTS
+_Z_FINE, _Z_COARSE, _Z_LOAD, _Z_GAP, _Z_RESIDUAL, _Z_BELIEF = UNEXPLAINED_PARTS
 
 
 @register_jitable
-def see_unexplained(
-    innovation: np.ndarray, load: np.ndarray, gap: np.ndarray, residual: np.ndarray, z: np.ndarray
-) -> None:
-    """Fill z (`UNEXPLAINED`,) from ν (2 n,) [rad, rad/s], d̂ and u_q - u_o (n,) [N m] and the last ρ (n,)."""
+def see_innovation(lane: int, o: Observation, m: Memory, z: np.ndarray) -> None:
+    """Fill the parts of z (`UNEXPLAINED`,) that are of ν, before the filter's correction; 0 as an episode begins."""
+    begun, fine, coarse = m.flags[FLAG.samples] > 0.0, z[_Z_FINE], z[_Z_COARSE]
+    for i in range(JOINTS):
+        fine[i] = o.q_motor[lane, i] - m.z[i] if begun else 0.0
+        fine[JOINTS + i] = o.dq_motor[lane, i] - m.z[2 * JOINTS + i] if begun else 0.0
     for k in range(2 * JOINTS):
-        z[_Z_FINE][k] = area_sine(innovation[k] / FINE[k])
-        square = innovation[k] * innovation[k]
-        z[_Z_COARSE][k] = area_sine(innovation[k] / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
+        innovation = fine[k]
+        square = innovation * innovation
+        fine[k] = area_sine(innovation / FINE[k])
+        coarse[k] = area_sine(innovation / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
+
+
+@register_jitable
+def see_unexplained(load: np.ndarray, gap: np.ndarray, residual: np.ndarray, z: np.ndarray) -> None:
+    """Fill parts of z from d̂ and u_a - u_o (n,) [N m] and the last ρ (n,)."""
     for i in range(JOINTS):
         z[_Z_LOAD][i] = load[i] / TORQUES[i]
-        z[_Z_QUICK][i] = area_sine(gap[i] / (QUICK_SHARE * TORQUES[i]))
+        z[_Z_GAP][i] = area_sine(gap[i] / (GAP_SHARE * TORQUES[i]))
         z[_Z_RESIDUAL][i] = residual[i]
+
+
+@register_jitable
+def see_beliefs(m: Memory, s: Settings, z: np.ndarray, c: np.ndarray) -> None:
+    """Fill the parts of z and c that are of the corrected beliefs; 0 where the filter has diverged.
+
+    In c these are lateness and its standard deviation [control periods], calm, surprise, and the noise that is read.
+    """
+    states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[_Z_BELIEF], c[_TRUST]
+    belief[:], trust[:] = 0.0, 0.0
+    if m.flags[FLAG.lost] == 0.0:
+        for k in range(len(LOADS)):
+            belief[k] = area_sine((m.z[states + k] - s.guess[k]) / LOADS[k])
+        deviation, noise = np.sqrt(max(m.P[last, last], 0.0)), np.sqrt(max(m.noise[0], m.noise[1]))
+        calm, surprise = m.flags[FLAG.calm], area_sine(m.flags[FLAG.surprise])
+        trust[0], trust[1], trust[2] = m.z[last], deviation, calm
+        trust[3:][0], trust[3:][1] = surprise, area_sine(noise / _NOISE) / _NOISES
 
 
 @register_jitable
