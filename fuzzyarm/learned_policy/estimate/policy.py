@@ -32,7 +32,7 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import constants_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
@@ -130,6 +130,13 @@ class LearnedObserverPolicy(Policy):
     def without_dry_friction(self) -> ElasticObserverPolicy:
         """Return what acts at rest, where m is 0 whatever is measured: the elastic observer, for a smooth arm."""
         return ElasticObserverPolicy(self.parameters, self.control_period).without_dry_friction()
+
+    def beliefs(self, state: np.ndarray) -> Beliefs:
+        """Return what its adaptive observer believes at the next sample, from a state (..., memory_size) of `predict`.
+
+        Where that one's filter has diverged, the elastic observer and the network act.
+        """
+        return self.adaptive.beliefs(np.asarray(state)[..., self.filter])
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
