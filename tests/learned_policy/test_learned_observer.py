@@ -34,7 +34,7 @@ def network(seed=0):
     generator = np.random.default_rng(seed)
     return EstimateNetwork(
         **{
-            name: ((0.0015 if name in "VD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
+            name: ((0.0015 if name in "VGD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
             for name, shape in shapes_of(HIDDEN, MODULATION).items()
         }
     )
@@ -60,17 +60,18 @@ class Oracle:
         self.target_memory = np.zeros((1, self.target.memory_size))
 
     def correct(self, o, desired, feedforward):
-        """The corrected estimate, and the torque of the elastic observer."""
+        """The innovation, the corrected estimate, and the torque of the elastic observer."""
         place = 4.0 * (np.cos(o[1]) + 1.0)
         left = min(int(place), 7)
         feedback, gain = (
             (left + 1 - place) * table[left] + (place - left) * table[left + 1]
             for table in (self.observer.feedback, self.observer.observer)
         )
-        estimate = self.predicted + gain @ (o[:4] - self.predicted[[0, 1, 4, 5]])
+        innovation = o[:4] - self.predicted[[0, 1, 4, 5]]
+        estimate = self.predicted + gain @ innovation
         unbent = desired[:2] - estimate[8:] / ARM.stiffness
         error = estimate[:8] - np.concatenate([unbent, o[4:6], desired[2:4], o[6:8]])
-        return estimate, feedforward - estimate[8:] - feedback @ error
+        return innovation, estimate, feedforward - estimate[8:] - feedback @ error
 
     def context(self, o, feedforward, trust):
         q, dq, ddq = o[:2], o[6:8], o[8:]
@@ -102,13 +103,15 @@ class Oracle:
         trust = m.z[-1], np.sqrt(m.P[-1, -1]), m.flags[FLAG.calm], np.arcsinh(surprise), np.arcsinh(noise / 1e-6) / 3.0
         return np.arcsinh(load), np.array(trust)
 
-    def residual(self, innovation, load, gap, belief, c):
+    def residual(self, innovations, load, gap, belief, c):
         """The share by which the adaptive observer is followed; h and ρ follow."""
         n, units = self.n, np.array([[5e-7, 2e-6, 1e-3, 4e-3], [1e-5, 4e-5, 2e-2, 8e-2]])
-        fine, coarse = np.arcsinh(innovation / units)
-        coarse *= innovation**2 / (innovation**2 + units[0] ** 2)
+        scaled = []
+        for innovation in innovations:
+            fine, coarse = np.arcsinh(innovation / units)
+            scaled += [fine, coarse * innovation**2 / (innovation**2 + units[0] ** 2)]
         torques = np.array([600.0, 300.0])
-        z = np.concatenate([fine, coarse, load / torques, np.arcsinh(gap / (0.05 * torques)), self.rho, belief])
+        z = np.concatenate([*scaled, load / torques, np.arcsinh(gap / (0.05 * torques)), self.rho, belief])
         gates = sigmoid(n.gate_z @ z + n.gate_h @ self.h + n.gate_c @ c + n.gate_bias)
         s, r = gates[:HIDDEN], gates[HIDDEN:]
         candidate = np.tanh(n.A @ z + (n.C @ c) * (n.B @ z) + r * (n.U @ self.h))
@@ -116,7 +119,8 @@ class Oracle:
         weights = 1.0 + n.W @ np.tanh(n.P @ c + n.p_0)
         size = np.sum((load / torques) ** 2)
         share = c[-1] * size / (size + 600.0**-2)
-        self.rho = np.clip(share * (n.V @ (self.h * weights) + n.D @ z), -1.0, 1.0)
+        beyond = (n.G @ (self.h * weights)) * gap / torques
+        self.rho = np.clip(share * (n.V @ (self.h * weights) + beyond + n.D @ z), -1.0, 1.0)
         return share
 
     def step(self, o, applied):
@@ -131,9 +135,9 @@ class Oracle:
         m, room, u_a = remembered(self.filter, 2, len(self.settings.guess), 3), room_for(self.settings), np.empty(2)
         innovation = (o[:4] - m.z[[0, 1, 4, 5]]) * (m.flags[FLAG.samples] > 0)
         ESTIMATE(0, observed(o[np.newaxis]), m, self.settings, room, np.zeros((KEPT + 1, 2)), u_a)
-        estimate, u = self.correct(o, desired[0], feedforward[0])
+        slow, estimate, u = self.correct(o, desired[0], feedforward[0])
         (belief, trust), gap = self.beliefs(m), u_a - u
-        share = self.residual(innovation, estimate[8:], gap, belief, self.context(o, feedforward[0], trust))
+        share = self.residual((innovation, slow), estimate[8:], gap, belief, self.context(o, feedforward[0], trust))
         u = np.clip(u + share * gap + self.rho * [600.0, 300.0], -np.array(ARM.torque_limit), ARM.torque_limit)
         m.commands[0] = applied
         PREDICT(m, self.settings, room, u_a)
@@ -228,7 +232,7 @@ FORGERIES = {
     "code": (lambda f: edited(f, run="rm"), "unknown field run"),
     "a foreign array": (lambda f: resealed(f, X=np.zeros(3, np.float32)), "needed: A, B, C"),
     "a wrong shape": (lambda f: resealed(f, A=np.zeros((HIDDEN, 3), np.float32)), "A has shape"),
-    "no number": (lambda f: resealed(f, D=np.full((2, 18), np.nan, np.float32)), "D"),
+    "no number": (lambda f: resealed(f, D=np.full((2, 26), np.nan, np.float32)), "D"),
     "double precision": (lambda f: resealed(f, W=np.zeros((HIDDEN, MODULATION))), "W is float64"),
     "an arm that is none": (lambda f: edited(f, parameters={"mass": [-1.0, 2.0]}), "mass"),
     "no period": (lambda f: edited(f, control_period=5.0), "control_period"),

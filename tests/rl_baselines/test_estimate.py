@@ -20,7 +20,7 @@ from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
-from fuzzyarm.learned_policy.estimate.signals import CONTEXT, UNEXPLAINED  # noqa: E402
+from fuzzyarm.learned_policy.estimate.signals import CONTEXT, GAP_SHARE, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
@@ -44,7 +44,7 @@ def student(seed=0, output=0.02):
     """A student whose output is not zero."""
     made = Student(6, 3, torch.Generator().manual_seed(seed))
     with torch.no_grad():
-        for matrix in (made.V, made.D):
+        for matrix in (made.V, made.G, made.D):
             matrix.normal_(std=output, generator=torch.Generator().manual_seed(seed + 1))
     return made
 
@@ -60,7 +60,8 @@ def test_the_network_in_torch_is_the_one_that_is_shipped():
     rho, after = made(*tensors, torch.from_numpy(h).float(), torch.ones(1, 4, 1))
     for lane in range(4):
         memory, answer = h[lane].copy(), np.empty(2)
-        respond(z[lane], c[lane], memory, answer, *made.network().arguments)
+        gap = GAP_SHARE * np.array(TORQUES) * np.sinh(z[lane, UNEXPLAINED_PARTS.gap])
+        respond(z[lane], c[lane], memory, gap, answer, *made.network().arguments)
         np.testing.assert_allclose(rho[0, lane].detach().numpy(), answer, atol=1e-6)
         np.testing.assert_allclose(after[0, lane].detach().numpy(), memory, atol=1e-6)
 

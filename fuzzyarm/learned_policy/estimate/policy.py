@@ -177,6 +177,7 @@ def _observe_and_act(
     of_c: np.ndarray,
     bias: np.ndarray,
     V: np.ndarray,
+    G: np.ndarray,
     D: np.ndarray,
     W: np.ndarray,
 ) -> None:
@@ -194,20 +195,20 @@ def _observe_and_act(
         m = remembered(memory[lane, first_filter:], JOINTS, len(settings.guess), axes + 1)
         z, c, h = seen[lane, _Z], seen[lane, _C], memory[lane, first_hidden:]
         see_context(lane, o, torque[lane], k.torque_limit, k.length, c)
-        see_innovation(lane, o, m, z)
+        see_innovation(lane, o, m, innovation, z)
         _ESTIMATE_ADAPTIVE(lane, o, m, settings, room, known, adaptive)
         place_in_schedule(o.q_motor[lane], k.kept, k.cosine, k.points, index, weight)
         _CORRECT(lane, o, predicted, k.observer, index, weight, innovation)
         _ACT(lane, o, target, predicted, k.stiffness, k.feedback, index, weight, error, torque)
         for i in range(JOINTS):
             gap[i] = adaptive[i] - torque[lane, i] if np.isfinite(adaptive[i]) else 0.0
-        see_unexplained(load[lane], gap, residual[lane], z)
+        see_unexplained(innovation, load[lane], gap, residual[lane], z)
         see_beliefs(m, settings, z, c)
         share = heard(z, c)
         for i in range(JOINTS):
             torque[lane, i] += share * gap[i]
             seen[lane, _BASE][i] = torque[lane, i]
-        respond(z, c, h, residual[lane], of_z, of_h, of_c, bias, V, D, W)
+        respond(z, c, h, gap, residual[lane], of_z, of_h, of_c, bias, V, G, D, W)
         for i in range(JOINTS):
             torque[lane, i] += TORQUES[i] * residual[lane, i]
             applied[0, i] = m.commands[0, i] = min(max(torque[lane, i], -k.torque_limit[i]), k.torque_limit[i])

@@ -1,12 +1,13 @@
 """What the network of `learned-observer` sees: the unexplained z and the context c, each of order 1.
 
-With the innovation ν = y - ŷ⁻ of the adaptive observer, one number for each motor angle and velocity, the torques u_o
-of the elastic observer and u_a of the adaptive one, and the load l = (forces, payload) of the beliefs p,
+With the innovations ν_a and ν_o, y - ŷ⁻ of the adaptive and of the elastic observer, one number for each motor angle
+and velocity, their torques u_a and u_o, and the load l = (forces, payload) of the beliefs p,
 
-    z = (asinh(ν/s), asinh(ν/S) ν²/(s² + ν²), d̂/R, asinh((u_a - u_o)/(a R)), the last ρ, asinh((l - l_0)/l_1)),
+    z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(a R)), the last ρ, asinh((l - l_0)/l_1)),
+    a(ν) = asinh(ν/s),    b(ν) = asinh(ν/S) ν²/(s² + ν²),
 
-with a = `GAP_SHARE`, `FINE` units s, `COARSE` units S, the torques R = `TORQUES` and the units l_1 = `LOADS`: the first
-part resolves what is small; the second is linear in what is large and flat about zero. d̂ is what the elastic observer
+with a = `GAP_SHARE`, `FINE` units s, `COARSE` units S, the torques R = `TORQUES` and the units l_1 = `LOADS`: a(ν)
+resolves what is small; b(ν) is linear in what is large and flat about zero. d̂ is what the elastic observer
 believes to load the links. z vanishes where nothing is unexplained and the arm is on its target. From the observation
 and the beliefs follows
 
@@ -74,17 +75,19 @@ _NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the noise that is read; e-fold of it
 
 
 class UnexplainedParts(NamedTuple):
-    """Where the parts of z lie."""
+    """Where the parts of z lie, in the order of the module's equation."""
 
     fine: Any
     coarse: Any
+    slow_fine: Any
+    slow_coarse: Any
     load: Any
     gap: Any
     residual: Any
     belief: Any
 
 
-UNEXPLAINED_PARTS = UnexplainedParts(*consecutive(2 * JOINTS, 2 * JOINTS, JOINTS, JOINTS, JOINTS, len(LOADS)))
+UNEXPLAINED_PARTS = UnexplainedParts(*consecutive(*[2 * JOINTS] * 4, *[JOINTS] * 3, len(LOADS)))
 """Where they stand in z."""
 UNEXPLAINED: int = UNEXPLAINED_PARTS.belief.stop
 """Numbers in z."""
@@ -96,26 +99,37 @@ MOTION: int = _MOTION.start
 """Where m stands in c."""
 CONTEXT: int = _MOTION.stop
 """Numbers in c."""
-_Z_FINE, _Z_COARSE, _Z_LOAD, _Z_GAP, _Z_RESIDUAL, _Z_BELIEF = UNEXPLAINED_PARTS
+_Z_FINE, _Z_COARSE, _Z_SLOW_FINE, _Z_SLOW_COARSE, _Z_LOAD, _Z_GAP, _Z_RESIDUAL, _Z_BELIEF = UNEXPLAINED_PARTS
 
 
 @register_jitable
-def see_innovation(lane: int, o: Observation, m: Memory, z: np.ndarray) -> None:
-    """Fill the parts of z (`UNEXPLAINED`,) that are of ν, before the filter's correction; 0 as an episode begins."""
-    begun, fine, coarse = m.flags[FLAG.samples] > 0.0, z[_Z_FINE], z[_Z_COARSE]
-    for i in range(JOINTS):
-        fine[i] = o.q_motor[lane, i] - m.z[i] if begun else 0.0
-        fine[JOINTS + i] = o.dq_motor[lane, i] - m.z[2 * JOINTS + i] if begun else 0.0
+def _scaled(innovation: np.ndarray, fine: np.ndarray, coarse: np.ndarray) -> None:
+    """Fill a(ν) and b(ν) from ν, each (2 n,)."""
     for k in range(2 * JOINTS):
-        innovation = fine[k]
-        square = innovation * innovation
-        fine[k] = area_sine(innovation / FINE[k])
-        coarse[k] = area_sine(innovation / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
+        square = innovation[k] * innovation[k]
+        fine[k] = area_sine(innovation[k] / FINE[k])
+        coarse[k] = area_sine(innovation[k] / COARSE[k]) * (square / (square + FINE[k] * FINE[k]))
 
 
 @register_jitable
-def see_unexplained(load: np.ndarray, gap: np.ndarray, residual: np.ndarray, z: np.ndarray) -> None:
-    """Fill parts of z from d̂ and u_a - u_o (n,) [N m] and the last ρ (n,)."""
+def see_innovation(lane: int, o: Observation, m: Memory, innovation: np.ndarray, z: np.ndarray) -> None:
+    """Fill the parts of z (`UNEXPLAINED`,) that are of ν_a, before that filter's correction; 0 as an episode begins.
+
+    `innovation` (2 n,) [rad, rad/s] becomes ν_a.
+    """
+    begun = m.flags[FLAG.samples] > 0.0
+    for i in range(JOINTS):
+        innovation[i] = o.q_motor[lane, i] - m.z[i] if begun else 0.0
+        innovation[JOINTS + i] = o.dq_motor[lane, i] - m.z[2 * JOINTS + i] if begun else 0.0
+    _scaled(innovation, z[_Z_FINE], z[_Z_COARSE])
+
+
+@register_jitable
+def see_unexplained(
+    innovation: np.ndarray, load: np.ndarray, gap: np.ndarray, residual: np.ndarray, z: np.ndarray
+) -> None:
+    """Fill parts of z from ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o (n,) [N m] and the last ρ (n,)."""
+    _scaled(innovation, z[_Z_SLOW_FINE], z[_Z_SLOW_COARSE])
     for i in range(JOINTS):
         z[_Z_LOAD][i] = load[i] / TORQUES[i]
         z[_Z_GAP][i] = area_sine(gap[i] / (GAP_SHARE * TORQUES[i]))

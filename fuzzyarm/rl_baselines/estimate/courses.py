@@ -2,7 +2,8 @@
 
 Cases 2 and 3 are not among the draws, nor are the courses and seeds of the comparisons. Courses are those of
 `reference_family`; in a quarter of the lanes the paper's circle; in a sixth a circle of millimetres, on which the arm
-all but stands, so that the student learns to rest under a load. Loads are a payload at the tip and one force:
+all but stands, so that the student learns to rest under a load. In a quarter of the draws all lanes have the known arm.
+Loads are a payload at the tip and one force:
 
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
@@ -35,6 +36,7 @@ __all__ = ["Courses", "TravelForce", "draw_courses"]
 
 FAMILY = 256  # references of which lanes draw
 CIRCLES, RESTS = 0.25, 0.16  # share of lanes on the paper's circle and all but at rest
+KNOWN = 0.25  # share of the draws of all lanes with the known arm
 SMALLEST, LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres
 STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg
 FADES = 5e-3, 0.1  # m/s, range of v_0
@@ -117,7 +119,7 @@ def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.ra
         count,
         control_period=period,
         substeps=default_substeps(period),
-        randomisation=find_randomisation("plants", arm),
+        randomisation=find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm),
         threads=1,
     )
     start = np.array(starts)

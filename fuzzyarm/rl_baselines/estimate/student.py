@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
-from fuzzyarm.learned_policy.estimate.signals import MOTION, QUIET, UNEXPLAINED_PARTS
+from fuzzyarm.learned_policy.estimate.signals import GAP_SHARE, MOTION, QUIET, UNEXPLAINED_PARTS
 
 __all__ = ["Student", "as_tensor"]
 
@@ -21,7 +21,7 @@ class Student(torch.nn.Module):
     Args:
         hidden: numbers in h.
         modulation: numbers in tanh(P c).
-        generator: of the first weights; V and D begin at zero, so the residual does.
+        generator: of the first weights; V, G and D begin at zero, so the residual does.
     """
 
     gate_z: torch.Tensor
@@ -33,6 +33,7 @@ class Student(torch.nn.Module):
     C: torch.Tensor
     U: torch.Tensor
     V: torch.Tensor
+    G: torch.Tensor
     D: torch.Tensor
     P: torch.Tensor
     p_0: torch.Tensor
@@ -42,7 +43,7 @@ class Student(torch.nn.Module):
         """Draw the weights."""
         super().__init__()
         for name, shape in shapes_of(hidden, modulation).items():
-            if len(shape) == 1 or name in "VD":
+            if len(shape) == 1 or name in "VGD":
                 tensor = torch.zeros(shape)
             else:
                 tensor = torch.randn(shape, generator=generator) / math.sqrt(shape[1])
@@ -75,7 +76,9 @@ class Student(torch.nn.Module):
             h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
             states.append(h)
         after = torch.stack(states)
-        return (c[..., MOTION, None] * _heard(z)) * ((after * self._weights(c)) @ self.V.T + z @ self.D.T), after
+        remembered, gap = after * self._weights(c), GAP_SHARE * torch.sinh(z[..., UNEXPLAINED_PARTS.gap])
+        answer = remembered @ self.V.T + (remembered @ self.G.T) * gap + z @ self.D.T
+        return (c[..., MOTION, None] * _heard(z)) * answer, after
 
     def _weights(self, c: torch.Tensor) -> torch.Tensor:
         return 1.0 + torch.tanh(c @ self.P.T + self.p_0) @ self.W.T

@@ -32,7 +32,7 @@ __all__ = ["PERIOD", "EstimateTraining"]
 PERIOD = 1e-3
 """Control period of the training [s]."""
 
-_SCALE = 0.05  # s
+_SCALE = 0.02  # s
 _LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
 _NEWEST = 3  # one gradient step in so many is from the newest chunk
 
