@@ -23,7 +23,7 @@ _BUNDLE = "policy"
 @with_fields_of(EstimateConfig)
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Train a recurrent network beside elastic-observer, by regression on a teacher that knows plant and load.
+    """Train the recurrent network of learned-observer, by regression on a teacher that knows plant, load and lateness.
 
     The folder gets policy/, which --policy and load_policy take. A training takes minutes and cannot be resumed. It
     needs pip install -c constraints.txt -e ".[rl]" in the repository.
@@ -62,6 +62,6 @@ def _shown(advance: Callable[..., None]) -> Callable[[dict[str, Any]], None]:
     """Return what shows a row of the curve beside the bar."""
 
     def show(row: dict[str, Any]) -> None:
-        advance(f"loss {row['loss']:.3f}, largest |λ| {row['radius']:.3f}", completed=row["chunk"] + 1)
+        advance(f"loss {row['loss']:.3f}", completed=row["chunk"] + 1)
 
     return show

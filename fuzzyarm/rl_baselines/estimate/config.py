@@ -29,7 +29,7 @@ class EstimateConfig:
     """Numbers that the network remembers (1 to 512)."""
     modulation: int = 16
     """Numbers by which the context weighs them (1 to 512)."""
-    chunks: int = 300
+    chunks: int = 200
     """Chunks of experience, each of which is learned from before the next."""
     lanes: int = 160
     """Number of arms that are simulated at once (1 to 65536)."""
