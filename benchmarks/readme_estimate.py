@@ -14,8 +14,7 @@ _CASES = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}
 def estimate_tables(document: dict[str, Any]) -> str:
     """Return the table of the seeds, those of the plants, and the line that says how they were made."""
     plants = "\n\n".join(
-        f"Largest tip errors [mm] over {part['plants']} plants of `{name.partition(',')[0]}`:\n\n"
-        f"{_plants(part, document['quantiles'])}"
+        f"Largest tip errors [mm] over {part['plants']} plants of `{name}`:\n\n{_plants(part, document['quantiles'])}"
         for name, part in document["held_out"].items()
     )
     stable = document["stable_in_every_condition"]
@@ -79,19 +78,26 @@ def _seeds(document: dict[str, Any]) -> str:
 
 
 def _plants(part: dict[str, Any], quantiles: list[float]) -> str:
-    headings = ["policy", "case", *(f"{100 * share:g} %" for share in quantiles), "lost", "better than base [%]"]
+    rivals = ("elastic-observer", "adaptive-observer")
+    headings = ["policy", "case", *(f"{100 * share:g} %" for share in quantiles), "lost"]
+    headings += [f"better than `{rival}` [%]" for rival in rivals]
     rows = []
     for name, row in part["rows"].items():
         policy, _, case = name.partition(", ")
-        low, high = row["interval_95"]
-        better = f"{100 * row['better_than_base']:.1f} ({100 * low:.1f} to {100 * high:.1f})"
         rows.append(
             [
                 f"`{policy}`",
                 _CASES[case],
                 *(f"{value:.2f}" for value in row["quantiles_mm"]),
                 str(row["lost"]),
-                "" if policy == "elastic-observer" else better,
+                *(_share(row["better_than"].get(rival)) for rival in rivals),
             ]
         )
     return table(headings, rows, left=2)
+
+
+def _share(better: dict[str, Any] | None) -> str:
+    if better is None:
+        return ""
+    low, high = better["interval_95"]
+    return f"{100 * better['share']:.1f} ({100 * low:.1f} to {100 * high:.1f})"

@@ -175,6 +175,7 @@ def test_where_the_filter_has_diverged_a_silent_network_is_the_elastic_observer(
             expected, memory = observer.predict(observation, memory)
             torque, own = silent.predict(observation, own)
             own[silent.filter.start + FLAG.lost] = float(diverged)
+            assert silent.beliefs(own).diverged == diverged
             apart.append(np.abs(torque - expected).max())
             observation = env.step(torque)[0]
     assert min(apart[5:30]) > 0.01 and max(apart[31:]) == 0.0  # N m
