@@ -10,7 +10,7 @@ import torch
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.signals import GAP_SHARE, MOTION, QUIET, UNEXPLAINED_PARTS
 
-__all__ = ["Student", "as_tensor"]
+__all__ = ["Student"]
 
 _GATE = -2.0  # of s at the beginning: a memory of about eight samples
 
