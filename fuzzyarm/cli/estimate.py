@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fuzzyarm.cli.options import chosen, with_fields_of
-from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.cli.usage import UsageError, claimed_folder, two_joint_arm
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig
 
 if TYPE_CHECKING:
@@ -31,13 +31,15 @@ class Options:
 
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder of the run, made if needed"""
+    robot: Annotated[str | None, Parameter(metavar="FILE")] = None
+    """Another two-joint arm, by its TOML file (default: Table 1 of the paper)"""
 
 
 def run(options: Options) -> int:
     """Train a policy."""
     from fuzzyarm.common.console import progress, say, status
 
-    config = chosen(options, EstimateConfig())
+    config, arm = chosen(options, EstimateConfig()), two_joint_arm(options.robot)
     folder = options.out / _BUNDLE
     if folder.exists():
         raise UsageError(f"{folder} holds a policy already; choose another folder")
@@ -49,7 +51,7 @@ def run(options: Options) -> int:
         ) from None
     with claimed_folder(options.out):
         with status("compiling and loading"):
-            training = EstimateTraining(config)
+            training = EstimateTraining(config, arm=arm)
         with progress("training", config.chunks) as advance:
             training.report = _shown(advance)
             bundle = training.run()

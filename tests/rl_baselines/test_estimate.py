@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from fuzzyarm import load_policy
+
 torch = pytest.importorskip("torch")
 
 
@@ -20,7 +22,14 @@ from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
-from fuzzyarm.learned_policy.estimate.signals import CONTEXT, GAP_SHARE, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS  # noqa: E402
+from fuzzyarm.learned_policy.estimate.signals import (  # noqa: E402
+    CONTEXT,
+    GAP_SHARE,
+    UNEXPLAINED,
+    UNEXPLAINED_PARTS,
+    scale_of,
+    units_of,
+)
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
@@ -28,6 +37,11 @@ from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.training import EstimateTraining  # noqa: E402
 
 ARM, PERIOD, NOTHING = ArmParameters(), 1e-3, DomainRandomisation()
+SMALL = ArmParameters(
+    **{"length": (0.3, 0.25), "mass": (4.0, 2.5), "inertia": (0.03, 0.013), "mass_center": (0.15, 0.125)},
+    **{"motor_inertia": (0.3, 0.08), "stiffness": (8000.0, 2500.0), "damping": (3.0, 0.9)},
+    **{"static_friction": (1.5, 0.8), "coulomb_friction": (1.0, 0.5), "torque_limit": (80.0, 35.0)},
+)
 ADAPTIVE = AdaptiveObserverPolicy(ARM, PERIOD)
 SHORT = {
     "chunks": 2,
@@ -55,26 +69,26 @@ def points(hidden, count=4, seed=0):
 
 
 def test_the_network_in_torch_is_the_one_that_is_shipped():
-    made, (z, c, h) = student(), points(6)
+    made, (z, c, h), torques = student(), points(6), np.array([90.0, 40.0])
     tensors = [torch.from_numpy(part).float()[None] for part in (z, c)]
     rho, after = made(*tensors, torch.from_numpy(h).float(), torch.ones(1, 4, 1))
     for lane in range(4):
         memory, answer = h[lane].copy(), np.empty(2)
-        gap = GAP_SHARE * np.array(TORQUES) * np.sinh(z[lane, UNEXPLAINED_PARTS.gap])
-        respond(z[lane], c[lane], memory, gap, answer, *made.network().arguments)
+        gap = GAP_SHARE * torques * np.sinh(z[lane, UNEXPLAINED_PARTS.gap])
+        respond(z[lane], c[lane], memory, gap, torques, answer, *made.network().arguments)
         np.testing.assert_allclose(rho[0, lane].detach().numpy(), answer, atol=1e-6)
         np.testing.assert_allclose(after[0, lane].detach().numpy(), memory, atol=1e-6)
 
 
-def tip_errors(courses, steps):
+def tip_errors(courses, steps, adaptive=ADAPTIVE):
     """The tip errors [mm] (steps, lanes) where the teacher drives lanes whose torques are late or not."""
-    lanes, teacher, told = courses.lanes, Teacher(ADAPTIVE, courses), ADAPTIVE.memory.commands
+    lanes, teacher, told = courses.lanes, Teacher(adaptive, courses), adaptive.memory.commands
     observation = lanes.layout.split(lanes.reset(list(range(lanes.count))))[0]
-    memory, aside, errors = np.zeros((lanes.count, ADAPTIVE.memory_size)), np.empty((lanes.count, 2)), []
+    memory, aside, errors = np.zeros((lanes.count, adaptive.memory_size)), np.empty((lanes.count, 2)), []
     late = courses.delay[:, np.newaxis]
     for _ in range(steps):
         wanted = teacher.torque(observation, memory)
-        ADAPTIVE.act(observation, memory, aside)
+        adaptive.act(observation, memory, aside)
         memory[:, told][:, :2] = wanted
         now, before = memory[:, told][:, :2], memory[:, told][:, 2:4]
         observation, _, scalars = lanes.layout.split(lanes.step((1.0 - late) * now + late * before))
@@ -118,15 +132,40 @@ def test_the_beliefs_of_the_teacher_are_the_plants():
     assert np.all(np.delete(apart, viscous) < 1e-9) and np.any(apart[viscous] > 1e-3)
 
 
-def test_the_motors_can_do_what_is_drawn():
-    courses = draw_courses(ARM, 12, PERIOD, np.random.default_rng(0))
-    errors = tip_errors(dataclasses.replace(courses, delay=np.zeros(12)), 150)
+@pytest.mark.parametrize("arm", [ARM, SMALL], ids=["Table 1", "small"])
+def test_the_motors_can_do_what_is_drawn(arm):
+    courses, adaptive = draw_courses(arm, 12, PERIOD, np.random.default_rng(0)), AdaptiveObserverPolicy(arm, PERIOD)
+    errors = tip_errors(dataclasses.replace(courses, delay=np.zeros(12)), 150, adaptive)
+    carried = Teacher(adaptive, courses).beliefs()[:, 4 * 2 :][:, adaptive.belief.payload]
+    assert 4.0 * scale_of(arm).mass < np.max(carried) < 10.001 * scale_of(arm).mass  # kg
     assert np.max(errors) < 1.5  # mm; ten times as much where a motor is at its limit
 
 
 @pytest.fixture(scope="module")
 def trained():
     return EstimateTraining(EstimateConfig(**SHORT)).run()
+
+
+def test_units_scale_with_the_arm():
+    assert scale_of(ARM) == (1.0, 1.0, 1.0)
+    same = np.array(units_of(ARM).torque) / ARM.torque_limit
+    np.testing.assert_array_equal(np.array(units_of(SMALL).torque) / SMALL.torque_limit, same)
+    doubled = dataclasses.replace(ARM, length=(1.0, 1.0), mass=tuple(3.0 * np.array(ARM.mass)))
+    assert scale_of(doubled) == pytest.approx((0.5, 3.0, 2.0))
+
+
+def test_motors_too_weak_for_any_course_are_named():
+    weak = dataclasses.replace(ARM, torque_limit=(30.0, 10.0))
+    with pytest.raises(ValueError, match=r"of 200 courses and loads the motors bear only \d; raise torque_limit"):
+        draw_courses(weak, 2, PERIOD, np.random.default_rng(0))
+
+
+def test_a_student_of_another_arm_serves_that_arm_alone(tmp_path):
+    training = EstimateTraining(EstimateConfig(**SHORT), arm=SMALL)
+    training.run().save(tmp_path / "small")
+    assert load_policy(tmp_path / "small", robot=SMALL).parameters == SMALL
+    with pytest.raises(ValueError, match="small was trained on another arm and knows no other; take adaptive-observer"):
+        load_policy(tmp_path / "small")
 
 
 def test_the_same_seed_gives_the_same_network(trained):

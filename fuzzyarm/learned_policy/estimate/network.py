@@ -23,7 +23,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import finite_array, instance, shown
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, QUIET, TORQUES, UNEXPLAINED, UNEXPLAINED_PARTS
+from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, QUIET, UNEXPLAINED, UNEXPLAINED_PARTS
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
 
 __all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "heard", "respond", "shapes_of"]
@@ -143,6 +143,7 @@ def respond(
     c: np.ndarray,
     h: np.ndarray,
     gap: np.ndarray,
+    torques: np.ndarray,
     rho: np.ndarray,
     of_z: np.ndarray,
     of_h: np.ndarray,
@@ -153,7 +154,7 @@ def respond(
     D: np.ndarray,
     W: np.ndarray,
 ) -> None:
-    """Fill ρ (n,) from z and c (numbers of `signals`) and u_a - u_o (n,) [N m], and advance h (hidden,).
+    """Fill ρ (n,) from z and c (numbers of `signals`) u_a - u_o and R (n,) [N m], and advance h (hidden,).
 
     The last eight arrays are `EstimateNetwork.arguments`.
     """
@@ -177,7 +178,7 @@ def respond(
         for i in range(hidden):
             total += V[joint, i] * (h[i] * w[i])
             follow += G[joint, i] * (h[i] * w[i])
-        total += follow * (gap[joint] / TORQUES[joint])
+        total += follow * (gap[joint] / torques[joint])
         for k in range(len(z)):
             total += D[joint, k] * z[k]
         rho[joint] = min(max(share * total, -1.0), 1.0)

@@ -45,12 +45,12 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, heard, respond
 from fuzzyarm.learned_policy.estimate.signals import (
     CONTEXT,
-    TORQUES,
     UNEXPLAINED,
     see_beliefs,
     see_context,
     see_innovation,
     see_unexplained,
+    units_of,
 )
 
 __all__ = ["SEEN", "SEEN_PARTS", "LearnedObserverPolicy"]
@@ -80,6 +80,7 @@ class _Known(NamedTuple):
     length: Any
     substep: Any
     substeps: Any
+    units: Any
 
 
 class LearnedObserverPolicy(Policy):
@@ -119,6 +120,7 @@ class LearnedObserverPolicy(Policy):
             *(schedule.kept, schedule.cosine, schedule.points),
             *(constants_of(arm), np.array(arm.stiffness), self._torque_limit, np.array(arm.length)),
             *(self.control_period / substeps, substeps),
+            units_of(arm),
         )
 
     def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
@@ -202,15 +204,15 @@ def _observe_and_act(
         _ACT(lane, o, target, predicted, k.stiffness, k.feedback, index, weight, error, torque)
         for i in range(JOINTS):
             gap[i] = adaptive[i] - torque[lane, i] if np.isfinite(adaptive[i]) else 0.0
-        see_unexplained(innovation, load[lane], gap, residual[lane], z)
-        see_beliefs(m, settings, z, c)
+        see_unexplained(innovation, load[lane], gap, residual[lane], k.units, z)
+        see_beliefs(m, settings, k.units, z, c)
         share = heard(z, c)
         for i in range(JOINTS):
             torque[lane, i] += share * gap[i]
             seen[lane, _BASE][i] = torque[lane, i]
-        respond(z, c, h, gap, residual[lane], of_z, of_h, of_c, bias, V, G, D, W)
+        respond(z, c, h, gap, k.units.torque, residual[lane], of_z, of_h, of_c, bias, V, G, D, W)
         for i in range(JOINTS):
-            torque[lane, i] += TORQUES[i] * residual[lane, i]
+            torque[lane, i] += k.units.torque[i] * residual[lane, i]
             applied[0, i] = m.commands[0, i] = min(max(torque[lane, i], -k.torque_limit[i]), k.torque_limit[i])
         _PREDICT(predicted, lane, _PER_JOINT(applied, 0), _PER_JOINT(load, lane), arm, k.substep, k.substeps)
         _PREDICT_ADAPTIVE(m, settings, room, adaptive)

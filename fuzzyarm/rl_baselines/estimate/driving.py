@@ -10,7 +10,7 @@ import torch
 from fuzzyarm.envs.batch.layout import SCALARS
 from fuzzyarm.envs.observation import JOINTS, MEASURED
 from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy
-from fuzzyarm.learned_policy.estimate.signals import TORQUES
+from fuzzyarm.learned_policy.estimate.signals import units_of
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
 from fuzzyarm.rl_baselines.estimate.student import as_tensor
@@ -72,6 +72,7 @@ class Drive:
         self._observation = self._split(self._lanes.reset(seeds, None, courses.start))[0].copy()
         self._memory, self._begins = np.zeros((count, policy.memory_size)), np.ones(count, dtype=bool)
         self._sent = np.zeros((_LATEST, count, JOINTS))
+        self._torques = units_of(policy.parameters).torque
         self._limit = np.array(policy.parameters.torque_limit)
         self.lost, self.error = 0, 0.0
 
@@ -95,7 +96,7 @@ class Drive:
             label[k] = wanted
             squares += self._step(self._late(np.clip(torque, -limit, limit)))
         self.error = float(np.sqrt(squares / steps))
-        rho = np.clip((label - seen[:, :, _BASE]) / np.array(TORQUES), -1.0, 1.0)
+        rho = np.clip((label - seen[:, :, _BASE]) / self._torques, -1.0, 1.0)
         return Chunk(*map(as_tensor, (seen[:, :, _Z], seen[:, :, _C], rho, free, begins, np.array(memory))))
 
     def _read(self) -> np.ndarray:
