@@ -14,7 +14,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of, mean_torque
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, numbers_at, predict_of, read_noise
-from fuzzyarm.fuzzy_policy.laws.adaptive.forces import doubt_lateness, note_moves, spread_out
+from fuzzyarm.fuzzy_policy.laws.adaptive.forces import doubt_lateness, doubt_scale, note_moves, spread_out
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
@@ -174,6 +174,7 @@ def _correct(m: Memory, s: Settings, room: Room) -> None:
     surprise = correct(m.z, m.P, measured, room.variances, room.silent, s.cautious, s.gate, room.column)
     m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
     doubt_lateness(m, s, surprise)
+    doubt_scale(m, s, surprise)
     note_moves(m, s, before)
     confine(m.z, m.P, s.low, s.high)
     total = np.sum(m.z) + np.sum(m.P)
