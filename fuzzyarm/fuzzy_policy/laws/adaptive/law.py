@@ -20,7 +20,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.significance import significant
 
-__all__ = ["NOISE_SHARE", "begin_of", "law_of"]
+__all__ = ["NOISE_SHARE", "begin_of", "law_of", "predict_with"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
@@ -37,7 +37,7 @@ def law_of(physics: Physics) -> Any:
     `known` (lanes, `KEPT` + 1, axes) is a tip force [N] known beforehand, which the estimated one adds to: at this
     sample, at those before it, and at the next one.
     """
-    begin, act, predict = begin_of(physics), act_of(physics), _predict_of(physics)
+    begin, act, predict = begin_of(physics), act_of(physics), predict_with(physics)
 
     @kernel_for(physics.digest)
     def estimate_and_act(
@@ -156,7 +156,7 @@ def _correct(m: Memory, s: Settings, room: Room) -> None:
 
 
 @functools.cache
-def _predict_of(physics: Physics) -> Any:
+def predict_with(physics: Physics) -> Any:
     """Return the compiled step of z and P to the next sample, under the commands that reach the motors until then."""
     step = predict_of(physics)
 
