@@ -6,6 +6,7 @@ Quantities are in SI units [m, rad, rad/s, N m, N, s], as the kernels leave them
 from __future__ import annotations
 
 from collections.abc import Iterable
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from fuzzyarm.envs.termination import Termination
 __all__ = ["final_info", "masked", "partial_info", "reasons", "values"]
 
 _REWARD, _CLIPPED, _REASON = map(SCALARS.index, ("reward", "torque_clipped", "reason"))
+_LARGE = 1 << 18  # bytes; to ask for pages takes as long as to zero so many
 _REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
@@ -41,14 +43,21 @@ def partial_info(
         drawn: what the episodes drew, by quantity: (lanes,) or (lanes, joints); empty if nothing is drawn.
         mask: (lanes,) of booleans.
     """
-    info = values([np.where(mask[:, np.newaxis], rows, 0.0) for rows in vectors], np.where(mask, scalars, 0.0))
-    info["in_domain"] &= mask
+    which = np.flatnonzero(mask)
+    info: dict[str, Any] = {name: _rows_of(which, rows) for name, rows in values(vectors, scalars).items()}
     if drawn:
-        some = {
-            name: np.where(mask if rows.ndim == 1 else mask[:, np.newaxis], rows, 0.0) for name, rows in drawn.items()
-        }
-        info["randomisation"] = masked(some, mask)
+        info["randomisation"] = masked({name: _rows_of(which, rows) for name, rows in drawn.items()}, mask)
     return masked(info, mask)
+
+
+def _rows_of(which: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return the rows (lanes, ...) of the lanes `which` (n,), zero elsewhere."""
+    if rows.nbytes < _LARGE:
+        some = np.zeros(rows.shape, rows.dtype)
+    else:  # pages of zeros that the system makes when they are written, which few are: a batch ends lane by lane
+        some = np.frombuffer(mmap(-1, rows.nbytes), rows.dtype).reshape(rows.shape)
+    some[which] = rows[which]
+    return some
 
 
 def reasons(scalars: np.ndarray) -> dict[str, Any]:
@@ -56,7 +65,7 @@ def reasons(scalars: np.ndarray) -> dict[str, Any]:
     terminated = scalars[_REASON] != 0.0
     if not terminated.any():
         return {}
-    texts = np.full(len(terminated), None, dtype=object)
+    texts = np.empty(len(terminated), dtype=object)  # of None
     texts[terminated] = _REASON_TEXTS[scalars[_REASON, terminated].astype(int)]
     return masked({"reason": texts}, terminated)
 
@@ -77,7 +86,7 @@ def final_info(
         drawn: by quantity.
         ended: (lanes,) of booleans.
     """
-    final_obs = np.full(len(ended), None, dtype=object)
+    final_obs = np.empty(len(ended), dtype=object)  # of None
     for lane in np.flatnonzero(ended):
         final_obs[lane] = observation[lane].copy()
     info = {**partial_info(vectors, scalars, drawn, ended), **reasons(scalars)}

@@ -61,15 +61,14 @@ def closed_loops(
     errors, at, noise = TipErrors(lanes.count), policy.integral_at, channel.noise
     with announced_compilation():
         failed = _run_of(lanes.layout, policy, law)(
-            *lanes.arrays,
+            lanes.arrays,
             np.array(observation, order="C"),
-            *(noise is not None, np.zeros(lanes.count) if noise is None else noise),
-            *(channel.delay.astype(np.int64), int(channel.delay.max())),
+            (noise is not None, np.zeros(lanes.count) if noise is None else noise, channel.delay.astype(np.int64)),
             np.zeros((lanes.count, policy.memory_size)),
             np.asarray(policy.torque_limit, dtype=np.float64),
             -1 if at is None else at,
             law.arguments,
-            *(errors.largest, errors.squares, errors.steps, errors.completed),
+            (errors.largest, errors.squares, errors.steps, errors.completed),
         )
     return None if failed else errors
 
@@ -100,6 +99,17 @@ def _scaled(reading: np.ndarray, truth: np.ndarray, factor: float) -> None:
     """Scale the noise of readings (n,), which is what they are off the truth, the first entries of `truth`."""
     for joint in range(len(reading)):
         reading[joint] = truth[joint] + factor * (reading[joint] - truth[joint])
+
+
+@register_jitable
+def _ended(lane: int, error: float, reason: float, last: bool, errors: tuple) -> bool:
+    """Add the tip error [m] of a step to those of the lane, and return whether its episode has ended."""
+    largest, squares, steps, completed = errors
+    largest[lane] = max(largest[lane], error)
+    squares[lane] += error * error
+    steps[lane] += 1.0
+    completed[lane] = last and reason == 0.0
+    return last or reason != 0.0
 
 
 @functools.cache
@@ -153,35 +163,26 @@ def _made_for(made_for: str, layout: Layout, act: Any) -> Callable[..., bool]:
 
     @kernel_for(made_for)
     def run(
-        values: np.ndarray,
-        clock: np.ndarray,
-        table: np.ndarray,
-        period: float,
-        substeps: int,
+        plant: Any,
         observation: np.ndarray,
-        noisy: bool,
-        noise: np.ndarray,
-        delay: np.ndarray,
-        latest: int,
+        channel: tuple,
         memory: np.ndarray,
         torque_limit: np.ndarray,
         integral_at: int,
         arguments: Any,
-        largest: np.ndarray,
-        squares: np.ndarray,
-        steps: np.ndarray,
-        completed: np.ndarray,
+        errors: tuple,
     ) -> bool:
+        (values, clock, table, period, substeps), (noisy, noise, delay) = plant, channel
+        depth = int(delay.max()) + 1
         for start in range(0, len(observation), GROUP):
             stop = min(start + GROUP, len(observation))
-            n, depth = stop - start, latest + 1
-            numbers, clocks = values[start // BLOCK : -(-stop // BLOCK)], clock[:, start:stop].copy()
+            n, numbers, clocks = stop - start, values[start // BLOCK : -(-stop // BLOCK)], clock[:, start:stop].copy()
             remembered, seen = memory[start:stop].copy(), observation[start:stop].copy()
             work = np.empty((len(numbers), work_size))
             take(work, numbers, n)
             torque, sent, before = np.empty((n, joints)), np.empty((depth, n, joints)), np.empty((n, joints))
-            running, left, k = np.ones(n, dtype=np.bool_), n, 0
-            while left > 0:
+            running, k = np.ones(n, dtype=np.bool_), 0
+            while running.any():
                 if integral_at >= 0:
                     before[:] = remembered[:, integral_at : integral_at + joints]
                 act(seen, remembered, torque, arguments)
@@ -203,16 +204,10 @@ def _made_for(made_for: str, layout: Layout, act: Any) -> Callable[..., bool]:
                         _scaled(seen[i, :joints], work[block, q_at + place :: BLOCK], noise[start + i])
                         _scaled(seen[i, joints : 2 * joints], work[block, dq_at + place :: BLOCK], noise[start + i])
                     if running[i]:
-                        error = work[block, error_at + place]
-                        largest[start + i] = max(largest[start + i], error)
-                        squares[start + i] += error * error
-                        steps[start + i] += 1.0
                         found = work[block, finite + place], work[block, angles + place], work[block, speeds + place]
                         reason = reason_of(*found)
-                        over = reason == 0.0 and clocks[CLOCK.row, i] == clocks[CLOCK.last, i]
-                        if over or reason != 0.0:
-                            running[i], completed[start + i] = False, over
-                            left -= 1
+                        last = clocks[CLOCK.row, i] == clocks[CLOCK.last, i]
+                        running[i] = not _ended(start + i, work[block, error_at + place], reason, last, errors)
         return False
 
     kernel: Callable[..., bool] = run

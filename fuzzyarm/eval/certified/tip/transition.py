@@ -170,16 +170,21 @@ def linear(
     S[ROWS.motor_acceleration], S[ROWS.link_acceleration] = A[D_THETA], A[D_LINK]
     D[ROWS.motor_acceleration], D[ROWS.link_acceleration] = b[D_THETA], b[D_LINK]
     for j in np.flatnonzero(given):
-        velocity, channel = STATES // 2 + j, CHANNELS.motor.start + j
-        A[velocity], size[velocity], b[velocity] = 0.0, 0.0, 0.0
-        S[ROWS.motor_acceleration.start + j], D[ROWS.motor_acceleration.start + j] = 0.0, 0.0
-        b[:, channel], D[:, channel] = A[:, velocity], S[:, velocity]
-        A[:, velocity], size[:, velocity], S[:, velocity] = 0.0, 0.0, 0.0
+        _velocity_as_channel(int(j), A, size, b, S, D)
     size_of_rows = np.abs(S)
     size_of_rows[ROWS.motor_acceleration], size_of_rows[ROWS.link_acceleration] = size[D_THETA], size[D_LINK]
     S, D = np.vstack([S, products @ S[OBSERVED]]), np.vstack([D, products @ D[OBSERVED]])
     size_of_rows = np.vstack([size_of_rows, np.abs(products) @ size_of_rows[OBSERVED]])
     return Linear(A, size, b, S, size_of_rows, D)
+
+
+def _velocity_as_channel(j: int, A: np.ndarray, size: np.ndarray, b: np.ndarray, S: np.ndarray, D: np.ndarray) -> None:
+    """Let the channel of motor j stand for its velocity in all matrices of `Linear`, in place."""
+    velocity, channel = STATES // 2 + j, CHANNELS.motor.start + j
+    A[velocity], size[velocity], b[velocity] = 0.0, 0.0, 0.0
+    S[ROWS.motor_acceleration.start + j], D[ROWS.motor_acceleration.start + j] = 0.0, 0.0
+    b[:, channel], D[:, channel] = A[:, velocity], S[:, velocity]
+    A[:, velocity], size[:, velocity], S[:, velocity] = 0.0, 0.0, 0.0
 
 
 def transition(system: Linear, period: float) -> Transition:
