@@ -5,8 +5,7 @@ python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer knobs robust
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
 references; what was chosen was chosen by these), rms in the paper's three cases and rate of its torques, on time and
-half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`, and what
-follows a fixed share of what the second observer of `learned-observer` would do, without learning. Writes
+half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`. Writes
 benchmarks/results/ppo_observer.json after every run.
 """
 
@@ -40,9 +39,6 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.linearisation import linearise_path
 from fuzzyarm.eval.stability.local_loop import largest_radius
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
-from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.learned_policy.estimate.signals import QUICK_SHARE, UNEXPLAINED_PARTS
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig
 from fuzzyarm.rl_baselines.training import Training
 
@@ -52,7 +48,6 @@ PERIOD = 1e-3  # s
 LANES, STEPS, SEED, REFERENCES = 128, 1500, 7777, 64  # of the development plants
 SHOWN = {"machining": "force (Case 2)", "payload": "payload (Case 3)"}
 DELAYS = (0.0, 0.5, 1.0)  # samples
-SHARES = (0.25, 0.5, 0.75, 1.0)
 REFERENCES_SHOWN = (
     *("fuzzy-4", "computed-torque", "elastic-observer", "learned-observer", "ppo-robust", "ppo-residual"),
 )
@@ -147,13 +142,6 @@ def in_cases(policy: Policy, late: bool = False) -> dict[str, dict[str, float]]:
     }
 
 
-def following(share: float) -> Policy:
-    """Return the elastic observer beside a fixed share of u_q - u_o, ρ = m (share a) asinh((u_q - u_o)/(a R))."""
-    arrays = {name: np.zeros(shape) for name, shape in shapes_of(1, 1).items()}
-    arrays["D"][:, UNEXPLAINED_PARTS.quick] = share * QUICK_SHARE * np.eye(len(arrays["D"]))
-    return LearnedObserverPolicy(EstimateNetwork(**arrays), control_period=PERIOD)
-
-
 def measured(policy: Policy) -> dict[str, Any]:
     """Return all that is measured of a policy."""
     row: dict[str, Any] = {"development": development(policy), "cases": in_cases(policy)}
@@ -186,8 +174,7 @@ def curve_of(policy: Policy) -> list[dict[str, float]]:
 
 
 def without_training() -> dict[str, Any]:
-    """Return what is measured of shipped policies, of fixed shares, and of the seeds of `ppo-robust`."""
-    shares = {f"a fixed share {share:g} of the second observer": measured(following(share)) for share in SHARES}
+    """Return what is measured of shipped policies and of the seeds of `ppo-robust`."""
     seeds = {}
     for seed in range(5):
         folder = LEARNED / f"ppo-robust-{seed}"
@@ -196,7 +183,7 @@ def without_training() -> dict[str, Any]:
         row = {"steps": PRESETS["robust"].total_timesteps, "seed": seed, **times}
         seeds[f"seed {seed}"] = {**row, **measured(policy), "curve": curve_of(policy)}
     references = {name: measured(load_policy(name)) for name in REFERENCES_SHOWN}
-    return {"references": references | shares, "runs": {"ppo-robust": seeds}}
+    return {"references": references, "runs": {"ppo-robust": seeds}}
 
 
 def draw(document: dict[str, Any], path: Path) -> None:

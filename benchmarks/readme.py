@@ -40,7 +40,7 @@ from readme_design import (
     tip_gains_table,
     tip_gamma_table,
 )
-from readme_estimate import estimate_front, estimate_tables
+from readme_estimate import estimate_parts, estimate_tables
 from readme_export import exported_table, misra_table
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
@@ -110,7 +110,7 @@ SCRIPTS: dict[str, list[str]] = {
 WRITTEN_OTHERWISE = (
     *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
     # of trainings, which are run by hand
-    *("learned_observer", "estimate_front", "plant_gradients", "dataset_scores", "ppo_observer"),
+    *("learned_observer", "estimate_parts", "plant_gradients", "dataset_scores", "ppo_observer"),
 )
 """Results that commands write, or benchmarks with options of their own."""
 
@@ -208,7 +208,7 @@ def sections() -> dict[str, str]:
         "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
-        "estimate-front": estimate_front(stored["estimate_front"]),
+        "estimate-parts": estimate_parts(stored["estimate_parts"]),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
         "ppo-observer": observer_tables(stored["ppo_observer"]),
         "training-speed": training_speed_table(stored["training_speed"]),

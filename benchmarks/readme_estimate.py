@@ -1,4 +1,4 @@
-"""The tables of the learned estimate: errors and margins of the seeds, quantiles over plants, and the front of both."""
+"""The tables of the learned estimate: errors and margins of the seeds, plants, and what the parts of the law give."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
-__all__ = ["estimate_front", "estimate_tables"]
+__all__ = ["estimate_parts", "estimate_tables"]
 
 _CASES = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}
 
@@ -14,8 +14,7 @@ _CASES = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}
 def estimate_tables(document: dict[str, Any]) -> str:
     """Return the table of the seeds, those of the plants, and the line that says how they were made."""
     plants = "\n\n".join(
-        f"Largest tip errors [mm] over {part['plants']} plants of `{name.partition(',')[0]}`:\n\n"
-        f"{_plants(part, document['quantiles'])}"
+        f"Largest tip errors [mm] over {part['plants']} plants of `{name}`:\n\n{_plants(part, document['quantiles'])}"
         for name, part in document["held_out"].items()
     )
     stable = document["stable_in_every_condition"]
@@ -27,34 +26,37 @@ def estimate_tables(document: dict[str, Any]) -> str:
     )
 
 
-def estimate_front(document: dict[str, Any]) -> str:
-    """Return the table of the trainings by their weight of the eigenvalues, and the line that says how it was made."""
-    loads = ("machining", "payload")
-    headings = ["weight", "seeds", "Case 2, rms [mm]", "Case 3, rms [mm]", "stable in every condition"]
-    headings += [f"half a sample late: {what}" for what in ("Case 2 [mm]", "Case 3 [mm]", "torque rate [N m/ms]")]
-    headings += [f"{case} of `all`, 50 % / 99 % [mm]" for case in list(_CASES.values())[1:]]
-    share, rows = document["quantiles"], []
-    for front in document["weights"]:
-        seeds = front["seeds"]
-        errors = [[row["cases"][f"{case}_rms_mm"] for row in seeds] for case in loads]
-        late = [[row["late"][case]["rms_mm"] for row in seeds] for case in loads]
-        rates = [max(row["late"][case]["torque_rate"] for case in loads) for row in seeds]
-        plants = [front["held_out"]["rows"][f"median, {case}"]["quantiles_mm"] for case in loads]
+def estimate_parts(document: dict[str, Any]) -> str:
+    """Return the table of what the parts give, and the line that says how it was made."""
+    headings = ["", *(f"{case}, rms [mm]" for case in _CASES.values())]
+    headings += [f"half a sample late: {what}" for what in ("rms [mm]", "torque rate [N m/ms]")]
+    headings += [
+        f"{name}, {share:.0%} of the largest errors [mm]" for name in ("`loads`", "`all`") for share in (0.5, 0.99)
+    ]
+    rows = []
+    for name, row in document["policies"].items():
+        late = row["late"].values()
+        errors = [
+            [case["quantiles_mm"][place] for case in cases.values()]
+            for cases in row["plants"].values()
+            for place in range(len(document["quantiles"]))
+        ]
         rows.append(
             [
-                f"{front['stability']:g}",
-                ", ".join(str(row["seed"]) for row in seeds),
-                *(f"{min(values):.2f} to {max(values):.2f}" for values in errors),
-                f"{len(front['stable'])} of {len(seeds)}",
-                *(f"{min(values):.2f} to {max(values):.2f}" for values in late),
-                f"{min(rates):.1f} to {max(rates):.1f}",
-                *(f"{values[share.index(0.5)]:.1f} / {values[share.index(0.99)]:.1f}" for values in plants),
+                f"`{name}`" if name.endswith("-observer") else name,
+                *(f"{row['cases'][case]['rms_mm']:.4f}" for case in _CASES),
+                " / ".join(f"{case['rms_mm']:.3f}" for case in late),
+                " / ".join(f"{case['torque_rate']:.1f}" for case in late),
+                *(" / ".join(f"{value:.2f}" for value in values) for values in errors),
             ]
         )
-    number = document["weights"][0]["held_out"]["plants"]
+    lost = sum(
+        case["lost"] for row in document["policies"].values() for by in row["plants"].values() for case in by.values()
+    )
     return (
-        f"{table(headings, rows)}\n\n`python benchmarks/estimate_front.py`, the last columns over {number} plants "
-        f"under the median seed, from seed {document['first_held_out_seed']} on; {made_with(document)}"
+        f"{table(headings, rows)}\n\nThree numbers: Cases 1, 2 and 3. `python benchmarks/estimate_parts.py`, "
+        f"{document['plants']} development plants from seed {document['first_plant_seed']} on, {lost} episodes lost; "
+        f"{made_with(document)}"
     )
 
 
@@ -76,19 +78,26 @@ def _seeds(document: dict[str, Any]) -> str:
 
 
 def _plants(part: dict[str, Any], quantiles: list[float]) -> str:
-    headings = ["policy", "case", *(f"{100 * share:g} %" for share in quantiles), "lost", "better than base [%]"]
+    rivals = ("elastic-observer", "adaptive-observer")
+    headings = ["policy", "case", *(f"{100 * share:g} %" for share in quantiles), "lost"]
+    headings += [f"better than `{rival}` [%]" for rival in rivals]
     rows = []
     for name, row in part["rows"].items():
         policy, _, case = name.partition(", ")
-        low, high = row["interval_95"]
-        better = f"{100 * row['better_than_base']:.1f} ({100 * low:.1f} to {100 * high:.1f})"
         rows.append(
             [
                 f"`{policy}`",
                 _CASES[case],
                 *(f"{value:.2f}" for value in row["quantiles_mm"]),
                 str(row["lost"]),
-                "" if policy == "elastic-observer" else better,
+                *(_share(row["better_than"].get(rival)) for rival in rivals),
             ]
         )
     return table(headings, rows, left=2)
+
+
+def _share(better: dict[str, Any] | None) -> str:
+    if better is None:
+        return ""
+    low, high = better["interval_95"]
+    return f"{100 * better['share']:.1f} ({100 * low:.1f} to {100 * high:.1f})"

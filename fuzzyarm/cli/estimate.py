@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fuzzyarm.cli.options import chosen, with_fields_of
-from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.cli.usage import UsageError, claimed_folder, two_joint_arm
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _BUNDLE = "policy"
 @with_fields_of(EstimateConfig)
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Train a recurrent network beside elastic-observer, by regression on a teacher that knows plant and load.
+    """Train the recurrent network of learned-observer, by regression on a teacher that knows plant, load and lateness.
 
     The folder gets policy/, which --policy and load_policy take. A training takes minutes and cannot be resumed. It
     needs pip install -c constraints.txt -e ".[rl]" in the repository.
@@ -31,13 +31,15 @@ class Options:
 
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder of the run, made if needed"""
+    robot: Annotated[str | None, Parameter(metavar="FILE")] = None
+    """Another two-joint arm, by its TOML file (default: Table 1 of the paper)"""
 
 
 def run(options: Options) -> int:
     """Train a policy."""
     from fuzzyarm.common.console import progress, say, status
 
-    config = chosen(options, EstimateConfig())
+    config, arm = chosen(options, EstimateConfig()), two_joint_arm(options.robot)
     folder = options.out / _BUNDLE
     if folder.exists():
         raise UsageError(f"{folder} holds a policy already; choose another folder")
@@ -49,7 +51,7 @@ def run(options: Options) -> int:
         ) from None
     with claimed_folder(options.out):
         with status("compiling and loading"):
-            training = EstimateTraining(config)
+            training = EstimateTraining(config, arm=arm)
         with progress("training", config.chunks) as advance:
             training.report = _shown(advance)
             bundle = training.run()
@@ -62,6 +64,6 @@ def _shown(advance: Callable[..., None]) -> Callable[[dict[str, Any]], None]:
     """Return what shows a row of the curve beside the bar."""
 
     def show(row: dict[str, Any]) -> None:
-        advance(f"loss {row['loss']:.3f}, largest |λ| {row['radius']:.3f}", completed=row["chunk"] + 1)
+        advance(f"loss {row['loss']:.3f}", completed=row["chunk"] + 1)
 
     return show

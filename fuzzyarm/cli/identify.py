@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, output_file
+from fuzzyarm.cli.usage import UsageError, output_file, two_joint_arm
 
 if TYPE_CHECKING:
-    from fuzzyarm.envs.physics.parameters import ArmParameters
     from fuzzyarm.identification.result import Identified
 
 __all__ = ["Options", "run"]
@@ -69,19 +68,6 @@ def run(options: Options) -> int:
     return _identify(options, options.log)
 
 
-def _start(robot: str | None) -> ArmParameters:
-    from fuzzyarm.envs.physics.equations import chosen_arm
-    from fuzzyarm.envs.physics.parameters import ArmParameters
-
-    arm = chosen_arm(robot, None)
-    if not isinstance(arm, ArmParameters):
-        raise UsageError(
-            f"--robot {robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
-            "fields of ArmParameters"
-        )
-    return arm
-
-
 def _suggest(options: Options, path: Path) -> int:
     """Write a motion and say what it asks of the arm."""
     import json
@@ -90,7 +76,7 @@ def _suggest(options: Options, path: Path) -> int:
     from fuzzyarm.common.files import write_atomically
     from fuzzyarm.identification.excitation import condition_of, motion_csv, suggested, use_of
 
-    arm = _start(options.robot)
+    arm = two_joint_arm(options.robot)
     with status("searching a motion"):
         motion = suggested(arm) if options.duration is None else suggested(arm, options.duration)
     use, condition = use_of(motion, arm), condition_of(motion, arm)
@@ -119,7 +105,7 @@ def _identify(options: Options, path: Path) -> int:
     from fuzzyarm.identification.log import read_log
     from fuzzyarm.identification.result import identify
 
-    start = _start(options.robot)
+    start = two_joint_arm(options.robot)
     log = read_log(path)
     with progress("steps", None) as advance:
         found = identify(log, start, advance)

@@ -9,13 +9,16 @@ import types
 import typing
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cyclopts
 
 from fuzzyarm.common.files import locked_folder
 
-__all__ = ["UsageError", "check_writable", "claimed_folder", "explain", "output_file", "whole_numbers"]
+if TYPE_CHECKING:
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+
+__all__ = ["UsageError", "check_writable", "claimed_folder", "explain", "output_file", "two_joint_arm", "whole_numbers"]
 
 
 class UsageError(Exception):
@@ -72,6 +75,24 @@ def output_file(path: Path, suffix: str, option: str = "--out") -> None:
     if not path.parent.is_dir():
         raise UsageError(f"{option} {path}: the folder {path.parent} does not exist")
     check_writable(path.parent)
+
+
+def two_joint_arm(robot: str | None) -> ArmParameters:
+    """Return the two-joint arm that --robot names, Table 1 by default.
+
+    Raises:
+        UsageError: it is a robot by its frames.
+    """
+    from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+
+    arm = chosen_arm(robot, None)
+    if not isinstance(arm, ArmParameters):
+        raise UsageError(
+            f"--robot {robot} is a robot of {len(arm)} joints by their frames; allowed: two-joint arms, by the "
+            "fields of ArmParameters"
+        )
+    return arm
 
 
 def whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:

@@ -24,6 +24,7 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
+from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
 __all__ = ["NUMBERS", "UNITS", "about_policy", "c_name", "export_c", "header_text", "sources_of"]
 
@@ -52,7 +53,7 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
         OSError: a file cannot be written.
     """
     choice("number", number, NUMBERS)
-    if number == "float" and isinstance(policy, AdaptiveObserverPolicy):
+    if number == "float" and isinstance(policy, AdaptiveObserverPolicy | LearnedObserverPolicy):
         raise Unsupported(
             f"{label} needs double: in float its covariance loses its digits, and the tip errs by centimetres; "
             'choose number "double"'

@@ -35,7 +35,7 @@ DESCRIPTION = "policy.json"
 WEIGHTS = "weights.safetensors"
 """File with the arrays of the network."""
 
-OBSERVER = "fuzzyarm-learned-observer/3"
+OBSERVER = "fuzzyarm-learned-observer/4"
 """Schema of a learned observer, see `estimate.bundle`."""
 
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes

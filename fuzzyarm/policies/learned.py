@@ -70,7 +70,12 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
 
     bundle = EstimateBundle.load(folder)
     trained = "the arm of Table 1" if bundle.parameters == ArmParameters() else "another arm"
-    _check_arm(folder, robot == bundle.parameters, trained)
+    _check_arm(
+        folder,
+        robot == bundle.parameters,
+        trained,
+        "adaptive-observer, or train one for this arm with fuzzyarm train estimate --robot FILE",
+    )
     if control_period != bundle.control_period:
         raise ValueError(
             f"{folder.name} was trained for control_period = {bundle.control_period:g} s, not {control_period:g} s: "
@@ -79,9 +84,9 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
     return LearnedObserverPolicy(bundle.network, bundle.parameters, control_period)
 
 
-def _check_arm(folder: Path, same: bool, name: str) -> None:
+_DESIGN = "computed-torque, or design a controller with fuzzyarm design --robot FILE"
+
+
+def _check_arm(folder: Path, same: bool, name: str, instead: str = _DESIGN) -> None:
     if not same:
-        raise ValueError(
-            f"{folder.name} was trained on {name} and knows no other; take computed-torque, or design a "
-            "controller with fuzzyarm design --robot FILE"
-        )
+        raise ValueError(f"{folder.name} was trained on {name} and knows no other; take {instead}")

@@ -1,4 +1,4 @@
-"""How `ppo_observer.py` makes torques half a sample late, and what follows a fixed share of the second observer."""
+"""How `ppo_observer.py` makes torques half a sample late."""
 
 import sys
 from pathlib import Path
@@ -38,12 +38,3 @@ def test_each_torque_acts_from_half_a_period_after_its_call_to_half_a_period_aft
         torque, _ = late.predict(np.zeros((1, 10)), None, np.ones(1, dtype=bool))
         found.append(torque[0, 0])
     assert found == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
-
-
-@pytest.mark.slow
-def test_a_share_of_nothing_is_the_elastic_observer_and_a_share_reduces_its_error(script):
-    alone = script.in_cases(script.load_policy("elastic-observer"))
-    assert script.in_cases(script.following(0.0)) == alone
-    shared = script.in_cases(script.following(0.5))
-    assert shared["machining"]["rms_mm"] < 0.8 * alone["machining"]["rms_mm"]
-    assert shared["nominal"] == alone["nominal"]

@@ -120,10 +120,11 @@ def test_in_float_the_torques_are_near(tmp_path):
     assert 1e-6 < np.abs(own - torque).max() < 1.0
 
 
-def test_a_law_that_float_ruins_is_refused_in_it(tmp_path, capsys):
-    assert main(["export", "c", "adaptive-observer", "--number", "float", "--out", str(tmp_path)]) == 2
+@pytest.mark.parametrize("name", ["adaptive-observer", "learned-observer"])
+def test_a_law_that_float_ruins_is_refused_in_it(name, tmp_path, capsys):
+    assert main(["export", "c", name, "--number", "float", "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert "adaptive-observer needs double" in error and error.count("\n") == 1
+    assert f"{name} needs double" in error and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 

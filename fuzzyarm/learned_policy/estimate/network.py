@@ -5,11 +5,12 @@ gated recurrent unit whose candidate has no bias gives
 
     s = σ(S_z z + S_h h + S_c c + s_0),    r = σ(R_z z + R_h h + R_c c + r_0),
     n = tanh(A z + (C c)∘(B z) + r∘(U h)),    h⁺ = h + s∘(n - h),
-    ρ = clip(m g (V (h⁺∘w) + D z), ±1),       w = 1 + W tanh(P c + p_0),
+    ρ = clip(m g (V (h⁺∘w) + G (h⁺∘w)∘Δ + D z), ±1),    w = 1 + W tanh(P c + p_0),
 
-with m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) of the load δ in z, δ_0 = `QUIET`.
-z = 0 and h = 0 give ρ = 0 exactly, whatever the context. Where the observer believes in no load, and at rest, it acts
-alone, and ρ is flat: small deviations are left to a loop that is stable whatever was learned.
+with Δ = (u_a - u_o)/R, m of c, which is 0 where the reference is at rest, and g = |δ|²/(|δ|² + δ_0²) of the load δ in
+z, δ_0 = `QUIET`. G says how far beyond u_a the law goes. z = 0 and h = 0 give ρ = 0 exactly, whatever the context.
+Where the elastic observer believes in no load, and at rest, it acts alone, and ρ is flat: small deviations are left to
+a loop that is stable whatever was learned.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, QUIET, UNEXPLAINED, UNEXPLAINED_PARTS
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
 
-__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "respond", "shapes_of"]
+__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "heard", "respond", "shapes_of"]
 
 GATES = 2
 """s and r."""
@@ -50,6 +51,7 @@ def shapes_of(hidden: int, modulation: int) -> dict[str, tuple[int, ...]]:
         "C": (hidden, CONTEXT),
         "U": (hidden, hidden),
         "V": (JOINTS, hidden),
+        "G": (JOINTS, hidden),
         "D": (JOINTS, UNEXPLAINED),
         "P": (modulation, CONTEXT),
         "p_0": (modulation,),
@@ -67,7 +69,7 @@ class EstimateNetwork:
         gate_c: S_c above R_c.
         gate_bias: s_0, then r_0.
         A, B, C, U: of the candidate n.
-        V, D: of the output.
+        V, G, D: of the output.
         P, p_0, W: of the weights w.
 
     Raises:
@@ -84,6 +86,7 @@ class EstimateNetwork:
     C: np.ndarray
     U: np.ndarray
     V: np.ndarray
+    G: np.ndarray
     D: np.ndarray
     P: np.ndarray
     p_0: np.ndarray
@@ -111,13 +114,13 @@ class EstimateNetwork:
         """What `respond` takes behind ρ, in double precision.
 
         These are the matrices of z, of h and of c side by side and transposed, so that no sum runs over the rows; then
-        the biases, V, D and W.
+        the biases, V, G, D and W.
         """
         of_z = np.concatenate([self.gate_z, self.A, self.B]).T
         of_h = np.concatenate([self.gate_h, self.U]).T
         of_c = np.concatenate([self.gate_c, self.C, self.P]).T
         bias = np.concatenate([self.gate_bias, np.zeros(self.hidden), self.p_0])
-        arrays = of_z, of_h, of_c, bias, self.V, self.D, self.W.T
+        arrays = of_z, of_h, of_c, bias, self.V, self.G, self.D, self.W.T
         return tuple(np.array(array, dtype=np.float64, order="C") for array in arrays)
 
 
@@ -125,22 +128,35 @@ _LOAD: int = UNEXPLAINED_PARTS.load.start
 
 
 @register_jitable
+def heard(z: np.ndarray, c: np.ndarray) -> float:
+    """Return m g of z and c (numbers of `signals`), see the module."""
+    square = 0.0
+    for k in range(JOINTS):
+        square += z[_LOAD + k] * z[_LOAD + k]
+    share: float = c[MOTION] * (square / (square + QUIET * QUIET))
+    return share
+
+
+@register_jitable
 def respond(
     z: np.ndarray,
     c: np.ndarray,
     h: np.ndarray,
+    gap: np.ndarray,
+    torques: np.ndarray,
     rho: np.ndarray,
     of_z: np.ndarray,
     of_h: np.ndarray,
     of_c: np.ndarray,
     bias: np.ndarray,
     V: np.ndarray,
+    G: np.ndarray,
     D: np.ndarray,
     W: np.ndarray,
 ) -> None:
-    """Fill ρ (n,) from z and c (numbers of `signals`) and advance h (hidden,), see the module.
+    """Fill ρ (n,) from z and c (numbers of `signals`) u_a - u_o and R (n,) [N m], and advance h (hidden,).
 
-    The last seven arrays are `EstimateNetwork.arguments`.
+    The last eight arrays are `EstimateNetwork.arguments`.
     """
     hidden, modulation, gates = len(h), len(W), GATES * len(h)
     from_z, from_h, from_c, w = np.zeros(of_z.shape[1]), np.zeros(of_h.shape[1]), bias.copy(), np.ones(hidden)
@@ -156,14 +172,13 @@ def respond(
         candidate = from_z[gates + i] + from_c[gates + i] * from_z[gates + hidden + i] + r * from_h[gates + i]
         n = hyperbolic_tangent(candidate)
         h[i] += s * (n - h[i])
-    square = 0.0
-    for k in range(JOINTS):
-        square += z[_LOAD + k] * z[_LOAD + k]
-    heard = c[MOTION] * (square / (square + QUIET * QUIET))
+    share = heard(z, c)
     for joint in range(len(rho)):
-        total = 0.0
+        total, follow = 0.0, 0.0
         for i in range(hidden):
             total += V[joint, i] * (h[i] * w[i])
+            follow += G[joint, i] * (h[i] * w[i])
+        total += follow * (gap[joint] / torques[joint])
         for k in range(len(z)):
             total += D[joint, k] * z[k]
-        rho[joint] = min(max(heard * total, -1.0), 1.0)
+        rho[joint] = min(max(share * total, -1.0), 1.0)

@@ -29,7 +29,7 @@ class EstimateConfig:
     """Numbers that the network remembers (1 to 512)."""
     modulation: int = 16
     """Numbers by which the context weighs them (1 to 512)."""
-    chunks: int = 120
+    chunks: int = 200
     """Chunks of experience, each of which is learned from before the next."""
     lanes: int = 160
     """Number of arms that are simulated at once (1 to 65536)."""
@@ -45,12 +45,6 @@ class EstimateConfig:
     """Learning rate of Adam at the beginning; it falls to 1e-5 as a cosine."""
     redraw: int = 6
     """Chunks after which plants, loads and courses are drawn anew."""
-    stability: float = 0.0
-    """Weight of the loss of eigenvalues in motion; 0: they play no part."""
-    largest: float = 0.99
-    """Size of the local loop's eigenvalues above which they are a loss (0.9 to 1), if the observer alone is below."""
-    points: int = 6
-    """Number of linear loops in each gradient step (1 to 1000)."""
 
     def __post_init__(self) -> None:
         """Check types and ranges, and what must fit together."""
@@ -65,12 +59,9 @@ class EstimateConfig:
             ("updates", 10_000),
             ("replay", 1000),
             ("redraw", 1_000_000),
-            ("points", 1000),
         ):
             whole(name, getattr(self, name), low=1, high=high)
         real("learning_rate", self.learning_rate, above=0.0)
-        real("stability", self.stability, low=0.0)
-        real("largest", self.largest, low=0.9, high=1.0)
         if self.steps % SEGMENT or self.window % SEGMENT or self.window > self.steps:
             raise ValueError(
                 f"steps = {self.steps} and window = {self.window}: both must be multiples of {SEGMENT}, the "

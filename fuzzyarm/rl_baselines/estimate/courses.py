@@ -1,8 +1,9 @@
 """What the episodes of the training are drawn from: courses, plants, loads, sensors and drives, a draw for each lane.
 
 Cases 2 and 3 are not among the draws, nor are the courses and seeds of the comparisons. Courses are those of
-`reference_family`; in a quarter of the lanes the paper's circle; in a sixth a circle of millimetres, on which the arm
-all but stands, so that the student learns to rest under a load. Loads are a payload at the tip and one force:
+`reference_family`; in a quarter of the lanes the default one; in a sixth a circle of millimetres, on which the arm
+all but stands, so that the student learns to rest under a load. In a quarter of the draws all lanes have the known arm.
+Loads are a payload at the tip and one force, scaled to the arm as the circles of millimetres are:
 
     none, a constant push F from t_0 to t_1, or F = -f(t) Q v / max(|v|, v_0), f(t) = f_0 (1 + a sin(ω t + φ)),
 
@@ -24,21 +25,25 @@ from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, TipForce
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.randomisation import find_randomisation
 from fuzzyarm.envs.scenario.reference import JointReference, Reference
 from fuzzyarm.envs.scenario.reference_family import reference_family
 from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.learned_policy.estimate.signals import scale_of
 
 __all__ = ["Courses", "TravelForce", "draw_courses"]
 
 FAMILY = 256  # references of which lanes draw
-CIRCLES, RESTS = 0.25, 0.16  # share of lanes on the paper's circle and all but at rest
-SMALLEST, LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres
-STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg
+CIRCLES, RESTS = 0.25, 0.16  # share of lanes on the default reference and all but at rest
+KNOWN = 0.25  # share of the draws of all lanes with the known arm
+SMALLEST, LARGEST = 5e-4, 5e-3  # m, radius of the circles of millimetres of the arm of Table 1
+STRONGEST, HEAVIEST = 220.0, 10.0  # N, kg, of the arm of Table 1
 FADES = 5e-3, 0.1  # m/s, range of v_0
 LATENESS = (*[0.0] * 12, 0.5, 1.0, 1.5, 2.0)  # control periods
+TRIES = 100  # draws for each lane, after which the motors are too weak for what is drawn
 BEARABLE, INSTANTS = 0.9, 120  # share of the torque limits; instants at which it is looked at
 NOISIEST, LEAST = 2.0, 1e-3  # in units of the encoder noise of the sweeps
 NOISE = 1e-5, 1e-3  # rad, rad/s
@@ -92,32 +97,42 @@ class Courses:
 
 
 def draw_courses(arm: ArmParameters, count: int, period: float, generator: np.random.Generator) -> Courses:
-    """Draw `count` lanes for a control period [s]."""
-    family = _family(arm)
-    circle = JointReference(parameters=arm)
+    """Draw `count` lanes for a control period [s].
+
+    Raises:
+        ValueError: the motors are too weak for these courses and loads.
+    """
+    family, scale = _family(arm), scale_of(arm)
+    usual = default_reference(arm)
     scenarios: list[Scenario] = []
     starts: list[np.ndarray] = []
-    while len(starts) < count:
+    for _ in range(TRIES * count):
+        if len(starts) == count:
+            break
         kind = generator.random()
-        reference: Reference = circle
+        reference: Reference = usual
         if kind >= CIRCLES + RESTS:
             reference = family[int(generator.integers(len(family)))]
         elif kind >= CIRCLES:
             reference = _all_but_rest(arm, generator)
-        mass = generator.uniform(0.0, HEAVIEST) if generator.random() < 0.6 else 0.0
-        force = _force(reference.duration, generator)
+        mass = scale.mass * generator.uniform(0.0, HEAVIEST) if generator.random() < 0.6 else 0.0
+        force = _force(reference.duration, scale.force, generator)
         load = Disturbance(tip_force=force, payload=Payload(mass))
         if not _within_limits(arm, reference, load):
             continue
         scenarios.append(Scenario(load, reference))
         starts.append(_rest(arm, reference))
+    if len(starts) < count:
+        raise ValueError(
+            f"of {TRIES * count} courses and loads the motors bear only {len(starts)}; raise torque_limit of the arm"
+        )
     lanes = Lanes(
         [arm],
         scenarios,
         count,
         control_period=period,
         substeps=default_substeps(period),
-        randomisation=find_randomisation("plants", arm),
+        randomisation=find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm),
         threads=1,
     )
     start = np.array(starts)
@@ -133,11 +148,11 @@ def _family(arm: ArmParameters) -> tuple[Reference, ...]:
     return reference_family(arm, FAMILY)
 
 
-def _force(duration: float, generator: np.random.Generator) -> TipForce | None:
+def _force(duration: float, scale: float, generator: np.random.Generator) -> TipForce | None:
     kind = generator.random()
     if kind < 0.15:
         return None
-    level = generator.uniform(0.0, STRONGEST)
+    level = scale * generator.uniform(0.0, STRONGEST)
     if kind < 0.4:
         angle, start = generator.uniform(-math.pi, math.pi), generator.uniform(0.0, 0.75 * duration)
         stop = math.inf if generator.random() < 0.5 else start + generator.uniform(0.05, 1.0)
@@ -154,9 +169,11 @@ def _force(duration: float, generator: np.random.Generator) -> TipForce | None:
 
 def _all_but_rest(arm: ArmParameters, generator: np.random.Generator) -> Reference:
     """Return a slow circle of millimetres between 0.45 and 0.85 of the reach."""
-    distance, bearing = sum(arm.length) * generator.uniform(0.45, 0.85), generator.uniform(-0.3, 1.9)
+    reach, nearest = sum(arm.length), abs(arm.length[0] - arm.length[1])
+    low = max(0.45, nearest / reach + 0.05)
+    distance, bearing = reach * generator.uniform(low, max(0.85, low)), generator.uniform(-0.3, 1.9)
     center = distance * math.cos(bearing), distance * math.sin(bearing)
-    path = Circle(center=center, radius=generator.uniform(SMALLEST, LARGEST))
+    path = Circle(center=center, radius=scale_of(arm).length * generator.uniform(SMALLEST, LARGEST))
     return JointReference(path, duration=generator.uniform(0.8, 2.0), parameters=arm)
 
 

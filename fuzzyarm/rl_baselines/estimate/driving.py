@@ -10,7 +10,7 @@ import torch
 from fuzzyarm.envs.batch.layout import SCALARS
 from fuzzyarm.envs.observation import JOINTS, MEASURED
 from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy
-from fuzzyarm.learned_policy.estimate.signals import TORQUES
+from fuzzyarm.learned_policy.estimate.signals import units_of
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
 from fuzzyarm.rl_baselines.estimate.student import as_tensor
@@ -18,7 +18,7 @@ from fuzzyarm.rl_baselines.estimate.teacher import Teacher
 
 __all__ = ["Chunk", "Drive"]
 
-_Z, _C, _OWN = SEEN_PARTS
+_Z, _C, _BASE = SEEN_PARTS
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
 _LATEST = 4  # torques that may be on their way
 _RESTARTS = 0.5  # share of the lanes that begin an episode anew with each chunk, for a load is hardest when it comes
@@ -30,7 +30,7 @@ class Chunk(NamedTuple):
     Attributes:
         z: (steps, lanes, numbers of z).
         c: (steps, lanes, numbers of c).
-        label: (steps, lanes, 2), ρ of the teacher.
+        label: (steps, lanes, 2), what the teacher's torque has beyond u_b, as ρ.
         free: (steps, lanes, 2), 0 where the teacher's torque is at its limit, else 1.
         begins: (steps, lanes, 1), 0 where an episode begins, else 1.
         memory: (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step.
@@ -65,13 +65,14 @@ class Drive:
     def __init__(self, courses: Courses, policy: LearnedObserverPolicy, generator: np.random.Generator) -> None:
         """Begin an episode in every lane."""
         self._courses, self._lanes, self._generator = courses, courses.lanes, generator
-        self._teacher = Teacher(policy.parameters, courses)
+        self._teacher = Teacher(policy.adaptive, courses)
         count = self._lanes.count
         self._split = self._lanes.layout.split
         seeds = generator.integers(0, 2**31, count).tolist()
         self._observation = self._split(self._lanes.reset(seeds, None, courses.start))[0].copy()
         self._memory, self._begins = np.zeros((count, policy.memory_size)), np.ones(count, dtype=bool)
         self._sent = np.zeros((_LATEST, count, JOINTS))
+        self._torques = units_of(policy.parameters).torque
         self._limit = np.array(policy.parameters.torque_limit)
         self.lost, self.error = 0, 0.0
 
@@ -87,16 +88,15 @@ class Drive:
             if self._begins.any():
                 begins[k, self._begins] = 0.0
                 self._memory[self._begins] = 0.0
-                self._teacher.begin(self._begins)
             if k % SEGMENT == 0:
                 memory.append(self._memory[:, policy.hidden].copy())
-            wanted = self._teacher.torque(self._observation)
+            wanted = self._teacher.torque(self._observation, self._memory[:, policy.filter])
             free[k] = np.abs(wanted) < limit
             policy.observe(self._read(), self._memory, torque, seen[k])
             label[k] = wanted
             squares += self._step(self._late(np.clip(torque, -limit, limit)))
         self.error = float(np.sqrt(squares / steps))
-        rho = np.clip((label - seen[:, :, _OWN]) / np.array(TORQUES), -1.0, 1.0)
+        rho = np.clip((label - seen[:, :, _BASE]) / self._torques, -1.0, 1.0)
         return Chunk(*map(as_tensor, (seen[:, :, _Z], seen[:, :, _C], rho, free, begins, np.array(memory))))
 
     def _read(self) -> np.ndarray:

@@ -4,9 +4,8 @@ A gradient step lowers the mean over a window of
 
     √(1 + ((ρ - ρ*)/s)²) - 1    where the teacher's torque is not at its limit,
 
-with ρ* of the teacher, and, if asked for, the eigenvalues of some linear loops, see `stability`: half of them at states
-that were visited, half at postures and velocities that were visited, with nothing unexplained. A training takes minutes
-and is not resumed; the same seed gives the same network on the same machine.
+with ρ* what the teacher's torque has beyond u_b, in units of R. A training takes minutes and is not resumed; the same
+seed gives the same network on the same machine.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT, EstimateConfig
 from fuzzyarm.rl_baselines.estimate.courses import draw_courses
 from fuzzyarm.rl_baselines.estimate.driving import Chunk, Drive
-from fuzzyarm.rl_baselines.estimate.stability import Loops, Points, eigenvalue_loss
 from fuzzyarm.rl_baselines.estimate.student import Student
 
 __all__ = ["PERIOD", "EstimateTraining"]
@@ -34,7 +32,7 @@ __all__ = ["PERIOD", "EstimateTraining"]
 PERIOD = 1e-3
 """Control period of the training [s]."""
 
-_SCALE = 0.05  # s
+_SCALE = 0.02  # s
 _LAST_RATE, _LARGEST_GRADIENT = 1e-5, 1.0
 _NEWEST = 3  # one gradient step in so many is from the newest chunk
 
@@ -52,20 +50,18 @@ class EstimateTraining:
 
     Attributes:
         student: the network.
-        rows: the curve: chunk, tip_error_mm (root mean square over all lanes), loss, excess (of eigenvalues), radius
-            (largest |λ| seen), lost (episodes that ended early).
+        rows: the curve: chunk, tip_error_mm (root mean square over all lanes), loss, lost (episodes that ended early).
     """
 
     def __init__(
         self, config: EstimateConfig, report: Report = lambda row: None, arm: ArmParameters | None = None
     ) -> None:
-        """Make network and loops."""
+        """Make network and policy."""
         torch.set_num_threads(1)
         self.config, self.report = config, report
         self._generator = np.random.default_rng(config.seed)
         self.student = Student(config.hidden, config.modulation, torch.Generator().manual_seed(config.seed))
         self._policy = LearnedObserverPolicy(self.student.network(), arm, PERIOD)
-        self._loops = Loops.of(self._policy) if config.stability > 0.0 else None
         self._optimiser = torch.optim.Adam(self.student.parameters(), lr=config.learning_rate)
         steps = config.chunks * config.updates
         self._rate = torch.optim.lr_scheduler.CosineAnnealingLR(self._optimiser, steps, _LAST_RATE)
@@ -82,13 +78,10 @@ class EstimateTraining:
             replay.append(drive.chunk(self._policy, config.steps))
             learned = [self._update(replay, update) for update in range(config.updates)]
             self._policy = self._policy.with_network(self.student.network())
-            loss, excess, radius = zip(*learned, strict=True)
             row = {
                 "chunk": number,
                 "tip_error_mm": 1e3 * drive.error,
-                "loss": float(np.mean(loss)),
-                "excess": float(np.mean(excess)),
-                "radius": float(np.max(radius)),
+                "loss": float(np.mean(learned)),
                 "lost": drive.lost,
             }
             self.rows.append(row)
@@ -102,33 +95,19 @@ class EstimateTraining:
         arm = self._policy.parameters
         return EstimateBundle(self.student.network(), arm, PERIOD, training, self.config.seed, self.rows, versions)
 
-    def _update(self, replay: deque[Chunk], number: int) -> tuple[float, float, float]:
-        """Do a gradient step; return the loss, the excess of the eigenvalues, and the largest |λ|."""
+    def _update(self, replay: deque[Chunk], number: int) -> float:
+        """Do a gradient step and return the loss."""
         config, draw = self.config, self._generator
         chunk = replay[-1] if number % _NEWEST == 0 else replay[int(draw.integers(len(replay)))]
         segments = (config.steps - config.window) // SEGMENT + 1
         window = chunk.window(int(draw.integers(segments)), config.window)
-        rho, after = self.student(window.z, window.c, window.memory[0], window.begins)
+        rho, _ = self.student(window.z, window.c, window.memory[0], window.begins)
         error = (rho - window.label) / _SCALE
         loss = ((torch.sqrt(1.0 + error * error) - 1.0) * window.free).mean()
-        excess, radius = torch.zeros((), dtype=torch.float64), 0.0
-        if self._loops is not None:
-            excess, radius = eigenvalue_loss(self.student, self._loops, self._points(window, after), config.largest)
         self._optimiser.zero_grad()
-        (loss + config.stability * excess.float()).backward()  # type: ignore[no-untyped-call]
+        loss.backward()  # type: ignore[no-untyped-call]
         norm = torch.nn.utils.clip_grad_norm_(self.student.parameters(), _LARGEST_GRADIENT)
         if torch.isfinite(norm):
             self._optimiser.step()
         self._rate.step()
-        return float(loss.detach()), float(excess.detach()), radius
-
-    def _points(self, window: Chunk, after: torch.Tensor) -> Points:
-        """Draw the linear loops of a gradient step at visited postures, in half of them with nothing unexplained."""
-        assert self._loops is not None
-        config, draw = self.config, self._generator
-        step, lane = draw.integers(1, config.window, config.points), draw.integers(0, config.lanes, config.points)
-        which = draw.integers(0, len(self._loops.base), config.points)
-        points = self._loops.points(which, window.z[step, lane], window.c[step, lane], after[step - 1, lane].detach())
-        still = slice(config.points // 2)
-        points.z[still], points.h[still] = 0.0, 0.0
-        return points
+        return float(loss.detach())

@@ -21,8 +21,8 @@ __all__ = ["sampled_law"]
 _UNKNOWN: dict[type[Policy], str] = {
     AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
     "by a covariance that it remembers, and are cut by a gate and a dead zone; no enclosure of them is stated",
-    LearnedObserverPolicy: "there is no bound for the learned observer: the gates of its recurrent network multiply "
-    "what it remembers, and no enclosure of these products is stated",
+    LearnedObserverPolicy: "there is no bound for the learned observer: its filter divides by a covariance that it "
+    "remembers, the gates of its network multiply what they remember, and no enclosure of these steps is stated",
 }
 """What stands in the way of a bound, by the kind of a policy whose base has one."""
 

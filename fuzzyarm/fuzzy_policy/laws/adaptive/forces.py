@@ -14,7 +14,12 @@ of the commands that are on their way. A wrong torque constant or lateness acts 
 the motors would be taken for a load that is answered by a larger jump.
 
 A filter may become sure of a wrong lateness. Where the innovations are larger than it expects, the lateness is doubted:
-a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one.
+a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
+that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
+
+    P_ik ← P_ik + min(`SCALE_DOUBT` a, max(0, `LARGEST_SCALE` - min P_jj))
+
+to the covariance of any two of these factors, j being any of them.
 """
 
 from __future__ import annotations
@@ -25,12 +30,14 @@ from numba.extending import register_jitable
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
-__all__ = ["doubt_lateness", "note_moves", "spread_out", "walk_share"]
+__all__ = ["doubt_lateness", "doubt_scale", "note_moves", "spread_out", "walk_share"]
 
 SHARE = 0.1  # of a sample, in the means
 NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
 CALMING, STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
 LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
+SCALE_DOUBT = 0.003  # variance of the shared factor per surprise
+LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
 
 
 @register_jitable
@@ -61,6 +68,20 @@ def doubt_lateness(m: Memory, s: Settings, surprise: float) -> None:
     last = len(m.z) - 1
     wider = m.P[last, last] + LATENESS_DOUBT * max(0.0, surprise - 1.0)
     m.P[last, last] = min(wider, s.spread[last] * s.spread[last])
+
+
+@register_jitable
+def doubt_scale(m: Memory, s: Settings, surprise: float) -> None:
+    """Let a sample with this mean ν²/s add to the variance of the factor that the arm's constants share."""
+    first, least = len(m.z) - len(s.guess), LARGEST_SCALE
+    for i in range(first, len(m.z)):
+        if s.shared[i] > 0.0:
+            least = min(least, m.P[i, i])
+    more = min(SCALE_DOUBT * max(0.0, surprise - 1.0), LARGEST_SCALE - least)
+    for i in range(first, len(m.z)):
+        for k in range(first, len(m.z)):
+            if s.shared[i] > 0.0 and s.shared[k] > 0.0:
+                m.P[i, k] += more
 
 
 @register_jitable

@@ -14,13 +14,13 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of, mean_torque
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, numbers_at, predict_of, read_noise
-from fuzzyarm.fuzzy_policy.laws.adaptive.forces import doubt_lateness, note_moves, spread_out
+from fuzzyarm.fuzzy_policy.laws.adaptive.forces import doubt_lateness, doubt_scale, note_moves, spread_out
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.significance import significant
 
-__all__ = ["NOISE_SHARE", "begin_of", "law_of", "predict_with"]
+__all__ = ["MISTRUST", "NOISE_SHARE", "begin_of", "law_of", "predict_with", "steps_of"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
@@ -37,7 +37,7 @@ def law_of(physics: Physics) -> Any:
     `known` (lanes, `KEPT` + 1, axes) is a tip force [N] known beforehand, which the estimated one adds to: at this
     sample, at those before it, and at the next one.
     """
-    begin, act, predict = begin_of(physics), act_of(physics), predict_with(physics)
+    estimate, predict = steps_of(physics)
 
     @kernel_for(physics.digest)
     def estimate_and_act(
@@ -48,17 +48,43 @@ def law_of(physics: Physics) -> Any:
         room, o = room_for(s), observed(observation)
         for lane in range(len(observation)):
             m = remembered(memory[lane], joints, len(s.guess), len(s.reopening))
-            torque[lane] = np.nan
-            if m.flags[FLAG.lost] == 0.0:
-                begin(lane, o, m, s, room)
-                _correct(m, s, room)
-                if m.flags[FLAG.lost] == 0.0:
-                    act(significant(m, s, room), s, room, known[lane], torque[lane])
-                    predict(m, s, room)
-                    if not np.isfinite(np.sum(torque[lane])):
-                        m.flags[FLAG.lost] = 1.0
+            estimate(lane, o, m, s, room, known[lane], torque[lane])
+            predict(m, s, room, torque[lane])
 
     return estimate_and_act
+
+
+@functools.cache
+def steps_of(physics: Physics) -> tuple[Any, Any]:
+    """Return the two compiled halves of a lane's sample, before and after its torque is known.
+
+        ``estimate(lane, o, m, s, room, known, torque)`` corrects, and fills `torque` (n,) [N m] with what the law asks
+        for; nan where the filter has diverged.
+        ``predict(m, s, room, torque)`` predicts the next sample; the filter diverges where `torque` is no number.
+
+    Between them ``m.commands[0]`` (n,) may be set to the torque [N m] that is commanded instead.
+    """
+    begin, act, advance = begin_of(physics), act_of(physics), predict_with(physics)
+
+    @register_jitable
+    def estimate(
+        lane: int, o: Observation, m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray
+    ) -> None:
+        torque[:] = np.nan
+        if m.flags[FLAG.lost] == 0.0:
+            begin(lane, o, m, s, room)
+            _correct(m, s, room)
+            if m.flags[FLAG.lost] == 0.0:
+                act(significant(m, s, room), s, room, known, torque)
+
+    @register_jitable
+    def predict(m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
+        if m.flags[FLAG.lost] == 0.0:
+            advance(m, s, room)
+            if not np.isfinite(np.sum(torque)):
+                m.flags[FLAG.lost] = 1.0
+
+    return estimate, predict
 
 
 @functools.cache
@@ -148,6 +174,7 @@ def _correct(m: Memory, s: Settings, room: Room) -> None:
     surprise = correct(m.z, m.P, measured, room.variances, room.silent, s.cautious, s.gate, room.column)
     m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
     doubt_lateness(m, s, surprise)
+    doubt_scale(m, s, surprise)
     note_moves(m, s, before)
     confine(m.z, m.P, s.low, s.high)
     total = np.sum(m.z) + np.sum(m.P)

@@ -143,7 +143,7 @@ class AdaptivePasses:
             raise ValueError("there is no pass to learn from: call predict along the path before begin_pass")
         usable = (state.memory[:, FLAG.lost] == 0.0) & ~state.other_path
         memory, kept = np.zeros_like(state.memory), self.policy.memory
-        memory[:, kept.z], memory[:, kept.P] = state.memory[:, kept.z], state.memory[:, kept.P]
+        memory[:, kept.z], memory[:, kept.P] = state.memory[:, kept.z], self._bounded(state.memory[:, kept.P])
         expected = np.zeros((len(state.references), len(memory), self._forces - 1))
         if usable.any():
             expected[:, usable], memory[usable, self._payload] = self._explained(state, usable)
@@ -164,6 +164,14 @@ class AdaptivePasses:
         return PassState(
             memory, expected, path, [], [], [], [], memory, np.zeros(lanes, dtype=int), np.zeros(lanes, bool)
         )
+
+    def _bounded(self, covariance: np.ndarray) -> np.ndarray:
+        """Return covariances (lanes, N²) whose standard deviations are at most the first ones."""
+        first = self.policy.settings.spread
+        P = covariance.reshape(len(covariance), len(first), len(first))
+        deviation = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 1e-300))
+        factor = np.minimum(1.0, first / deviation)
+        return np.asarray(P * factor[:, :, np.newaxis] * factor[:, np.newaxis, :]).reshape(len(P), -1)
 
     def _explained(self, state: PassState, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the force to expect (samples, lanes, axes) and the payload (lanes,) after a pass of these lanes."""

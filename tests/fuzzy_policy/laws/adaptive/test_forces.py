@@ -5,8 +5,11 @@ import pytest
 
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.forces import (
+    LARGEST_SCALE,
     LATENESS_DOUBT,
+    SCALE_DOUBT,
     doubt_lateness,
+    doubt_scale,
     note_moves,
     spread_out,
     walk_share,
@@ -68,3 +71,17 @@ def test_surprise_opens_the_lateness_up_to_its_first_variance(memory):
     assert memory.P[-1, -1] == pytest.approx(0.01 + 10.0 * LATENESS_DOUBT)
     doubt_lateness(memory, SETTINGS, 1e9)
     assert memory.P[-1, -1] == first
+
+
+def test_surprise_opens_the_factor_that_the_constants_share(memory):
+    shared = SETTINGS.shared > 0.0
+    first = memory.P[:] = np.diag(SETTINGS.spread**2)
+    first = first.copy()
+    doubt_scale(memory, SETTINGS, 1.0)
+    np.testing.assert_array_equal(memory.P, first)
+    doubt_scale(memory, SETTINGS, 3.0)
+    np.testing.assert_allclose(memory.P - first, 2.0 * SCALE_DOUBT * np.outer(shared, shared), atol=1e-15)
+    assert np.count_nonzero(shared) == 10  # five factors of two joints
+    for _ in range(2):
+        doubt_scale(memory, SETTINGS, 1e9)
+        assert np.diagonal(memory.P)[shared].min() == pytest.approx(LARGEST_SCALE)
