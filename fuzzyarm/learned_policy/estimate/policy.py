@@ -59,8 +59,6 @@ _TARGET, _STARTED, _PREDICTED, _RESIDUAL, _FILTER = consecutive(
     memory_size(JOINTS), 1, estimate_parts(JOINTS).load.stop, JOINTS, 1
 )
 
-_WHOLE = 1e6  # N m, more than any regulator asks for
-
 SEEN_PARTS = consecutive(UNEXPLAINED, CONTEXT, JOINTS)
 """Where z, c and u_b [N m] lie in what `observe` gives."""
 
@@ -112,8 +110,6 @@ class LearnedObserverPolicy(Policy):
         super().__init__(arm, control_period)
         self.parameters: ArmParameters = arm
         self.network, self.adaptive = network, AdaptiveObserverPolicy(arm, control_period)
-        # What the regulator asks for is passed on whole: where to stop is what the network has learned.
-        self.adaptive.settings = self.adaptive.settings._replace(most=np.full(JOINTS, _WHOLE))
         self.filter, self.hidden = consecutive(_FILTER.start, self.adaptive.memory.noise.stop, network.hidden)[1:]
         self.memory_size = self.hidden.stop
         self._target, substeps = ElasticTarget(arm, self.control_period), whole_substeps(control_period, None)

@@ -96,10 +96,8 @@ def _command_of(physics: Physics) -> Any:
         for k in range(LONGEST_LATENESS + 1, 0, -1):
             m.commands[k] = m.commands[k - 1]
         for j in range(joints):
-            feedback = 0.0
             for i in range(len(error)):
-                feedback += room.gain[j, i] * error[i]
-            torque[j] -= min(max(feedback, -s.most[j]), s.most[j])
+                torque[j] -= room.gain[j, i] * error[i]
             m.commands[0, j] = min(max(torque[j], -s.limit[j]), s.limit[j])
 
     return command

@@ -20,7 +20,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.significance import significant
 
-__all__ = ["NOISE_SHARE", "begin_of", "law_of", "steps_of"]
+__all__ = ["MISTRUST", "NOISE_SHARE", "begin_of", "law_of", "predict_with", "steps_of"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
@@ -64,7 +64,7 @@ def steps_of(physics: Physics) -> tuple[Any, Any]:
 
     Between them ``m.commands[0]`` (n,) may be set to the torque [N m] that is commanded instead.
     """
-    begin, act, advance = begin_of(physics), act_of(physics), _predict_of(physics)
+    begin, act, advance = begin_of(physics), act_of(physics), predict_with(physics)
 
     @register_jitable
     def estimate(
@@ -183,7 +183,7 @@ def _correct(m: Memory, s: Settings, room: Room) -> None:
 
 
 @functools.cache
-def _predict_of(physics: Physics) -> Any:
+def predict_with(physics: Physics) -> Any:
     """Return the compiled step of z and P to the next sample, under the commands that reach the motors until then."""
     step = predict_of(physics)
 

@@ -1,37 +1,52 @@
 """Again over the same path: what the adaptive observer learns of the load in one pass, it expects in the next.
 
-A pass is an episode along one reference. Beside its filter, a state keeps of every sample the estimated force at the
-tip and its variances. `begin_pass` makes of them the force that is expected at every sample of the next pass: the force
-that was expected plus the estimated ones, smoothed backward in time (Rauch, Tung and Striebel, each force alone),
+A pass is an episode along one reference. A state keeps what was measured and commanded. `begin_pass` looks back at it:
+with the constants of the arm, the payload and the lateness as they stand at the end, which tip force explains all that
+was measured? What f of `smoother` adds to the force that was expected gives that of pass j,
 
-    x_s(k) = x(k) + P(k)/(P(k) + Q) (x_s(k+1) - x(k)),
+    F_j(k) = F_expected(k) + t(k) f_t(k) + F_s(k),    low-passed by a Butterworth filter of no phase,
 
-and then by a Butterworth filter of no phase. The constants of the arm, the payload and the lateness go on where they
-were, with `FORGETTING` times their standard deviation, at most the first one.
+with the direction of travel t. The next pass begins with these constants and expects the mean of F_1, ..., F_j. Forces
+as they were estimated while the constants moved would count twice what went from a force to the payload.
+
+How much of F_1 is a payload follows from how F_1 varies. F_1 is linear in the payload m that is taken for granted,
+F_1(m) = F_1(m_0) + (m - m_0) G, and the passes go on with the payload whose force varies least in total,
+
+    min_m Σ_k |ΔF_1(k; m)|,    ΔF_1(k) = F_1(k+1) - F_1(k).
+
+A force that stands for a payload swings with the accelerations of the tip, and so does one beside a payload that is not
+there. Later passes swing too little to tell.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fuzzyarm.envs.observation import PARTS, observed
+from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.forces import walk_share
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import MISTRUST
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.fuzzy_policy.laws.adaptive.smoother import smoother_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import unit_force
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 
 __all__ = ["AdaptivePasses", "PassState"]
 
-FORGETTING = 0.5
-CUT_OFF = 50.0  # Hz, of the Butterworth filter of the expected force
+CUT_OFF = 70.0  # Hz, of the Butterworth filter of the expected force
 ORDER = 2
+FIRST_FORCE = 0.3  # standard deviation of the forces at the first sample for the smoother, in unit forces
 SAME_PATH = 1e-6  # rad; a reference that differs more from that of the pass before is another path
+REWEIGHTED = 50  # steps towards the least total variation
+SMALLEST = 1e-2  # N, a change of the force that counts as none
 
 
 @dataclasses.dataclass
@@ -43,10 +58,11 @@ class PassState:
         expected: tip force [N] that is expected at the samples of this pass, (samples, lanes, axes); empty: none.
         path: q_d of the pass before, (samples, lanes, n).
         references: q_d of the samples so far.
-        forces: estimated f_t and F after each sample so far [N], (lanes, 1 + axes) each.
-        variances: theirs.
-        calm: how calm the forces were, see `forces`, (lanes,) each.
+        measured: θ [rad] and θ̇ [rad/s] of each sample so far, (lanes, 2 n) each.
+        commands: torques commanded [N m], (lanes, n) each.
         travels: directions of travel, (lanes, axes) each.
+        early: memory of the policy after the first sample, (lanes, memory_size).
+        passes: over this path that have taught something, (lanes,).
         other_path: whether a lane has left the path of the pass before: it expects nothing any more.
     """
 
@@ -54,10 +70,11 @@ class PassState:
     expected: np.ndarray
     path: np.ndarray
     references: list[np.ndarray]
-    forces: list[np.ndarray]
-    variances: list[np.ndarray]
-    calm: list[np.ndarray]
+    measured: list[np.ndarray]
+    commands: list[np.ndarray]
     travels: list[np.ndarray]
+    early: np.ndarray
+    passes: np.ndarray
     other_path: np.ndarray
 
 
@@ -71,10 +88,9 @@ class AdaptivePasses:
     def __init__(self, policy: AdaptiveObserverPolicy) -> None:
         """Keep the policy."""
         self.policy = policy
-        self._states, self._forces = 4 * policy.joints, forces_in(policy.belief)
-        self._load = slice(self._states, self._states + self._forces)  # in z
-        size = len(policy.settings.spread)
-        self._diagonal = policy.memory.P.start + (self._states + np.arange(self._forces)) * (size + 1)
+        self._forces = forces_in(policy.belief)
+        self._constants = slice(policy.memory.z.start + 4 * policy.joints, policy.memory.z.stop)  # p, in a memory
+        self._payload = self._constants.start + policy.belief.payload.start
 
     def predict(
         self,
@@ -102,18 +118,19 @@ class AdaptivePasses:
             state = self._first(np.zeros((lanes, self.policy.memory_size)))
         if len(state.memory) != lanes:
             raise ValueError(f"the state is that of {len(state.memory)} lanes, the observation has {lanes}")
-        q = observed(seen).q_reference.copy()
-        sample = len(state.references)
+        parts = observed(seen)
+        q, sample = parts.q_reference.copy(), len(state.references)
         if sample < len(state.path):
             state.other_path |= np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH
         torque = np.empty((lanes, self.policy.joints))
         self.policy.act_with(seen, state.memory, torque, _window(state, sample))
-        state.references.append(q)
-        state.forces.append(state.memory[:, self.policy.memory.z][:, self._load].copy())
-        state.variances.append(state.memory[:, self._diagonal].copy())
-        state.calm.append(state.memory[:, FLAG.calm].copy())
-        state.travels.append(travel_of(self.policy.arm, q, observed(seen).dq_reference))
         torque = self.policy.clipped(torque)
+        state.references.append(q)
+        state.measured.append(np.concatenate([parts.q_motor, parts.dq_motor], axis=1))
+        state.commands.append(torque.copy())
+        state.travels.append(travel_of(self.policy.arm, q, parts.dq_reference))
+        if sample == 0:
+            state.early = state.memory.copy()
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 
     def begin_pass(self, state: PassState) -> PassState:
@@ -124,14 +141,17 @@ class AdaptivePasses:
         """
         if not state.references:
             raise ValueError("there is no pass to learn from: call predict along the path before begin_pass")
-        memory = np.zeros_like(state.memory)
         usable = (state.memory[:, FLAG.lost] == 0.0) & ~state.other_path
+        memory, kept = np.zeros_like(state.memory), self.policy.memory
+        memory[:, kept.z], memory[:, kept.P] = state.memory[:, kept.z], self._bounded(state.memory[:, kept.P])
+        expected = np.zeros((len(state.references), len(memory), self._forces - 1))
+        if usable.any():
+            expected[:, usable], memory[usable, self._payload] = self._explained(state, usable)
+        usable &= np.isfinite(expected).all(axis=(0, 2)) & np.isfinite(memory[:, self._payload])
         memory[usable, FLAG.taught] = 1.0
-        memory[:, self.policy.memory.z] = state.memory[:, self.policy.memory.z]
-        memory[:, self.policy.memory.P] = self._loosened(state.memory[:, self.policy.memory.P])
-        memory[~usable] = 0.0
-        expected = self._smoothed(state) * usable[:, np.newaxis]
-        return dataclasses.replace(self._first(memory), expected=expected, path=np.array(state.references))
+        memory[~usable], expected[:, ~usable] = 0.0, 0.0
+        passes, path = np.where(usable, state.passes + 1, 0), np.array(state.references)
+        return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
         """Return what is believed after the last sample, the expected force included; of lanes, also of one."""
@@ -141,36 +161,84 @@ class AdaptivePasses:
     def _first(self, memory: np.ndarray) -> PassState:
         lanes = len(memory)
         expected, path = np.empty((0, lanes, self._forces - 1)), np.empty((0, lanes, self.policy.joints))
-        return PassState(memory, expected, path, [], [], [], [], [], np.zeros(lanes, dtype=bool))
+        return PassState(
+            memory, expected, path, [], [], [], [], memory, np.zeros(lanes, dtype=int), np.zeros(lanes, bool)
+        )
 
-    def _loosened(self, covariance: np.ndarray) -> np.ndarray:
-        """Return covariances (lanes, N²) with `FORGETTING` times their standard deviations, at most the first ones."""
+    def _bounded(self, covariance: np.ndarray) -> np.ndarray:
+        """Return covariances (lanes, N²) whose standard deviations are at most the first ones."""
         first = self.policy.settings.spread
         P = covariance.reshape(len(covariance), len(first), len(first))
         deviation = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 1e-300))
-        factor = np.minimum(FORGETTING, first / deviation)
+        factor = np.minimum(1.0, first / deviation)
         return np.asarray(P * factor[:, :, np.newaxis] * factor[:, np.newaxis, :]).reshape(len(P), -1)
 
-    def _smoothed(self, state: PassState) -> np.ndarray:
-        """Return the force (samples, lanes, axes) that the next pass may expect."""
-        settings = self.policy.settings
-        # What P gained at each sample: the walk to the next one, and where calm went, what it was opened by.
-        calm = np.array(state.calm)[..., np.newaxis]
-        walk = walk_share(calm, settings.calm_walk) ** 2 * settings.noise[self._load]
-        walk[1:] += np.maximum(calm[:-1] - calm[1:], 0.0) * settings.reopening
-        smooth, variances = np.array(state.forces), np.array(state.variances)
-        for k in range(len(smooth) - 2, -1, -1):
-            # The variance after the prediction holds the walk of one period already.
-            share = np.clip(1.0 - walk[k] / variances[k], 0.0, 1.0)
-            smooth[k] += share * (smooth[k + 1] - smooth[k])
-        force = np.array(state.travels) * smooth[..., :1] + smooth[..., 1:]
-        count = min(len(force), len(state.expected))
-        force[:count] += state.expected[:count] * ~state.other_path[:, np.newaxis]
-        nyquist = 0.5 / self.policy.control_period
+    def _explained(self, state: PassState, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the force to expect (samples, lanes, axes) and the payload (lanes,) after a pass of these lanes."""
+        memory, before = state.memory[lanes], state.passes[lanes]
+        payload, force = memory[:, self._payload].copy(), self._force(state, lanes, memory)
+        new = before == 0
+        if new.any():
+            heavier, where = memory[new], lanes.copy()
+            heavier[:, self._payload] += 1.0
+            where[lanes] = new
+            slope = self._force(state, where, heavier) - force[:, new]
+            at, settings = self.policy.belief.payload.start, self.policy.settings
+            payload[new] = np.clip(payload[new] + _steadiest(force[:, new], slope), settings.low[at], settings.high[at])
+            force[:, new] += (payload - memory[:, self._payload])[new, np.newaxis] * slope
+        expected = _of_length(len(force), state.expected[:, lanes])
+        return expected + (force - expected) / (1 + before[:, np.newaxis]), payload
+
+    def _force(self, state: PassState, lanes: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Return the tip force (samples, lanes, axes) that explains the pass with the constants of a memory."""
+        policy, joints = self.policy, self.policy.joints
+        measured, commands = np.array(state.measured)[:, lanes], np.array(state.commands)[:, lanes]
+        travels, early = np.array(state.travels)[:, lanes], state.early[lanes]
+        expected = _of_length(len(measured), state.expected[:, lanes])
+        early[:, self._constants] = memory[:, self._constants]
+        settings = self._smoothing
+        angles = np.maximum(settings.variances[:joints], MISTRUST * memory[:, policy.memory.noise])
+        variances = np.concatenate([angles, angles * (settings.variances[joints:] / settings.variances[:joints])], 1)
+        forces = np.zeros((*measured.shape[:2], self._forces))
+        smooth = smoother_of(equations_of(policy.arm))
+        smooth(measured, commands, expected, travels, early, variances, settings, forces)
+        return self._low_passed(expected + travels * forces[..., :1] + forces[..., 1:])
+
+    @functools.cached_property
+    def _smoothing(self) -> Settings:
+        """What the smoother takes: constants are known, and motors do as they are told."""
+        policy, states = self.policy, 4 * self.policy.joints
+        settings: Settings = policy.settings
+        spread = settings.spread.copy()
+        spread[states:] = 0.0
+        spread[states : states + self._forces] = FIRST_FORCE * unit_force(policy.arm)
+        return settings._replace(spread=spread, doubt=np.zeros_like(settings.doubt))
+
+    def _low_passed(self, force: np.ndarray) -> np.ndarray:
         from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
 
+        nyquist = 0.5 / self.policy.control_period
         sections = butter(ORDER, min(CUT_OFF / nyquist, 0.99), output="sos")
         return np.asarray(sosfiltfilt(sections, force, axis=0, padlen=min(len(force) - 1, 60)))
+
+
+def _steadiest(force: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Return the x (lanes,) for which ``force + x slope`` (samples, lanes, axes) varies least in total.
+
+    Least squares, reweighted (Weiszfeld).
+    """
+    a, b, x = np.diff(force, axis=0), np.diff(slope, axis=0), np.zeros(force.shape[1])
+    for _ in range(REWEIGHTED):
+        weight = 1.0 / np.maximum(np.linalg.norm(a + x[:, np.newaxis] * b, axis=2), SMALLEST)
+        x = -np.sum(weight * np.sum(a * b, axis=2), axis=0) / (np.sum(weight * np.sum(b * b, axis=2), axis=0) + 1e-12)
+    return x
+
+
+def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
+    """Return a force (any, lanes, axes) at so many samples; zero where there is none."""
+    whole = np.zeros((samples, *force.shape[1:]))
+    whole[: len(force)] = force[:samples]
+    return whole
 
 
 def _window(state: PassState, sample: int) -> np.ndarray:

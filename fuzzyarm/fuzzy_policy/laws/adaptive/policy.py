@@ -7,13 +7,7 @@
 x_d = (θ_d, q_d, θ̇_d, q̇_d) and u_ff are those of `elastic_target` for the arm of p under the load of p: the torque
 that bends the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the reference with today's p. A ⁺ is d
 control periods ahead, when the command reaches the motors: x by the commands on their way, x_d by its derivatives. K is
-a linear quadratic regulator over posture and payload, see `regulator`, of which no more is commanded than the share
-`LARGEST_FEEDBACK` of the torque limits, joint by joint:
-
-    u = u_ff(p) - max(-u_K, min(u_K, K (x⁺ - x_d(p)⁺))).
-
-A loop whose torque constants are larger than believed would otherwise swing between the limits, where the motors apply
-less than is commanded, so that the filter learns a wrong constant.
+a linear quadratic regulator over posture and payload, see `regulator`.
 
 The estimated payload is no measurement of a payload: masses and forces share a load.
 
@@ -49,7 +43,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import NOISE_SHARE, law_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
-from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import LARGEST_FEEDBACK, feedback_table
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.significance import INSIGNIFICANT
@@ -244,7 +238,6 @@ class AdaptiveObserverPolicy(Policy):
             first_share=NOISE_SHARE if isinstance(arm, Robot) else 1.0,
             insignificant=0.0 if isinstance(arm, Robot) else INSIGNIFICANT**2,
             limit=self._torque_limit,
-            most=LARGEST_FEEDBACK * self._torque_limit,
             mass=mass_of(arm),
             substep=period / substeps,
             substeps=substeps,

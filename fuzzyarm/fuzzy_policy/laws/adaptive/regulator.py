@@ -14,10 +14,8 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, loaded_inertia, place_in_schedule, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, feedback_gain, sampled_arm
 
-__all__ = ["LARGEST_FEEDBACK", "FeedbackTable", "feedback_at", "feedback_table"]
+__all__ = ["FeedbackTable", "feedback_at", "feedback_table"]
 
-LARGEST_FEEDBACK = 0.25
-"""Largest torque of the regulator, share of the torque limit."""
 HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
 PAYLOADS = 6
 

@@ -35,7 +35,6 @@ class Settings(NamedTuple):
         first_share: largest share of a sample in the noise that is read.
         insignificant: c² of `significance`.
         limit: torque limits [N m].
-        most: largest torques of the regulator [N m].
         mass: of all links [kg].
         substep: h [s].
         substeps: in a control period.
@@ -65,7 +64,6 @@ class Settings(NamedTuple):
     first_share: Any
     insignificant: Any
     limit: Any
-    most: Any
     mass: Any
     substep: Any
     substeps: Any

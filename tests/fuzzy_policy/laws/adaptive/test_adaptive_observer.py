@@ -19,7 +19,6 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import LARGEST_FEEDBACK
 
 ARM = ArmParameters()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
@@ -118,15 +117,6 @@ def test_it_finds_an_untold_lateness_and_stays_stable():
     errors, state = follow(POLICY, [Disturbance()], 700, late=2)
     assert POLICY.beliefs(state).lateness[0] == pytest.approx(2e-3, abs=5e-4)
     assert errors[300:].max() < 0.5
-
-
-def test_the_regulator_commands_a_share_of_the_torque_limits():
-    """However wrong the motors' velocities are, the torques for one and for its negative differ by twice the share."""
-    most = LARGEST_FEEDBACK * np.array(ARM.torque_limit)
-    for speed in (5.0, 30.0):
-        observation = np.array([0.9, 0.6, speed, speed, 0.9, 0.6, 0.0, 0.0, 0.0, 0.0])
-        backward, forward = (POLICY.predict(np.where(observation == speed, s * speed, observation))[0] for s in (-1, 1))
-        np.testing.assert_allclose(backward - forward, 2.0 * most, rtol=1e-9)
 
 
 @pytest.mark.slow
