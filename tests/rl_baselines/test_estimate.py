@@ -96,6 +96,7 @@ def tip_errors(courses, steps, adaptive=ADAPTIVE):
     return np.array(errors)
 
 
+@pytest.mark.slow
 def test_the_teacher_leads_the_tip_along_the_course_under_a_changing_force_and_with_late_torques():
     reference = JointReference(Circle((0.4, 0.6), 0.17), parameters=ARM)
     loads = [Disturbance(tip_force=MachiningForce(130.0, 90.0)), Disturbance(payload=Payload(6.0))]

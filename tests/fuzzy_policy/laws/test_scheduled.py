@@ -80,6 +80,7 @@ def test_a_batch_answers_as_each_lane_would_alone_bit_for_bit(file, tip):
         assert action.tobytes() == actions[lane].tobytes() and following.tobytes() == after[lane].tobytes()
 
 
+@pytest.mark.slow
 def test_the_elastic_robot_follows_its_default_reference(file):
     config = EvaluationConfig(policies=(str(file), f"{file}-tip"), cases=("nominal",), robot=robot_named(ROBOT))
     outcome = evaluate(config)

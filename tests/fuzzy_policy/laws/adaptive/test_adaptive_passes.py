@@ -45,6 +45,7 @@ def test_the_first_pass_is_the_policy_itself_bit_for_bit():
         observation, *_ = envs.step(torque)
 
 
+@pytest.mark.slow
 def test_errors_fall_from_pass_to_pass():
     repeated, state, largest = POLICY.repeated(), None, []
     for _ in range(3):
