@@ -1,4 +1,4 @@
-"""The training of `learned-observer`: its linear loops, its network, its teacher, and that it learns."""
+"""The training of `learned-observer`: its network, its teacher, its draws, and that it learns."""
 
 import dataclasses
 

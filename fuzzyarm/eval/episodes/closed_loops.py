@@ -205,9 +205,8 @@ def _made_for(made_for: str, layout: Layout, act: Any) -> Callable[..., bool]:
                         _scaled(seen[i, joints : 2 * joints], work[block, dq_at + place :: BLOCK], noise[start + i])
                     if running[i]:
                         found = work[block, finite + place], work[block, angles + place], work[block, speeds + place]
-                        reason = reason_of(*found)
-                        last = clocks[CLOCK.row, i] == clocks[CLOCK.last, i]
-                        running[i] = not _ended(start + i, work[block, error_at + place], reason, last, errors)
+                        last, error = clocks[CLOCK.row, i] == clocks[CLOCK.last, i], work[block, error_at + place]
+                        running[i] = not _ended(start + i, error, reason_of(*found), last, errors)
         return False
 
     kernel: Callable[..., bool] = run

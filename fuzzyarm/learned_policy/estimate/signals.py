@@ -3,10 +3,10 @@
 With the innovations ν_a and ν_o, y - ŷ⁻ of the adaptive and of the elastic observer, one number for each motor angle
 and velocity, their torques u_a and u_o, and the load l = (forces, payload) of the beliefs p,
 
-    z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(a R)), the last ρ, asinh((l - l_0)/l_1)),
+    z = (a(ν_a), b(ν_a), a(ν_o), b(ν_o), d̂/R, asinh((u_a - u_o)/(κ R)), the last ρ, asinh((l - l_0)/l_1)),
     a(ν) = asinh(ν/s),    b(ν) = asinh(ν/S) ν²/(s² + ν²),
 
-with a = `GAP_SHARE`, `FINE` units s, `COARSE` units S, and the `Units` R and l_1 of an arm: a(ν)
+with κ = `GAP_SHARE`, `FINE` units s, `COARSE` units S, and the `Units` R and l_1 of an arm: a(ν)
 resolves what is small; b(ν) is linear in what is large and flat about zero. d̂ is what the elastic observer
 believes to load the links. z vanishes where nothing is unexplained and the arm is on its target. From the observation
 and the beliefs follows
