@@ -121,6 +121,7 @@ def imports():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("libraries", "home"),
     [

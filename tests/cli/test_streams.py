@@ -100,6 +100,7 @@ def test_a_file_never_gets_the_number_of_a_closed_stream(folder, closed):
     assert code == 0 and (folder / "page.html").read_bytes().startswith(b"<!doctype html>")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", EVERY_RUN)
 def test_a_locale_without_our_letters_is_no_obstacle(folder, words):
     code, out, err = shell(folder, words, LC_ALL="C", PYTHONIOENCODING="ascii", PYTHONUTF8="0", COLUMNS="80")

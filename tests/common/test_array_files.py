@@ -103,6 +103,7 @@ def plain_twice():
     return out.getvalue().replace(b"b.npy", b"a.npy")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_a_bad_archive_is_one_line_and_takes_neither_time_nor_memory(tmp_path, name):
     make, message = BAD[name]

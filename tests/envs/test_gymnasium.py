@@ -155,6 +155,7 @@ def test_tensors_go_in_and_come_out():
     assert float(reward) == pytest.approx(expected[1])
 
 
+@pytest.mark.slow
 def test_videos_are_recorded(tmp_path):
     pytest.importorskip("moviepy")
     env = wrappers.RecordVideo(

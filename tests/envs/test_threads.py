@@ -57,6 +57,7 @@ print(round(last, 9))
 """
 
 
+@pytest.mark.slow
 def test_a_step_past_the_end_of_the_schedule_stays_at_its_end():
     """What two threads do that both find the episode still running, and go on for ever."""
     done = subprocess.run([sys.executable, "-c", BEYOND], capture_output=True, text=True, check=False)

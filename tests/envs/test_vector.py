@@ -1001,6 +1001,7 @@ EXTREME = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_but(["arms", "heavy"], EXTREME))
 def test_extreme_arms_move_or_end_with_a_reason(name):
     lanes = 32

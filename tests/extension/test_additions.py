@@ -173,6 +173,7 @@ print(json.dumps([
 """
 
 
+@pytest.mark.slow
 def test_a_new_case_changes_no_default_no_training_column_and_no_evidence():
     """Whether it is added before or after the modules that hold them are imported."""
     found = []

@@ -104,6 +104,7 @@ def test_what_does_not_fit_is_refused(content, tmp_path, path):
     refused(tmp_path, crafted)
 
 
+@pytest.mark.slow
 def test_whatever_stands_anywhere_is_refused_or_taken(content, tmp_path):
     """Each value in turn is replaced by something strange; none kills the process."""
     generator = random.Random(4)

@@ -106,6 +106,7 @@ def test_the_teacher_leads_the_tip_along_the_course_under_a_changing_force_and_w
     assert np.max(tip_errors(courses, 150)) < 0.8  # mm
 
 
+@pytest.mark.slow
 def test_the_teacher_is_the_adaptive_observer_that_knows():
     """On the known arm without load and noise its beliefs are right from the first sample, and so is that law."""
     scenario = Scenario(Disturbance(), JointReference(Circle((0.4, 0.6), 0.17), parameters=ARM))

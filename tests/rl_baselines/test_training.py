@@ -109,6 +109,7 @@ def test_a_killed_run_goes_on_as_if_nothing_had_been(whole, tmp_path):
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in whole.iterdir())
 
 
+@pytest.mark.slow
 def test_a_finished_run_goes_on_to_a_larger_total(whole, tmp_path):
     """What was done keeps its bits; then the learning rate falls as if the new total had been that of the beginning."""
     folder = shutil.copytree(whole, tmp_path / "run")
@@ -235,6 +236,7 @@ def test_the_evaluation_is_that_of_the_bundle_as_it_is_shipped(whole):
     assert found.items() <= bundle.curve[-1].items()
 
 
+@pytest.mark.slow
 def test_the_best_policy_is_kept_and_its_score_resumed(whole):
     curve = PolicyBundle.load(whole / "policy").curve
     scores = [np.mean([row[f"{case}_rms_mm"] for case in ("nominal", "machining", "payload")]) for row in curve]
@@ -317,6 +319,7 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path, capsys):
     assert "cannot write to" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_other_arms_is_refused(whole, tmp_path):
     found = read_checkpoint(whole / "checkpoint.pt")
     found["config"]["circles"] = 3
@@ -335,6 +338,7 @@ def test_progress_is_a_line_for_every_evaluation(tmp_path, capsys):
     assert ("no TensorBoard logs: tensorboard is not installed" in shown) == (not trainer.tensorboard_installed())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
 def test_without_the_extra_it_is_named(missing, tmp_path):
     code = f"""

@@ -137,6 +137,7 @@ def test_an_impossible_specification_says_what_would_have_to_give():
     assert "gain bound 100000 N m/rad" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_what_alpha_cannot_mend_is_said_so():
     with pytest.raises(DesignFailed, match="raise gamma or the gain bound"):
         design(Specification(kept=(), gamma=1e-9, gain_bound=10.0))
@@ -198,6 +199,7 @@ def test_description_carries_the_claim_and_its_scope(designed):
 # The fastest pole ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integral", slow_but([True], [True, False]))
 @pytest.mark.parametrize(("kept", "pole"), [(NAMED_RULES[8], 150.0), (NAMED_RULES[4], 150.0), ((), 1500.0)])
 def test_every_pole_of_the_frozen_loop_lies_in_the_strip(kept, pole, integral):
@@ -251,6 +253,7 @@ def test_a_fastest_pole_too_slow_says_what_would_do():
     assert synthesis_search.best_solution(model, dataclasses.replace(asked, fastest_pole=0.9 * smallest)) is None
 
 
+@pytest.mark.slow
 def test_what_a_faster_pole_cannot_mend_is_not_blamed_on_it():
     with pytest.raises(DesignFailed, match="fastest pole 200 1/s; no decay rate") as caught:
         design(Specification(kept=(), gamma=1e-9, gain_bound=10.0, fastest_pole=200.0))

@@ -64,6 +64,7 @@ def test_a_huge_whole_number_is_refused_in_python_too(field):
         Specification(**{field: 10**400})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e3, 1e9])
 def test_a_design_for_an_arm_of_another_size_is_proven_or_fails_in_words(scale):
     table_1 = ArmParameters()

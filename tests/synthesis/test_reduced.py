@@ -339,6 +339,7 @@ def test_cone_program_has_the_inequalities_of_both_directions(integral, rules):
     assert cone.orders == plain.orders[:pairs] + pairs * [R.shape[-1]] + plain.orders[pairs:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("integral", "rules", "pole"), [(True, 1, 15.0), (True, 4, 2.0), (False, 4, 2.0)])
 def test_same_optimum_as_both_full_inequalities(integral, rules, pole):
     """Plain cvxpy on Ψ and Φ, all slack kept, finds the same smallest gains; the bound is felt."""

@@ -37,7 +37,7 @@ class Lanes:
         control_period: [s].
         substeps: in a control period.
         randomisation: what each episode draws.
-        threads: how many a step may use; None: one per 512 lanes, at most one per core.
+        threads: how many a step may use; None: one per 2048 lanes, at most one per core.
 
     Raises:
         ValueError: a reference does not fit the plant of its lane.

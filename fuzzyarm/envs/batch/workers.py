@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.records import BLOCK
 
 __all__ = ["LANES_PER_THREAD", "Workers"]
 
-LANES_PER_THREAD = 512  # from about here on a thread is worth the handing over
+LANES_PER_THREAD = 2048  # from about here on a thread is worth the handing over
 _PIECES = 8  # for each thread: the last one to finish keeps the others waiting for one piece at most
 _SMALLEST = 4 * BLOCK  # lanes of a piece
 
@@ -29,7 +29,7 @@ class Workers:
 
     Args:
         count: number of lanes.
-        threads: how many may share a step; None: one per 512 lanes, at most one per core.
+        threads: how many may share a step; None: one per 2048 lanes, at most one per core.
     """
 
     def __init__(self, count: int, threads: int | None) -> None:

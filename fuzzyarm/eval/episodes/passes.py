@@ -46,6 +46,6 @@ def record_passes(
     for number in range(passes):
         acting = policy if repeated is None else _Pass(repeated, state)
         runs.append(record_rollout(env, acting, policy_name=policy_name, case=case, seed=seed + number))
-        if isinstance(acting, _Pass):
+        if isinstance(acting, _Pass) and number + 1 < passes:
             state = acting.policy.begin_pass(acting.last)
     return runs

@@ -48,6 +48,7 @@ def test_the_circle_follows_its_rule(name):
         assert max(use(shorter)) > SHARE
 
 
+@pytest.mark.slow
 def test_a_robot_that_cannot_hold_itself_says_so():
     robot = robot_named("ur5")
     weak = [

@@ -227,6 +227,7 @@ def test_the_springs_of_a_robot_carry_what_its_links_need(name):
     assert 0.0 < elastic.box_use < 1.0
 
 
+@pytest.mark.slow
 def test_a_robot_whose_motors_leave_their_range_says_so():
     robot = robot_named("planar-3r")
     reference = default_reference(robot)

@@ -262,6 +262,7 @@ def test_memory_that_was_not_measured_says_why(small):
     assert "Memory: not measured, no vector environment." in speed_notes(document)
 
 
+@pytest.mark.slow
 def test_memory_of_a_lane_is_what_one_more_takes(monkeypatch):
     class Batch:
         def __init__(self, lanes):

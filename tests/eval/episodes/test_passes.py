@@ -12,13 +12,16 @@ from fuzzyarm.policies import load_policy
 
 
 class Counting:
-    """A policy that tells in its torque which pass it is in."""
+    """A policy that tells in its torque which pass it is in, and counts how often it looks back."""
+
+    looked_back = 0
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         count = 0 if state is None else state
         return np.array([float(count), 0.0]), count
 
     def begin_pass(self, state):
+        self.looked_back += 1
         return state + 1
 
     def repeated(self):
@@ -26,9 +29,11 @@ class Counting:
 
 
 def test_each_pass_begins_with_what_begin_pass_returned():
-    runs = record_passes(FuzzyArmEnv(), Counting(), 3, policy_name="counting", case="nominal", seed=0)
+    policy = Counting()
+    runs = record_passes(FuzzyArmEnv(), policy, 3, policy_name="counting", case="nominal", seed=0)
     assert [run.torque[0, 0] for run in runs] == [0.0, 1.0, 2.0]
     assert [run.seed for run in runs] == [0, 1, 2]
+    assert policy.looked_back == 2  # nothing is learned from the last one
 
 
 def test_a_policy_that_learns_nothing_repeats_itself():

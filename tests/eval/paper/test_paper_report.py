@@ -28,6 +28,7 @@ def run(*arguments):
     return main(["paper", *map(str, arguments)])
 
 
+@pytest.mark.slow
 def test_the_command_writes_tables_data_and_figures(gathered, tmp_path, capsys):
     assert run("--out", tmp_path) == 0
     out = capsys.readouterr()

@@ -168,6 +168,7 @@ def test_versions_are_not_mixed(folder, capsys, monkeypatch, name):
     refused(capsys, folder, ["--resume", "--out", str(folder)], f"other versions than there are now ({name} ")
 
 
+@pytest.mark.slow
 def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys):
     file, out = tmp_path / "mine.json", tmp_path / "sweep"
     shipped = resources.files("fuzzyarm.fuzzy_policy.controllers")
@@ -202,6 +203,7 @@ def test_a_disk_that_is_full_at_the_beginning_leaves_nothing(tmp_path, capsys, m
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, capsys):
     file, out = tmp_path / "there" / "mine.json", tmp_path / "sweep"
     file.parent.mkdir()

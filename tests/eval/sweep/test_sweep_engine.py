@@ -49,6 +49,7 @@ def test_a_killed_process_loses_no_work():
     assert len(reports) == 1 and "run again" in reports[0]
 
 
+@pytest.mark.slow
 def test_work_that_always_kills_its_worker_is_given_up():
     reports, done = [], []
 

@@ -217,6 +217,7 @@ def test_numbers_at_the_end_of_the_range_prove_nothing(field, value):
     assert not certify(dataclasses.replace(controller, **{field: array})).proven
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32), spread=st.sampled_from([1.0, 10.0, 60.0]))
 def test_arms_of_any_size_are_refused_or_reported_on(seed, spread):

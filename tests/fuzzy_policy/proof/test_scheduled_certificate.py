@@ -162,6 +162,7 @@ def test_the_inequality_is_the_one_of_the_closed_loop():
     assert y @ decay(share, rate=rate, gamma2=gamma**2, X=X, k=k) @ y == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_nonlinear_loop_decays_at_least_as_fast_as_certified(controller):
     """Rigid arm, moving reference, Runge-Kutta: V falls at least as exp(-2αt) from any of many errors."""
     robot, n = controller.robot, 3
@@ -258,6 +259,7 @@ def test_mu_counts_the_speed_limits_of_kept_angles():
     assert int(schedule_rate(designed().controller).p) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("asked", "message"),
     [({"fastest_pole": 100.0}, "kappa"), ({"gamma": 1e-12}, "gamma"), ({"rules": 8}, "no angle is left")],

@@ -58,6 +58,7 @@ def test_errors_fall_from_pass_to_pass():
     np.testing.assert_array_equal(state.passes, 3)
 
 
+@pytest.mark.slow
 def test_with_the_true_constants_the_true_force_explains_a_pass():
     repeated, payload = POLICY.repeated(), [load.payload.mass for load in LOADS]
     _, state = run(repeated, None)

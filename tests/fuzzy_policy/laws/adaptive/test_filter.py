@@ -179,6 +179,7 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     np.testing.assert_allclose(left, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_link_torque_is_the_rigid_arms_less_the_forces():
     rng = np.random.default_rng(8)
     q, dq, ddq, force = rng.normal(size=(4, 2))
