@@ -43,12 +43,12 @@ def test_a_policy_that_learns_nothing_repeats_itself():
 
 
 def test_rows_hold_the_errors_of_every_pass_and_the_file_is_read_back(tmp_path):
-    config = EvaluationConfig(policies=("adaptive-observer",), cases=("payload",), passes=2)
+    config = EvaluationConfig(policies=("fuzzy-4-tip",), cases=("machining",), passes=2)
     done = evaluate(config)
     (row,) = done.rows
     assert row["pass_2_max_mm"] == row["tip_error_max_mm"] < row["pass_1_max_mm"]
     assert row["pass_2_rms_mm"] == pytest.approx(row["tip_error_rms_mm"], rel=1e-12)
-    assert config.command() == "fuzzyarm evaluate --policy adaptive-observer --case payload --passes 2"
+    assert config.command() == "fuzzyarm evaluate --policy fuzzy-4-tip --case machining --passes 2"
     write_results(done, tmp_path)
     assert not recheck_results(read_results(tmp_path)).differences
 

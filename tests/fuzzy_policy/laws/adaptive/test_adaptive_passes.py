@@ -74,6 +74,7 @@ def test_with_the_true_constants_the_true_force_explains_a_pass():
     np.testing.assert_allclose(found, payload, atol=0.4)
 
 
+@pytest.mark.slow
 def test_the_expected_force_is_the_mean_of_what_explained_the_passes():
     repeated = POLICY.repeated()
     _, state = run(repeated, None)
@@ -98,6 +99,7 @@ def test_the_steadiest_force_varies_least_in_total():
         assert np.all(variation((found + step)[:, np.newaxis]) > least)
 
 
+@pytest.mark.slow
 def test_on_another_path_nothing_is_expected():
     repeated = POLICY.repeated()
     _, state = run(repeated, None)
