@@ -39,6 +39,7 @@ from fuzzyarm.learned_policy.functions import area_sine
 
 __all__ = ["ContextParts", "Signals", "UnexplainedParts", "context_parts", "signals_of", "unexplained_parts"]
 
+_SENSELESS = 1e6  # rad and rad/s, an innovation of a filter that has diverged
 _NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the noise that is read; e-fold of its asinh that counts as 1
 
 
@@ -74,7 +75,7 @@ class Signals(NamedTuple):
 
     Attributes:
         innovation: ``innovation(lane, o, m, units, ν, z)`` fills the parts that are of ν_a, before that filter's
-            correction; 0 as an episode begins. ν (2 n,) [rad, rad/s] becomes ν_a.
+            correction; 0 as an episode begins and where the filter has diverged. ν (2 n,) [rad, rad/s] becomes ν_a.
         unexplained: ``unexplained(ν, load, gap, residual, units, z)`` fills parts from ν_o (2 n,) [rad, rad/s], d̂ and
             u_a - u_o (n,) [N m] and the last ρ (n,).
         beliefs: ``beliefs(m, s, units, z, c)`` fills the parts of z and c that are of the corrected beliefs; 0 where
@@ -128,10 +129,14 @@ def _innovations_of(physics: Physics) -> tuple[Any, Any]:
     def see_innovation(
         lane: int, o: Observation, m: Memory, units: Units, innovation: np.ndarray, z: np.ndarray
     ) -> None:
-        begun = m.flags[FLAG.samples] > 0.0
+        predicted = m.flags[FLAG.samples] > 0.0 and m.flags[FLAG.lost] == 0.0
         for i in range(joints):
-            innovation[i] = o.q_motor[lane, i] - m.z[i] if begun else 0.0
-            innovation[joints + i] = o.dq_motor[lane, i] - m.z[2 * joints + i] if begun else 0.0
+            innovation[i] = o.q_motor[lane, i] - m.z[i]
+            innovation[joints + i] = o.dq_motor[lane, i] - m.z[2 * joints + i]
+        for k in range(len(innovation)):
+            # A filter that has diverged at this very sample says so only with its correction.
+            if not (predicted and np.abs(innovation[k]) < _SENSELESS):
+                innovation[k] = 0.0
         _scaled(innovation, units, z[at_fine], z[at_coarse])
 
     @register_jitable
