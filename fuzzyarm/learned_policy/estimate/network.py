@@ -146,7 +146,8 @@ class EstimateNetwork:
     @property
     def axes(self) -> int:
         """Of the space of the tip, as the columns of A say."""
-        return int(self.A.shape[1]) - unexplained_parts(self.joints, 0).belief.stop
+        without: int = unexplained_parts(self.joints, 0).belief.stop
+        return self.A.shape[1] - without
 
     @functools.cached_property
     def layers(self) -> Layers:
@@ -163,9 +164,9 @@ class EstimateNetwork:
 def residual_of(joints: int, axes: int) -> tuple[Any, Any]:
     """Return the compiled functions of the network for an arm of so many joints, with a tip in so many axes.
 
-        ``heard(z, c)`` returns m g of z and c, see the module.
-        ``respond(z, c, h, gap, torques, rho, layers)`` fills ρ (n,) from z and c (numbers of `signals`), u_a - u_o
-            and R (n,) [N m], and advances h (hidden,).
+    ``heard(z, c)`` returns m g of z and c, see the module.
+    ``respond(z, c, h, gap, torques, rho, layers)`` fills ρ (n,) from z and c (numbers of `signals`), u_a - u_o
+        and R (n,) [N m], and advances h (hidden,).
     """
     load, motion = unexplained_parts(joints, axes).load.start, context_parts(joints, axes).motion.start
 

@@ -9,8 +9,8 @@ torque u_a of `adaptive.policy`, m and g of `network`, and the network ρ,
 
 At rest m = 0, and without a load g is next to 0: there the elastic observer acts alone, whose loop is locally stable
 without knowing of late torques and wrong loop gains. In motion under a load the adaptive observer takes over, which
-knows of loads within milliseconds. Both are told of the torque that is applied. Where its filter has diverged, u_a is
-u_o. z and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows
+knows of loads within milliseconds. Both are told of the torque that is applied. u_a counts up to four torque limits;
+where its filter has diverged, it is u_o. z and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows
 plant, load and lateness, see `fuzzyarm.rl_baselines.estimate`.
 """
 
@@ -48,6 +48,9 @@ from fuzzyarm.learned_policy.estimate.signals import context_parts, signals_of, 
 from fuzzyarm.learned_policy.estimate.units import turns_of, units_of
 
 __all__ = ["LearnedObserverPolicy", "SeenParts", "seen_parts"]
+
+
+_FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to diverge would be any number
 
 
 class SeenParts(NamedTuple):
@@ -225,7 +228,9 @@ def _law_of(physics: Physics) -> Any:
             correct(lane, o, predicted, k.observer, index, weight, innovation)
             act(lane, o, target, predicted, k.stiffness, k.feedback, index, weight, error, torque)
             for i in range(joints):
-                gap[i] = adaptive[i] - torque[lane, i] if np.isfinite(adaptive[i]) else 0.0
+                far = _FARTHEST * k.torque_limit[i]
+                aim = min(max(adaptive[i], -far), far)
+                gap[i] = aim - torque[lane, i] if np.isfinite(adaptive[i]) else 0.0
             see_unexplained(innovation, load[lane], gap, residual[lane], k.units, z)
             see_beliefs(m, settings, k.units, z, c)
             share = heard(z, c)

@@ -28,7 +28,6 @@ from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of, robot_of
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import gravity, inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import default_reference
@@ -216,7 +215,9 @@ def _all_but_rest(arm: AnyArm, generator: np.random.Generator) -> Reference:
 def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
     """Return a spline of millimetres about a posture of the robot's family: to two places beside it and back."""
     family = _family(robot)
-    rest = np.array(family[int(generator.integers(len(family)))].waypoints[1])
+    course = family[int(generator.integers(len(family)))]
+    assert isinstance(course, SplineReference)
+    rest = np.array(course.waypoints[1])
     size = scale_of(robot).length * generator.uniform(SMALLEST, LARGEST)
     lever = np.linalg.norm(tip_jacobian(robot, rest), axis=0)
     beside = rest + size / np.maximum(lever, np.max(lever) / len(lever)) * generator.uniform(-1.0, 1.0, (2, len(rest)))
@@ -240,8 +241,6 @@ def _rest(arm: AnyArm, reference: Reference) -> np.ndarray:
     """Return where the nominal arm rests at the beginning of a reference (4 n,) [rad, rad/s]."""
     q = reference.sample(0.0).q
     still = np.zeros(len(q))
-    if isinstance(arm, Robot):
-        weight = gravity(arm, q)
-    else:
-        weight = rigid_inverse_dynamics(q, still, still, arm_constants(arm))
+    robot = isinstance(arm, Robot)
+    weight = gravity(arm, q) if robot else rigid_inverse_dynamics(q, still, still, arm_constants(arm))
     return np.concatenate([q + weight / per_joint_of(arm, "stiffness"), q, still, still])

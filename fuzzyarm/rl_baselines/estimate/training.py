@@ -55,9 +55,7 @@ class EstimateTraining:
         rows: the curve: chunk, tip_error_mm (root mean square over all lanes), loss, lost (episodes that ended early).
     """
 
-    def __init__(
-        self, config: EstimateConfig, report: Report = lambda row: None, arm: AnyArm | None = None
-    ) -> None:
+    def __init__(self, config: EstimateConfig, report: Report = lambda row: None, arm: AnyArm | None = None) -> None:
         """Make network and policy."""
         torch.set_num_threads(1)
         self.config, self.report, self._arm = config, report, ArmParameters() if arm is None else arm
