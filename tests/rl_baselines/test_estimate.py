@@ -23,7 +23,7 @@ from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, residual_of  # noqa: E402
 from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts  # noqa: E402
-from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, scale_of, turns_of, units_of  # noqa: E402
+from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, scale_of, units_of  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402

@@ -10,8 +10,8 @@ torque u_a of `adaptive.policy`, m and g of `network`, and the network ρ,
 At rest m = 0, and without a load g is next to 0: there the elastic observer acts alone, whose loop is locally stable
 without knowing of late torques and wrong loop gains. In motion under a load the adaptive observer takes over, which
 knows of loads within milliseconds. Both are told of the torque that is applied. u_a counts up to four torque limits;
-where its filter has diverged, it is u_o. z and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows
-plant, load and lateness, see `fuzzyarm.rl_baselines.estimate`.
+where its filter has diverged, it is u_o. z and c are those of `signals`, R the torques there. The network was trained
+by regression on a teacher that knows plant, load and lateness, see `fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations

@@ -112,8 +112,8 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
     Raises:
         ValueError: the motors are too weak for these courses and loads.
     """
-    family, scale = _family(arm), scale_of(arm)
-    usual = default_reference(arm)
+    family, scale, robot = _family(arm), scale_of(arm), robot_of(arm)
+    usual, span, axes = default_reference(arm), freedom(robot).motion, equations_of(arm).axes
     scenarios: list[Scenario] = []
     starts: list[np.ndarray] = []
     for _ in range(TRIES * count):
@@ -126,9 +126,9 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
         elif kind >= CIRCLES:
             reference = _all_but_rest(arm, generator)
         mass = scale.mass * generator.uniform(0.0, HEAVIEST) if generator.random() < 0.6 else 0.0
-        force = _force(arm, reference.duration, scale.force, generator)
+        force = _force(span, axes, reference.duration, scale.force, generator)
         load = Disturbance(tip_force=force, payload=Payload(mass))
-        if not _within_limits(arm, reference, load):
+        if not _within_limits(robot, axes, reference, load):
             continue
         scenarios.append(Scenario(load, reference))
         starts.append(_rest(arm, reference))
@@ -159,12 +159,14 @@ def _family(arm: AnyArm) -> tuple[Reference, ...]:
     return reference_family(arm, FAMILY)
 
 
-def _force(arm: AnyArm, duration: float, scale: float, generator: np.random.Generator) -> TipForce | None:
+def _force(
+    span: np.ndarray, axes: int, duration: float, scale: float, generator: np.random.Generator
+) -> TipForce | None:
+    """Return a force, or none, along what orthonormal rows (·, 3) span, of which some axes are the tip's."""
     kind = generator.random()
     if kind < 0.15:
         return None
     level = scale * generator.uniform(0.0, STRONGEST)
-    span, axes = freedom(robot_of(arm)).motion, equations_of(arm).axes
     if kind < 0.4:
         force = level * _direction(span, generator)[:axes]
         start = generator.uniform(0.0, 0.75 * duration)
@@ -225,13 +227,13 @@ def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
     return SplineReference(waypoints, generator.uniform(0.8, 2.0), robot)
 
 
-def _within_limits(arm: AnyArm, reference: Reference, load: Disturbance) -> bool:
-    """Return whether the rigid nominal arm follows a reference under a load with a share `BEARABLE` of its torques."""
-    time, robot = np.linspace(0.0, reference.duration, INSTANTS), robot_of(arm)
+def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturbance) -> bool:
+    """Return whether the rigid nominal robot follows a reference under a load with a share `BEARABLE` of its torques."""
+    time = np.linspace(0.0, reference.duration, INSTANTS)
     q, dq, ddq = reference.sample(time)[:3]
     torque = inverse_dynamics(robot.with_payload(load.payload.mass), q, dq, ddq) + ddq * robot.drive("motor_inertia")
     if load.tip_force is not None:
-        jacobian = tip_jacobian(robot, q)[..., : equations_of(arm).axes, :]
+        jacobian = tip_jacobian(robot, q)[..., :axes, :]
         velocity = np.einsum("tai,ti->ta", jacobian, dq)
         torque -= np.einsum("tai,ta->ti", jacobian, load.tip_force.at(time, velocity))
     return bool(np.all(np.abs(torque) <= BEARABLE * robot.drive("torque_limit")))
