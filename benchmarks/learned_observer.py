@@ -32,7 +32,6 @@ from fuzzyarm.envs.physics.equations import PAPER, AnyArm, argument_of, chosen_a
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.conditions import CONDITIONS
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
@@ -103,7 +102,10 @@ def held_out(policies: dict[str, Any], distribution: str, plants: int, arm: AnyA
         for place, case in enumerate(PAPER_CASES):
             errors = largest[number, place]
             found[f"{name}, {case}"] = {
-                "quantiles_mm": [float(value) for value in np.quantile(errors, QUANTILES, method="inverted_cdf")],
+                "quantiles_mm": [
+                    float(value) if np.isfinite(value) else None
+                    for value in np.quantile(errors, QUANTILES, method="inverted_cdf")
+                ],
                 "lost": int(np.count_nonzero(~completed[number, place])),
                 "above_20_mm": int(np.count_nonzero(errors > BOUND)),
                 "better_than": {
@@ -117,13 +119,14 @@ def held_out(policies: dict[str, Any], distribution: str, plants: int, arm: AnyA
 
 def print_document(document: dict[str, Any], console: Console) -> None:
     """Print the tables."""
-    table = Table("seed", *(f"{case} rms / max, mm" for case in PAPER_CASES), *(c.name for c in CONDITIONS), "CPU, s")
+    conditions = list(document["seeds"][0]["margins"]["spectral_radius"])
+    table = Table("seed", *(f"{case} rms / max, mm" for case in PAPER_CASES), *conditions, "CPU, s")
     for row in document["seeds"]:
         cases, radius = row["cases"], row["margins"]["spectral_radius"]
         table.add_row(
             str(row["seed"]),
             *(f"{cases[f'{case}_rms_mm']:.4f} / {cases[f'{case}_max_mm']:.4f}" for case in PAPER_CASES),
-            *("-" if radius[c.name] is None else f"{radius[c.name]:.4f}" for c in CONDITIONS),
+            *("-" if radius[name] is None else f"{radius[name]:.4f}" for name in conditions),
             f"{row['training']['cpu_time_s']:.0f}",
         )
     console.print(table, f"median seed: {document['median']}")
@@ -131,7 +134,7 @@ def print_document(document: dict[str, Any], console: Console) -> None:
         table = Table(title, *(f"{100 * q:g} %" for q in QUANTILES), "lost", "above 20 mm", "better than")
         for name, row in part["rows"].items():
             better = (f"{other} {one['share']:.3f}" for other, one in row["better_than"].items())
-            quantiles = (f"{value:.3f}" for value in row["quantiles_mm"])
+            quantiles = ("lost" if value is None else f"{value:.3f}" for value in row["quantiles_mm"])
             table.add_row(name, *quantiles, str(row["lost"]), str(row["above_20_mm"]), ", ".join(better))
         console.print(f"largest tip error, mm, {part['plants']} plants", table)
 

@@ -42,11 +42,12 @@ def estimate_robot(document: dict[str, Any]) -> str:
         f"{_plants(part, document['quantiles'])}"
         for name, part in document["held_out"].items()
     )
-    name = document["robot"]
+    name, chunks = document["robot"], document["seeds"][0]["training"]["chunks"]
+    measured = f"python benchmarks/learned_observer.py --robot {name} --plants {document['plants']}"
     return (
-        f"{table(headings, rows)}\n\n{plants}\n\n`python benchmarks/learned_observer.py --robot {name} --plants "
-        f"{document['plants']}`, trained by `fuzzyarm train estimate --robot {name}` with these seeds on the same "
-        f"machine, shared with other work; plants from seed {document['first_held_out_seed']} on; {made_with(document)}"
+        f"{table(headings, rows)}\n\n{plants}\n\n`{measured}`, trained by `fuzzyarm train estimate --robot {name} "
+        f"--chunks {chunks}` with these seeds on the same machine, shared with other work; plants from seed "
+        f"{document['first_held_out_seed']} on; {made_with(document)}"
     )
 
 
@@ -120,7 +121,7 @@ def _plants(part: dict[str, Any], quantiles: list[float]) -> str:
             [
                 _named(policy),
                 _CASES[case],
-                *(f"{value:.2f}" for value in row["quantiles_mm"]),
+                *("lost" if value is None else f"{value:.2f}" for value in row["quantiles_mm"]),
                 str(row["lost"]),
                 *(_share(row["better_than"].get(rival)) for rival in rivals),
             ]

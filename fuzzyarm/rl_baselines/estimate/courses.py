@@ -228,7 +228,7 @@ def _small_spline(robot: Robot, generator: np.random.Generator) -> Reference:
 
 
 def _within_limits(robot: Robot, axes: int, reference: Reference, load: Disturbance) -> bool:
-    """Return whether the rigid nominal robot follows a reference under a load with a share `BEARABLE` of its torques."""
+    """Return whether the rigid nominal robot follows a reference under a load with `BEARABLE` of its torques."""
     time = np.linspace(0.0, reference.duration, INSTANTS)
     q, dq, ddq = reference.sample(time)[:3]
     torque = inverse_dynamics(robot.with_payload(load.payload.mass), q, dq, ddq) + ddq * robot.drive("motor_inertia")
