@@ -147,7 +147,7 @@ class EstimateNetwork:
     def axes(self) -> int:
         """Of the space of the tip, as the columns of A say."""
         without: int = unexplained_parts(self.joints, 0).belief.stop
-        return self.A.shape[1] - without
+        return int(self.A.shape[1]) - without
 
     @functools.cached_property
     def layers(self) -> Layers:

@@ -243,6 +243,5 @@ def _rest(arm: AnyArm, reference: Reference) -> np.ndarray:
     """Return where the nominal arm rests at the beginning of a reference (4 n,) [rad, rad/s]."""
     q = reference.sample(0.0).q
     still = np.zeros(len(q))
-    robot = isinstance(arm, Robot)
-    weight = gravity(arm, q) if robot else rigid_inverse_dynamics(q, still, still, arm_constants(arm))
+    weight = gravity(arm, q) if isinstance(arm, Robot) else rigid_inverse_dynamics(q, still, still, arm_constants(arm))
     return np.concatenate([q + weight / per_joint_of(arm, "stiffness"), q, still, still])

@@ -12,7 +12,7 @@ from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts
 from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, QUIET
 
-__all__ = ["Student", "as_tensor"]
+__all__ = ["Student"]
 
 _GATE = -2.0  # of s at the beginning: a memory of about eight samples
 
