@@ -38,16 +38,16 @@ def test_forces_point_where_the_tip_can_move(span):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["planar-3r", "ur5"])
-def test_what_is_drawn_is_the_robots(name):
+@pytest.mark.parametrize(("name", "count"), [("planar-3r", 96), ("ur5", 24)])
+def test_what_is_drawn_is_the_robots(name, count):
     robot = robot_named(name)
-    courses, scale = draw_courses(robot, 24, PERIOD, np.random.default_rng(0)), scale_of(robot)
+    courses, scale = draw_courses(robot, count, PERIOD, np.random.default_rng(0)), scale_of(robot)
     assert np.max(courses.payload) <= HEAVIEST * scale.mass
     assert np.max(courses.payload) > 0.3 * case_for("payload", robot).disturbance.payload.mass
-    courses.lanes.reset(list(range(24)))
+    courses.lanes.reset(list(range(count)))
     limit, off = robot.drive("torque_limit"), np.eye(3) - freedom(robot).motion.T @ freedom(robot).motion
     forces = []
-    for lane in range(24):
+    for lane in range(count):
         reference, schedule = courses.lanes.schedule(lane)
         time = np.linspace(0.0, reference.duration, 60)
         q, dq, ddq = reference.sample(time)[:3]
