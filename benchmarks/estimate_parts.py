@@ -37,7 +37,9 @@ SEED, DISTRIBUTIONS, SHARES = 50_000, ("loads", "all"), (0.5, 0.99)
 
 def silent() -> Policy:
     """Return the law with a network whose arrays are zero."""
-    return LearnedObserverPolicy(EstimateNetwork(**{name: np.zeros(shape) for name, shape in shapes_of(1, 1).items()}))
+    return LearnedObserverPolicy(
+        EstimateNetwork(**{name: np.zeros(shape) for name, shape in shapes_of(1, 1, 2, 2).items()})
+    )
 
 
 def over_plants(policy: Policy, plants: int) -> dict[str, dict[str, Any]]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
-__all__ = ["estimate_parts", "estimate_tables"]
+__all__ = ["estimate_parts", "estimate_robot", "estimate_tables"]
 
 _CASES = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}
 
@@ -26,6 +26,39 @@ def estimate_tables(document: dict[str, Any]) -> str:
     )
 
 
+def estimate_robot(document: dict[str, Any]) -> str:
+    """Return the tables of a robot: the cases of each seed below the laws that it joins, and plants."""
+    conditions = list(document["seeds"][0]["margins"]["spectral_radius"])
+    headings = ["policy", "seed", *(f"{name}, rms / max [mm]" for name in _CASES.values())]
+    headings += ["largest radius in all conditions", "processor time [s]"]
+    rows = [[_named(name), "", *_errors(cases), "", ""] for name, cases in document["without"].items()]
+    for row in document["seeds"]:
+        radii = [row["margins"]["spectral_radius"][name] for name in conditions]
+        worst = "-" if None in radii else f"{max(radii):.4f}"
+        seconds = f"{row['training']['cpu_time_s']:.0f}"
+        rows.append(["`learned-observer`", str(row["seed"]), *_errors(row["cases"]), worst, seconds])
+    plants = "\n\n".join(
+        f"Largest tip errors [mm] over {part['plants']} plants of `{name}`, seed {document['median']}:\n\n"
+        f"{_plants(part, document['quantiles'])}"
+        for name, part in document["held_out"].items()
+    )
+    name, chunks = document["robot"], document["seeds"][0]["training"]["chunks"]
+    measured = f"python benchmarks/learned_observer.py --robot {name} --plants {document['plants']}"
+    return (
+        f"{table(headings, rows)}\n\n{plants}\n\n`{measured}`, trained by `fuzzyarm train estimate --robot {name} "
+        f"--chunks {chunks}` with these seeds on the same machine, shared with other work; plants from seed "
+        f"{document['first_held_out_seed']} on; {made_with(document)}"
+    )
+
+
+def _errors(cases: dict[str, float]) -> list[str]:
+    return [f"{cases[f'{name}_rms_mm']:.4f} / {cases[f'{name}_max_mm']:.3f}" for name in _CASES]
+
+
+def _named(policy: str) -> str:
+    return f"`{policy}`" if policy.endswith("-observer") else policy
+
+
 def estimate_parts(document: dict[str, Any]) -> str:
     """Return the table of what the parts give, and the line that says how it was made."""
     headings = ["", *(f"{case}, rms [mm]" for case in _CASES.values())]
@@ -43,7 +76,7 @@ def estimate_parts(document: dict[str, Any]) -> str:
         ]
         rows.append(
             [
-                f"`{name}`" if name.endswith("-observer") else name,
+                _named(name),
                 *(f"{row['cases'][case]['rms_mm']:.4f}" for case in _CASES),
                 " / ".join(f"{case['rms_mm']:.3f}" for case in late),
                 " / ".join(f"{case['torque_rate']:.1f}" for case in late),
@@ -69,7 +102,7 @@ def _seeds(document: dict[str, Any]) -> str:
         rows.append(
             [
                 str(row["seed"]),
-                *(f"{cases[f'{name}_rms_mm']:.4f} / {cases[f'{name}_max_mm']:.3f}" for name in _CASES),
+                *_errors(cases),
                 *("-" if radius[name] is None else f"{radius[name]:.4f}" for name in conditions),
                 f"{row['training']['cpu_time_s']:.0f}",
             ]
@@ -86,9 +119,9 @@ def _plants(part: dict[str, Any], quantiles: list[float]) -> str:
         policy, _, case = name.partition(", ")
         rows.append(
             [
-                f"`{policy}`",
+                _named(policy),
                 _CASES[case],
-                *(f"{value:.2f}" for value in row["quantiles_mm"]),
+                *("lost" if value is None else f"{value:.2f}" for value in row["quantiles_mm"]),
                 str(row["lost"]),
                 *(_share(row["better_than"].get(rival)) for rival in rivals),
             ]

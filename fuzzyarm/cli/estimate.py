@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fuzzyarm.cli.options import chosen, with_fields_of
-from fuzzyarm.cli.usage import UsageError, claimed_folder, two_joint_arm
+from fuzzyarm.cli.usage import UsageError, claimed_folder
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig
 
 if TYPE_CHECKING:
@@ -32,14 +32,16 @@ class Options:
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder of the run, made if needed"""
     robot: Annotated[str | None, Parameter(metavar="FILE")] = None
-    """Another two-joint arm, by its TOML file (default: Table 1 of the paper)"""
+    """Another arm: cicese, manutec-r3, planar-3r, ur5, panda, or the TOML file of a robot or of a two-joint arm
+    (default: Table 1 of the paper)"""
 
 
 def run(options: Options) -> int:
     """Train a policy."""
     from fuzzyarm.common.console import progress, say, status
+    from fuzzyarm.envs.physics.equations import chosen_arm
 
-    config, arm = chosen(options, EstimateConfig()), two_joint_arm(options.robot)
+    config, arm = chosen(options, EstimateConfig()), chosen_arm(options.robot, None)
     folder = options.out / _BUNDLE
     if folder.exists():
         raise UsageError(f"{folder} holds a policy already; choose another folder")

@@ -69,10 +69,13 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
     from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 
     bundle = EstimateBundle.load(folder)
-    trained = "the arm of Table 1" if bundle.parameters == ArmParameters() else "another arm"
+    if isinstance(bundle.arm, ArmParameters):
+        trained = "the arm of Table 1" if bundle.arm == ArmParameters() else "another arm"
+    else:
+        trained = escaped(bundle.arm.name)
     _check_arm(
         folder,
-        robot == bundle.parameters,
+        bundle.serves(robot),
         trained,
         "adaptive-observer, or train one for this arm with fuzzyarm train estimate --robot FILE",
     )
@@ -81,7 +84,7 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
             f"{folder.name} was trained for control_period = {bundle.control_period:g} s, not {control_period:g} s: "
             "take that period, or elastic-observer"
         )
-    return LearnedObserverPolicy(bundle.network, bundle.parameters, control_period)
+    return LearnedObserverPolicy(bundle.network, robot, control_period)
 
 
 _DESIGN = "computed-torque, or design a controller with fuzzyarm design --robot FILE"

@@ -4,6 +4,7 @@ import ctypes
 import dataclasses
 import re
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,6 +50,13 @@ def test_a_learned_policy_gives_the_bits_of_its_python(tmp_path):
 @pytest.mark.parametrize("name", ["ppo-robust", "ppo-residual", "learned-observer", "adaptive-observer"])
 def test_so_do_the_others(name, compiler, tmp_path):
     assert differing(load_policy(name), tmp_path, compiler, 20, 300) == 0
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_so_does_a_learned_estimate_of_three_joints(tmp_path):
+    policy = load_policy(Path(__file__).parents[2] / "benchmarks/estimates/planar-3r-0", robot="planar-3r")
+    assert differing(policy, tmp_path, COMPILERS[0], 4, 60) == 0
 
 
 @needs_compiler

@@ -25,7 +25,7 @@ from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.learned_policy.folder import BundleError
 
-ARM, PERIOD, HIDDEN, MODULATION = ArmParameters(), 1e-3, 7, 3
+ARM, PERIOD, HIDDEN, MODULATION, JOINTS, AXES = ArmParameters(), 1e-3, 7, 3, 2, 2
 ESTIMATE, PREDICT = steps_of(two_joints())  # called as they are: not compiled
 
 
@@ -35,7 +35,7 @@ def network(seed=0):
     return EstimateNetwork(
         **{
             name: ((0.0015 if name in "VGD" else 0.3) * generator.normal(size=shape)).astype(np.float32)
-            for name, shape in shapes_of(HIDDEN, MODULATION).items()
+            for name, shape in shapes_of(HIDDEN, MODULATION, JOINTS, AXES).items()
         }
     )
 
@@ -166,7 +166,9 @@ def test_the_policy_is_its_equations(policy):
 def test_where_the_filter_has_diverged_a_silent_network_is_the_elastic_observer():
     observer, memory, own = ElasticObserverPolicy(ARM, PERIOD), None, None
     silent = LearnedObserverPolicy(
-        EstimateNetwork(**{name: np.zeros(shape) for name, shape in shapes_of(HIDDEN, MODULATION).items()})
+        EstimateNetwork(
+            **{name: np.zeros(shape) for name, shape in shapes_of(HIDDEN, MODULATION, JOINTS, AXES).items()}
+        )
     )
     env, apart = FuzzyArmEnv("payload"), []
     for diverged in (False, True):
@@ -175,6 +177,8 @@ def test_where_the_filter_has_diverged_a_silent_network_is_the_elastic_observer(
             expected, memory = observer.predict(observation, memory)
             torque, own = silent.predict(observation, own)
             own[silent.filter.start + FLAG.lost] = float(diverged)
+            if diverged:
+                own[silent.filter][silent.adaptive.memory.z] = np.nan
             assert silent.beliefs(own).diverged == diverged
             apart.append(np.abs(torque - expected).max())
             observation = env.step(torque)[0]

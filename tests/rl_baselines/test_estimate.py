@@ -21,15 +21,9 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E4
 from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
-from fuzzyarm.learned_policy.estimate.signals import (  # noqa: E402
-    CONTEXT,
-    GAP_SHARE,
-    UNEXPLAINED,
-    UNEXPLAINED_PARTS,
-    scale_of,
-    units_of,
-)
+from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, residual_of  # noqa: E402
+from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts  # noqa: E402
+from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, scale_of, units_of  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
@@ -56,7 +50,7 @@ SHORT = {
 
 def student(seed=0, output=0.02):
     """A student whose output is not zero."""
-    made = Student(6, 3, torch.Generator().manual_seed(seed))
+    made = Student(6, 3, torch.Generator().manual_seed(seed), two_joints())
     with torch.no_grad():
         for matrix in (made.V, made.G, made.D):
             matrix.normal_(std=output, generator=torch.Generator().manual_seed(seed + 1))
@@ -65,7 +59,8 @@ def student(seed=0, output=0.02):
 
 def points(hidden, count=4, seed=0):
     generator = np.random.default_rng(seed)
-    return (0.5 * generator.normal(size=(count, size)) for size in (UNEXPLAINED, CONTEXT, hidden))
+    sizes = unexplained_parts(2, 2).belief.stop, context_parts(2, 2).motion.stop, hidden
+    return (0.5 * generator.normal(size=(count, size)) for size in sizes)
 
 
 def test_the_network_in_torch_is_the_one_that_is_shipped():
@@ -74,8 +69,8 @@ def test_the_network_in_torch_is_the_one_that_is_shipped():
     rho, after = made(*tensors, torch.from_numpy(h).float(), torch.ones(1, 4, 1))
     for lane in range(4):
         memory, answer = h[lane].copy(), np.empty(2)
-        gap = GAP_SHARE * torques * np.sinh(z[lane, UNEXPLAINED_PARTS.gap])
-        respond(z[lane], c[lane], memory, gap, torques, answer, *made.network().arguments)
+        gap = GAP_SHARE * torques * np.sinh(z[lane, unexplained_parts(2, 2).gap])
+        residual_of(2, 2)[1](z[lane], c[lane], memory, gap, torques, answer, made.network().layers)
         np.testing.assert_allclose(rho[0, lane].detach().numpy(), answer, atol=1e-6)
         np.testing.assert_allclose(after[0, lane].detach().numpy(), memory, atol=1e-6)
 
@@ -102,7 +97,7 @@ def test_the_teacher_leads_the_tip_along_the_course_under_a_changing_force_and_w
     loads = [Disturbance(tip_force=MachiningForce(130.0, 90.0)), Disturbance(payload=Payload(6.0))]
     scenarios = [Scenario(load, reference) for load in loads for _ in range(2)]
     lanes = Lanes([ARM], scenarios, 4, control_period=PERIOD, substeps=5, randomisation=NOTHING, threads=1)
-    courses = Courses(lanes, np.full((4, 8), np.nan), np.zeros(4), np.array([0.0, 1.0, 0.0, 1.0]))
+    courses = Courses(lanes, np.full((4, 8), np.nan), np.zeros(4), np.array([0.0, 1.0, 0.0, 1.0]), np.zeros(4))
     assert np.max(tip_errors(courses, 150)) < 0.8  # mm
 
 
@@ -111,7 +106,7 @@ def test_the_teacher_is_the_adaptive_observer_that_knows():
     """On the known arm without load and noise its beliefs are right from the first sample, and so is that law."""
     scenario = Scenario(Disturbance(), JointReference(Circle((0.4, 0.6), 0.17), parameters=ARM))
     lanes = Lanes([ARM], [scenario], 1, control_period=PERIOD, substeps=5, randomisation=NOTHING, threads=1)
-    teacher = Teacher(ADAPTIVE, Courses(lanes, np.full((1, 8), np.nan), np.zeros(1), np.zeros(1)))
+    teacher = Teacher(ADAPTIVE, Courses(lanes, np.full((1, 8), np.nan), *np.zeros((3, 1))))
     observation = lanes.layout.split(lanes.reset([0]))[0]
     memory, torque = np.zeros((1, ADAPTIVE.memory_size)), np.empty((1, 2))
     for _ in range(5):
@@ -175,7 +170,10 @@ def test_the_same_seed_gives_the_same_network(trained):
     for field in dataclasses.fields(EstimateNetwork):
         one, two = getattr(trained.network, field.name), getattr(again.network, field.name)
         assert one.tobytes() == two.tobytes()
-    assert trained.network.A.tobytes() != Student(5, 2, torch.Generator().manual_seed(0)).network().A.tobytes()
+    assert (
+        trained.network.A.tobytes()
+        != Student(5, 2, torch.Generator().manual_seed(0), two_joints()).network().A.tobytes()
+    )
     assert [row["chunk"] for row in trained.curve] == [0, 1]
 
 

@@ -23,7 +23,7 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce
 
-__all__ = ["CASES", "PAPER_CASES", "Case", "add_case", "case_for", "find_case", "with_loads"]
+__all__ = ["CASES", "PAPER_CASES", "Case", "add_case", "case_for", "find_case", "load_scale", "with_loads"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,6 +116,14 @@ def with_loads(
     return dataclasses.replace(
         case, title=title, disturbance=dataclasses.replace(loads, tip_force=own_force, payload=own_payload)
     )
+
+
+@functools.lru_cache(maxsize=64)
+def load_scale(robot: Robot) -> tuple[float, float]:
+    """Return the factors of the paper's tip forces and of its payloads for a robot, see the module; to two digits."""
+    paper = robot_of(ArmParameters())
+    force, mass = (_scaled_number(_leverage(paper, way) / _leverage(robot, way), 1.0) for way in (True, False))
+    return force, mass
 
 
 def _moves_as_the_papers(arm: AnyArm) -> bool:

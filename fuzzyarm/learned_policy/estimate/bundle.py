@@ -10,7 +10,10 @@ import numpy as np
 
 from fuzzyarm.common.checks import listed, whole
 from fuzzyarm.envs.periods import checked_period
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork
 from fuzzyarm.learned_policy.folder import OBSERVER, BundleError, read_folder, tensors_in, write_folder
 
@@ -23,7 +26,7 @@ class EstimateBundle:
 
     Attributes:
         network: the recurrent network.
-        parameters: the arm that it was trained for.
+        arm: that it was trained for: the two-joint arm, or what tells a robot from others.
         control_period: for which it was trained [s].
         training: the settings of the training, a record for the reader.
         seed: of that training.
@@ -32,12 +35,24 @@ class EstimateBundle:
     """
 
     network: EstimateNetwork
-    parameters: ArmParameters
+    arm: ArmParameters | ArmDefinition
     control_period: float
     training: dict[str, Any] = dataclasses.field(default_factory=dict)
     seed: int = 0
     curve: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     versions: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check that a network for the two-joint arm has its joints."""
+        joints = len(ArmParameters().length)
+        if isinstance(self.arm, ArmParameters) and (self.network.joints, self.network.axes) != (joints, joints):
+            raise ValueError(f"it is for the two-joint arm, and its network for {self.network.joints} joints")
+
+    def serves(self, arm: AnyArm) -> bool:
+        """Return whether it was trained for an arm."""
+        if isinstance(self.arm, ArmParameters):
+            return arm == self.arm
+        return isinstance(arm, Robot) and arm.digest == self.arm.digest
 
     def save(self, folder: Path) -> None:
         """Write the bundle atomically; an existing bundle is replaced.
@@ -48,7 +63,7 @@ class EstimateBundle:
         """
         description = {
             "schema": OBSERVER,
-            "parameters": self.parameters.to_dict(),
+            **_described(self.arm),
             "control_period": self.control_period,
             "training": self.training,
             "seed": self.seed,
@@ -70,7 +85,7 @@ class EstimateBundle:
         try:
             return cls(
                 network=_network(weights),
-                parameters=ArmParameters.from_dict(description.parameters),
+                arm=_arm(description),
                 control_period=checked_period("control_period", description.control_period),
                 training=description.training,
                 seed=whole("seed", description.seed),
@@ -83,16 +98,30 @@ class EstimateBundle:
 
 @dataclasses.dataclass(frozen=True)
 class _Description:
-    """The content of ``policy.json``, in the order in which it is written."""
+    """The content of ``policy.json``; of the last two there is one."""
 
     schema: str
-    parameters: dict[str, Any]
     control_period: float
     training: dict[str, Any]
     seed: int
     versions: dict[str, Any]
     weights_sha256: str
     curve: list[dict[str, Any]]
+    parameters: dict[str, Any] | None = None
+    arm: ArmDefinition | None = None
+
+
+def _described(arm: ArmParameters | ArmDefinition) -> dict[str, Any]:
+    """Return the entry of ``policy.json`` that says for which arm a network is."""
+    if isinstance(arm, ArmParameters):
+        return {"parameters": arm.to_dict()}
+    return {"arm": dataclasses.asdict(arm)}
+
+
+def _arm(description: _Description) -> ArmParameters | ArmDefinition:
+    if (description.arm is None) == (description.parameters is None):
+        raise ValueError("it names no arm, or two: needed is one of parameters and arm")
+    return description.arm or ArmParameters.from_dict(description.parameters or {})
 
 
 def _network(content: bytes) -> EstimateNetwork:

@@ -17,46 +17,72 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import finite_array, instance, shown
-from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.learned_policy.estimate.signals import CONTEXT, MOTION, QUIET, UNEXPLAINED, UNEXPLAINED_PARTS
+from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts
+from fuzzyarm.learned_policy.estimate.units import QUIET
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
 
-__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "heard", "respond", "shapes_of"]
+__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "residual_of", "shapes_of"]
 
 GATES = 2
 """s and r."""
+
+AXES = (2, 3)  # of the spaces of tips
 
 LARGEST_MEMORY = 512
 """Numbers in h and in tanh(P c); a larger network is refused before memory is allocated."""
 
 
-def shapes_of(hidden: int, modulation: int) -> dict[str, tuple[int, ...]]:
+def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the arrays by name, for `hidden` numbers in h and `modulation` in tanh(P c).
 
-    Names are those of `EstimateNetwork`, shapes (rows, columns).
+    Names are those of `EstimateNetwork`, shapes (rows, columns); the arm has so many joints, its tip so many axes.
     """
     gates = GATES * hidden
+    unexplained, context = unexplained_parts(joints, axes).belief.stop, context_parts(joints, axes).motion.stop
     return {
-        "gate_z": (gates, UNEXPLAINED),
+        "gate_z": (gates, unexplained),
         "gate_h": (gates, hidden),
-        "gate_c": (gates, CONTEXT),
+        "gate_c": (gates, context),
         "gate_bias": (gates,),
-        "A": (hidden, UNEXPLAINED),
-        "B": (hidden, UNEXPLAINED),
-        "C": (hidden, CONTEXT),
+        "A": (hidden, unexplained),
+        "B": (hidden, unexplained),
+        "C": (hidden, context),
         "U": (hidden, hidden),
-        "V": (JOINTS, hidden),
-        "G": (JOINTS, hidden),
-        "D": (JOINTS, UNEXPLAINED),
-        "P": (modulation, CONTEXT),
+        "V": (joints, hidden),
+        "G": (joints, hidden),
+        "D": (joints, unexplained),
+        "P": (modulation, context),
         "p_0": (modulation,),
         "W": (hidden, modulation),
     }
+
+
+class Layers(NamedTuple):
+    """The arrays of a network as compiled code takes them, in double precision.
+
+    Attributes:
+        of_z: the matrices of z side by side and transposed, so that no sum runs over the rows.
+        of_h: those of h.
+        of_c: those of c.
+        bias: of what they give.
+        V, G, D: of the output.
+        W: transposed.
+    """
+
+    of_z: Any
+    of_h: Any
+    of_c: Any
+    bias: Any
+    V: Any
+    G: Any
+    D: Any
+    W: Any
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -101,7 +127,10 @@ class EstimateNetwork:
             raise ValueError(f"U and P have {self.U.ndim} and {self.P.ndim} axes; needed: 2")
         if not (1 <= self.hidden <= LARGEST_MEMORY and 1 <= len(self.P) <= LARGEST_MEMORY):
             raise ValueError(f"U has {self.hidden} rows and P {len(self.P)}; allowed: 1 to {LARGEST_MEMORY}")
-        for name, shape in shapes_of(self.hidden, len(self.P)).items():
+        if self.V.ndim != 2 or self.A.ndim != 2 or len(self.V) == 0 or self.axes not in AXES:
+            needed = "for n joints V has n rows and A 11 n + 4 or 11 n + 5 columns"
+            raise ValueError(f"A has shape {self.A.shape} and V {self.V.shape}, as no arm; {needed}")
+        for name, shape in shapes_of(self.hidden, len(self.P), self.joints, self.axes).items():
             object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
 
     @property
@@ -109,76 +138,85 @@ class EstimateNetwork:
         """Numbers in h."""
         return len(self.U)
 
-    @functools.cached_property
-    def arguments(self) -> tuple[np.ndarray, ...]:
-        """What `respond` takes behind ρ, in double precision.
+    @property
+    def joints(self) -> int:
+        """Of the arm, n."""
+        return len(self.V)
 
-        These are the matrices of z, of h and of c side by side and transposed, so that no sum runs over the rows; then
-        the biases, V, G, D and W.
-        """
+    @property
+    def axes(self) -> int:
+        """Of the space of the tip, as the columns of A say."""
+        without: int = unexplained_parts(self.joints, 0).belief.stop
+        return int(self.A.shape[1]) - without
+
+    @functools.cached_property
+    def layers(self) -> Layers:
+        """The arrays as compiled code takes them."""
         of_z = np.concatenate([self.gate_z, self.A, self.B]).T
         of_h = np.concatenate([self.gate_h, self.U]).T
         of_c = np.concatenate([self.gate_c, self.C, self.P]).T
         bias = np.concatenate([self.gate_bias, np.zeros(self.hidden), self.p_0])
         arrays = of_z, of_h, of_c, bias, self.V, self.G, self.D, self.W.T
-        return tuple(np.array(array, dtype=np.float64, order="C") for array in arrays)
+        return Layers(*(np.array(array, dtype=np.float64, order="C") for array in arrays))
 
 
-_LOAD: int = UNEXPLAINED_PARTS.load.start
+@functools.cache
+def residual_of(joints: int, axes: int) -> tuple[Any, Any]:
+    """Return the compiled functions of the network for an arm of so many joints, with a tip in so many axes.
 
-
-@register_jitable
-def heard(z: np.ndarray, c: np.ndarray) -> float:
-    """Return m g of z and c (numbers of `signals`), see the module."""
-    square = 0.0
-    for k in range(JOINTS):
-        square += z[_LOAD + k] * z[_LOAD + k]
-    share: float = c[MOTION] * (square / (square + QUIET * QUIET))
-    return share
-
-
-@register_jitable
-def respond(
-    z: np.ndarray,
-    c: np.ndarray,
-    h: np.ndarray,
-    gap: np.ndarray,
-    torques: np.ndarray,
-    rho: np.ndarray,
-    of_z: np.ndarray,
-    of_h: np.ndarray,
-    of_c: np.ndarray,
-    bias: np.ndarray,
-    V: np.ndarray,
-    G: np.ndarray,
-    D: np.ndarray,
-    W: np.ndarray,
-) -> None:
-    """Fill ρ (n,) from z and c (numbers of `signals`) u_a - u_o and R (n,) [N m], and advance h (hidden,).
-
-    The last eight arrays are `EstimateNetwork.arguments`.
+    ``heard(z, c)`` returns m g of z and c, see the module.
+    ``respond(z, c, h, gap, torques, rho, layers)`` fills ρ (n,) from z and c (numbers of `signals`), u_a - u_o
+        and R (n,) [N m], and advances h (hidden,).
     """
-    hidden, modulation, gates = len(h), len(W), GATES * len(h)
-    from_z, from_h, from_c, w = np.zeros(of_z.shape[1]), np.zeros(of_h.shape[1]), bias.copy(), np.ones(hidden)
-    add_product(z, of_z, from_z)
-    add_product(h, of_h, from_h)
-    add_product(c, of_c, from_c)
+    load, motion = unexplained_parts(joints, axes).load.start, context_parts(joints, axes).motion.start
+
+    @register_jitable
+    def heard(z: np.ndarray, c: np.ndarray) -> float:
+        square = 0.0
+        for k in range(joints):
+            square += z[load + k] * z[load + k]
+        share: float = c[motion] * (square / (square + QUIET * QUIET))
+        return share
+
+    @register_jitable
+    def respond(
+        z: np.ndarray,
+        c: np.ndarray,
+        h: np.ndarray,
+        gap: np.ndarray,
+        torques: np.ndarray,
+        rho: np.ndarray,
+        n: Layers,
+    ) -> None:
+        w = np.ones(len(h))
+        _remember(z, c, h, w, n)
+        share = heard(z, c)
+        for joint in range(joints):
+            total, follow = 0.0, 0.0
+            for i in range(len(h)):
+                total += n.V[joint, i] * (h[i] * w[i])
+                follow += n.G[joint, i] * (h[i] * w[i])
+            total += follow * (gap[joint] / torques[joint])
+            for k in range(len(z)):
+                total += n.D[joint, k] * z[k]
+            rho[joint] = min(max(share * total, -1.0), 1.0)
+
+    return heard, respond
+
+
+@register_jitable
+def _remember(z: np.ndarray, c: np.ndarray, h: np.ndarray, w: np.ndarray, n: Layers) -> None:
+    """Advance h (hidden,), and add W tanh(P c + p_0) to w (hidden,)."""
+    hidden, modulation, gates = len(h), len(n.W), GATES * len(h)
+    from_z, from_h, from_c = np.zeros(n.of_z.shape[1]), np.zeros(n.of_h.shape[1]), n.bias.copy()
+    add_product(z, n.of_z, from_z)
+    add_product(h, n.of_h, from_h)
+    add_product(c, n.of_c, from_c)
     for k in range(modulation):
         from_c[gates + hidden + k] = hyperbolic_tangent(from_c[gates + hidden + k])
-    add_product(from_c[gates + hidden :], W, w)
+    add_product(from_c[gates + hidden :], n.W, w)
     for i in range(hidden):
         s = logistic(from_z[i] + from_h[i] + from_c[i])
         r = logistic(from_z[hidden + i] + from_h[hidden + i] + from_c[hidden + i])
         candidate = from_z[gates + i] + from_c[gates + i] * from_z[gates + hidden + i] + r * from_h[gates + i]
-        n = hyperbolic_tangent(candidate)
-        h[i] += s * (n - h[i])
-    share = heard(z, c)
-    for joint in range(len(rho)):
-        total, follow = 0.0, 0.0
-        for i in range(hidden):
-            total += V[joint, i] * (h[i] * w[i])
-            follow += G[joint, i] * (h[i] * w[i])
-        total += follow * (gap[joint] / torques[joint])
-        for k in range(len(z)):
-            total += D[joint, k] * z[k]
-        rho[joint] = min(max(share * total, -1.0), 1.0)
+        h[i] += s * (hyperbolic_tangent(candidate) - h[i])

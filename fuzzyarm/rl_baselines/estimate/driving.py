@@ -8,9 +8,8 @@ import numpy as np
 import torch
 
 from fuzzyarm.envs.batch.layout import SCALARS
-from fuzzyarm.envs.observation import JOINTS, MEASURED
-from fuzzyarm.learned_policy.estimate.policy import SEEN, SEEN_PARTS, LearnedObserverPolicy
-from fuzzyarm.learned_policy.estimate.signals import units_of
+from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
+from fuzzyarm.learned_policy.estimate.units import units_of
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT
 from fuzzyarm.rl_baselines.estimate.courses import NOISE, Courses
 from fuzzyarm.rl_baselines.estimate.student import as_tensor
@@ -18,7 +17,6 @@ from fuzzyarm.rl_baselines.estimate.teacher import Teacher
 
 __all__ = ["Chunk", "Drive"]
 
-_Z, _C, _BASE = SEEN_PARTS
 _TIP_ERROR, _OVER, _REASON = map(SCALARS.index, ("tip_error", "truncated", "reason"))
 _LATEST = 4  # torques that may be on their way
 _RESTARTS = 0.5  # share of the lanes that begin an episode anew with each chunk, for a load is hardest when it comes
@@ -30,8 +28,8 @@ class Chunk(NamedTuple):
     Attributes:
         z: (steps, lanes, numbers of z).
         c: (steps, lanes, numbers of c).
-        label: (steps, lanes, 2), what the teacher's torque has beyond u_b, as ρ.
-        free: (steps, lanes, 2), 0 where the teacher's torque is at its limit, else 1.
+        label: (steps, lanes, n), what the teacher's torque has beyond u_b, as ρ.
+        free: (steps, lanes, n), 0 where the teacher's torque is at its limit, else 1.
         begins: (steps, lanes, 1), 0 where an episode begins, else 1.
         memory: (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step.
     """
@@ -66,24 +64,24 @@ class Drive:
         """Begin an episode in every lane."""
         self._courses, self._lanes, self._generator = courses, courses.lanes, generator
         self._teacher = Teacher(policy.adaptive, courses)
-        count = self._lanes.count
+        count, joints = self._lanes.count, policy.joints
         self._split = self._lanes.layout.split
         seeds = generator.integers(0, 2**31, count).tolist()
         self._observation = self._split(self._lanes.reset(seeds, None, courses.start))[0].copy()
         self._memory, self._begins = np.zeros((count, policy.memory_size)), np.ones(count, dtype=bool)
-        self._sent = np.zeros((_LATEST, count, JOINTS))
+        self._sent = np.zeros((_LATEST, count, joints))
         self._torques = units_of(policy.parameters).torque
-        self._limit = np.array(policy.parameters.torque_limit)
+        self._limit = np.array(policy.torque_limit)
         self.lost, self.error = 0, 0.0
 
     def chunk(self, policy: LearnedObserverPolicy, steps: int) -> Chunk:
         """Drive so many control periods; some lanes begin anew."""
         self._begins |= self._generator.random(self._lanes.count) < _RESTARTS
         self._restart()
-        count, limit = self._lanes.count, self._limit
-        seen, label = np.empty((steps, count, SEEN)), np.empty((steps, count, JOINTS))
-        free, begins, memory = np.empty((steps, count, JOINTS)), np.ones((steps, count, 1)), []
-        torque, squares = np.empty((count, JOINTS)), 0.0
+        count, limit, part = self._lanes.count, self._limit, policy.seen
+        seen, label = np.empty((steps, count, part.base.stop)), np.empty((steps, count, policy.joints))
+        free, begins, memory = np.empty(label.shape), np.ones((steps, count, 1)), []
+        torque, squares = np.empty((count, policy.joints)), 0.0
         for k in range(steps):
             if self._begins.any():
                 begins[k, self._begins] = 0.0
@@ -96,18 +94,19 @@ class Drive:
             label[k] = wanted
             squares += self._step(self._late(np.clip(torque, -limit, limit)))
         self.error = float(np.sqrt(squares / steps))
-        rho = np.clip((label - seen[:, :, _BASE]) / self._torques, -1.0, 1.0)
-        return Chunk(*map(as_tensor, (seen[:, :, _Z], seen[:, :, _C], rho, free, begins, np.array(memory))))
+        rho = np.clip((label - seen[:, :, part.base]) / self._torques, -1.0, 1.0)
+        return Chunk(*map(as_tensor, (seen[:, :, part.z], seen[:, :, part.c], rho, free, begins, np.array(memory))))
 
     def _read(self) -> np.ndarray:
-        """Return the observation (lanes, 10) with encoder noise."""
+        """Return the observation (lanes, 5 n) with encoder noise."""
         read = self._observation.copy()
-        unit = np.repeat(NOISE, JOINTS) * self._generator.standard_normal((len(read), 2 * JOINTS))
-        read[:, MEASURED] += self._courses.noise[:, np.newaxis] * unit
+        measured = 2 * len(self._limit)
+        unit = np.repeat(NOISE, len(self._limit)) * self._generator.standard_normal((len(read), measured))
+        read[:, :measured] += self._courses.noise[:, np.newaxis] * unit
         return read
 
     def _late(self, torque: np.ndarray) -> np.ndarray:
-        """Return what the motors apply (lanes, 2) [N m]: the torques of each lane, late."""
+        """Return what the motors apply (lanes, n) [N m]: the torques of each lane, late."""
         self._sent = np.concatenate([torque[np.newaxis], self._sent[:-1]])
         self._sent[1:, self._begins] = torque[self._begins]
         delay, lane = self._courses.delay, np.arange(len(torque))

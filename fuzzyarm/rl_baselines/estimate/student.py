@@ -7,8 +7,10 @@ import math
 import numpy as np
 import torch
 
+from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
-from fuzzyarm.learned_policy.estimate.signals import GAP_SHARE, MOTION, QUIET, UNEXPLAINED_PARTS
+from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts
+from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, QUIET
 
 __all__ = ["Student"]
 
@@ -22,6 +24,7 @@ class Student(torch.nn.Module):
         hidden: numbers in h.
         modulation: numbers in tanh(P c).
         generator: of the first weights; V, G and D begin at zero, so the residual does.
+        physics: the equations of the arm.
     """
 
     gate_z: torch.Tensor
@@ -39,10 +42,13 @@ class Student(torch.nn.Module):
     p_0: torch.Tensor
     W: torch.Tensor
 
-    def __init__(self, hidden: int, modulation: int, generator: torch.Generator) -> None:
+    def __init__(self, hidden: int, modulation: int, generator: torch.Generator, physics: Physics) -> None:
         """Draw the weights."""
         super().__init__()
-        for name, shape in shapes_of(hidden, modulation).items():
+        unexplained = unexplained_parts(physics.joints, physics.axes)
+        self._load, self._gap = unexplained.load, unexplained.gap
+        self._motion = context_parts(physics.joints, physics.axes).motion
+        for name, shape in shapes_of(hidden, modulation, physics.joints, physics.axes).items():
             if len(shape) == 1 or name in "VGD":
                 tensor = torch.zeros(shape)
             else:
@@ -58,7 +64,7 @@ class Student(torch.nn.Module):
     def forward(
         self, z: torch.Tensor, c: torch.Tensor, h: torch.Tensor, begins: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return ρ before it is clipped (steps, lanes, 2) and h⁺ (steps, lanes, hidden).
+        """Return ρ before it is clipped (steps, lanes, n) and h⁺ (steps, lanes, hidden).
 
         Args:
             z: (steps, lanes, numbers of z).
@@ -76,18 +82,17 @@ class Student(torch.nn.Module):
             h = torch.lerp(h, torch.tanh(torch.addcmul(at_candidate, r, h @ kept)), s)
             states.append(h)
         after = torch.stack(states)
-        remembered, gap = after * self._weights(c), GAP_SHARE * torch.sinh(z[..., UNEXPLAINED_PARTS.gap])
+        remembered, gap = after * self._weights(c), GAP_SHARE * torch.sinh(z[..., self._gap])
         answer = remembered @ self.V.T + (remembered @ self.G.T) * gap + z @ self.D.T
-        return (c[..., MOTION, None] * _heard(z)) * answer, after
+        return (c[..., self._motion] * self._heard(z)) * answer, after
+
+    def _heard(self, z: torch.Tensor) -> torch.Tensor:
+        """Return g (..., 1) of z (..., numbers of z), see `network`."""
+        square = z[..., self._load].square().sum(-1, keepdim=True)
+        return square / (square + QUIET * QUIET)
 
     def _weights(self, c: torch.Tensor) -> torch.Tensor:
         return 1.0 + torch.tanh(c @ self.P.T + self.p_0) @ self.W.T
-
-
-def _heard(z: torch.Tensor) -> torch.Tensor:
-    """Return g (..., 1) of z (..., numbers of z), see `network`."""
-    square = z[..., UNEXPLAINED_PARTS.load].square().sum(-1, keepdim=True)
-    return square / (square + QUIET * QUIET)
 
 
 def as_tensor(array: np.ndarray) -> torch.Tensor:

@@ -7,14 +7,20 @@ follow a changing force in time. What the student lacks of its torque is what it
 
 from __future__ import annotations
 
+import functools
+from typing import Any
+
 import numpy as np
 
 from fuzzyarm.envs.batch.layout import CLOCK
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.observation import JOINTS, observed
-from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.records import columns
+from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.records import columns, flat, in_list, reader, size
 from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, remembered
@@ -25,8 +31,6 @@ from fuzzyarm.rl_baselines.estimate.courses import Courses
 
 __all__ = ["Teacher"]
 
-_STATES = 4 * JOINTS
-_ROW = columns(row_record(JOINTS, JOINTS))
 _SAMPLES = (*range(0, -KEPT, -1), 1)  # of the known force, from now
 
 
@@ -41,51 +45,72 @@ class Teacher:
     def __init__(self, adaptive: AdaptiveObserverPolicy, courses: Courses) -> None:
         """Take what does not change within an episode."""
         self._lanes, self._delay, self._settings = courses.lanes, courses.delay, adaptive.settings
-        self._belief = adaptive.belief
+        self._belief, self._payload, self._physics = adaptive.belief, courses.payload, equations_of(adaptive.arm)
+        self._nominal = self._physics.plant_of(adaptive.arm)
         slopes = self._settings.slopes.copy()
         slopes[:, self._belief.lateness] = 0.0
         self._inverse = np.linalg.pinv(slopes)
         self._limit = np.array(adaptive.torque_limit)
+        self._force_at = columns(row_record(self._physics.joints, self._physics.axes)).force
+        self._act_on_truth = _act_on_truth_of(self._physics)
 
     def torque(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return u* (lanes, 2) [N m], within its limits, before the step for observations (lanes, 10).
+        """Return u* (lanes, n) [N m], within its limits, before the step for observations (lanes, 5 n).
 
         `memory` (lanes, ·) is that of the student's adaptive observer, of which the torques on their way are used.
         """
         known = np.stack([self._force(ahead) for ahead in _SAMPLES], axis=1)
-        torque = np.empty((len(observation), JOINTS))
-        _act_on_truth(observation, memory.copy(), torque, self.beliefs(), known, self._settings)
+        torque = np.empty((len(observation), len(self._limit)))
+        self._act_on_truth(observation, memory.copy(), torque, self.beliefs(), known, self._settings)
         wanted: np.ndarray = np.clip(torque, -self._limit, self._limit)
         return wanted
 
     def beliefs(self) -> np.ndarray:
         """Return z (lanes, numbers of z) as it is, but for the force."""
-        lanes, s = self._lanes, self._settings
-        numbers = np.array(lanes.numbers(columns(lanes.layout.Lane).arm)).T
-        p = s.guess + (numbers - s.base) @ self._inverse.T
+        s = self._settings
+        p = s.guess + (self._numbers() - s.base) @ self._inverse.T
         p[:, self._belief.lateness] = self._delay[:, np.newaxis]
-        return np.hstack([lanes.numbers(slice(_STATES)).T, p])
+        return np.hstack([self._lanes.numbers(slice(size(self._physics.State))).T, p])
+
+    def _numbers(self) -> np.ndarray:
+        """Return the numbers (lanes, k) of the arms as they are, of which beliefs are affine, see `adaptive.arm`."""
+        lanes, physics = self._lanes, self._physics
+        if physics is two_joints():
+            return np.array(lanes.numbers(columns(lanes.layout.Lane).arm)).T
+        plant = self._nominal
+        if lanes.randomisation.varies:
+            plant = physics.varied(plant, reader(draw_record(physics.joints), in_list)(lanes.drawn, 0))
+        return np.stack(np.broadcast_arrays(*flat(plant), self._payload), axis=-1)
 
     def _force(self, ahead: int) -> np.ndarray:
-        """Return the tip force (lanes, 2) [N] so many control periods from now, within the episode."""
+        """Return the tip force (lanes, axes) [N] so many control periods from now, within the episode."""
         clock, lanes = self._lanes.clock, self._lanes
         rows = lanes.arrays[2][np.clip(clock[CLOCK.row] + ahead, clock[CLOCK.first], clock[CLOCK.last])]
-        mean, change = np.split(rows[:, _ROW.force], 2, axis=1)
+        mean, change = np.split(rows[:, self._force_at], 2, axis=1)
         force: np.ndarray = lanes.numbers(columns(lanes.layout.Lane).force_factor).T * (mean - 0.5 * change)
         return force
 
 
-_BEGIN, _ACT = begin_of(two_joints()), act_of(two_joints())
+@functools.cache
+def _act_on_truth_of(physics: Physics) -> Any:
+    """Return the kernel that acts on the truth, for arms with these equations."""
+    begin, act, joints = begin_of(physics), act_of(physics), physics.joints
 
+    @kernel_for(physics.digest)
+    def act_on_truth(
+        observation: np.ndarray,
+        memory: np.ndarray,
+        torque: np.ndarray,
+        truth: np.ndarray,
+        known: np.ndarray,
+        s: Settings,
+    ) -> None:
+        """Fill `torque` with the law's answer to z = `truth` (lanes, numbers of z) in every lane."""
+        room, o = room_for(s), observed(observation)
+        for lane in range(len(observation)):
+            m = remembered(memory[lane], joints, len(s.guess), len(s.reopening))
+            begin(lane, o, m, s, room)
+            m.z[:] = truth[lane]
+            act(m, s, room, known[lane], torque[lane])
 
-@kernel
-def _act_on_truth(
-    observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, truth: np.ndarray, known: np.ndarray, s: Settings
-) -> None:
-    """Fill `torque` with the law's answer to z = `truth` (lanes, numbers of z) in every lane."""
-    room, o = room_for(s), observed(observation)
-    for lane in range(len(observation)):
-        m = remembered(memory[lane], JOINTS, len(s.guess), len(s.reopening))
-        _BEGIN(lane, o, m, s, room)
-        m.z[:] = truth[lane]
-        _ACT(m, s, room, known[lane], torque[lane])
+    return act_on_truth

@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.rl_baselines.estimate.config import SEGMENT, EstimateConfig
@@ -46,22 +48,21 @@ class EstimateTraining:
     Args:
         config: the settings.
         report: called after every chunk with its row of the curve.
-        arm: that the student is trained for.
+        arm: that the student is trained for; the arm of Table 1, if not said otherwise.
 
     Attributes:
         student: the network.
         rows: the curve: chunk, tip_error_mm (root mean square over all lanes), loss, lost (episodes that ended early).
     """
 
-    def __init__(
-        self, config: EstimateConfig, report: Report = lambda row: None, arm: ArmParameters | None = None
-    ) -> None:
+    def __init__(self, config: EstimateConfig, report: Report = lambda row: None, arm: AnyArm | None = None) -> None:
         """Make network and policy."""
         torch.set_num_threads(1)
-        self.config, self.report = config, report
+        self.config, self.report, self._arm = config, report, ArmParameters() if arm is None else arm
         self._generator = np.random.default_rng(config.seed)
-        self.student = Student(config.hidden, config.modulation, torch.Generator().manual_seed(config.seed))
-        self._policy = LearnedObserverPolicy(self.student.network(), arm, PERIOD)
+        first, physics = torch.Generator().manual_seed(config.seed), equations_of(self._arm)
+        self.student = Student(config.hidden, config.modulation, first, physics)
+        self._policy = LearnedObserverPolicy(self.student.network(), self._arm, PERIOD)
         self._optimiser = torch.optim.Adam(self.student.parameters(), lr=config.learning_rate)
         steps = config.chunks * config.updates
         self._rate = torch.optim.lr_scheduler.CosineAnnealingLR(self._optimiser, steps, _LAST_RATE)
@@ -73,7 +74,7 @@ class EstimateTraining:
         replay: deque[Chunk] = deque(maxlen=config.replay)
         for number in range(config.chunks):
             if number % config.redraw == 0:
-                courses = draw_courses(self._policy.parameters, config.lanes, PERIOD, self._generator)
+                courses = draw_courses(self._arm, config.lanes, PERIOD, self._generator)
                 drive = Drive(courses, self._policy, self._generator)
             replay.append(drive.chunk(self._policy, config.steps))
             learned = [self._update(replay, update) for update in range(config.updates)]
@@ -92,7 +93,7 @@ class EstimateTraining:
         """Return the student as it is shipped, after a training of so much processor time [s]."""
         versions = {name: version(name) for name in ("fuzzyarm", "numpy", "torch", "numba")}
         training = {**self.config.to_dict(), "cpu_time_s": round(seconds, 1)}
-        arm = self._policy.parameters
+        arm = self._arm if isinstance(self._arm, ArmParameters) else ArmDefinition(self._arm.name, self._arm.digest)
         return EstimateBundle(self.student.network(), arm, PERIOD, training, self.config.seed, self.rows, versions)
 
     def _update(self, replay: deque[Chunk], number: int) -> float:
