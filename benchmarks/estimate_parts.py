@@ -1,6 +1,6 @@
 """What the parts of `learned-observer` give, and what they cost in margins: both laws, their join, and the network.
 
-    python benchmarks/estimate_parts.py benchmarks/estimates/* [--json FILE]
+    python benchmarks/estimate_parts.py benchmarks/estimates/seed-* [--json FILE]
 
 Of `elastic-observer`, of `adaptive-observer`, of the law of `learned-observer` with a network that is silent, and of
 every trained one: tip errors in the paper's three cases and the rate of the torques, on time and half a sample late,
