@@ -40,7 +40,7 @@ from readme_design import (
     tip_gains_table,
     tip_gamma_table,
 )
-from readme_estimate import estimate_parts, estimate_robot, estimate_tables
+from readme_estimate import estimate_parts, estimate_robot, estimate_sweeps, estimate_tables
 from readme_export import exported_table, misra_table
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
@@ -209,6 +209,7 @@ def sections() -> dict[str, str]:
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
         "estimate-parts": estimate_parts(stored["estimate_parts"]),
+        "estimate-sweeps": estimate_sweeps([_stored(f"{name}_all") for name in ("elastic", "adaptive", "learned")]),
         "estimate-robot": estimate_robot(_stored("learned_observer_planar-3r")),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
         "ppo-observer": observer_tables(stored["ppo_observer"]),

@@ -6,7 +6,7 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
-__all__ = ["estimate_parts", "estimate_robot", "estimate_tables"]
+__all__ = ["estimate_parts", "estimate_robot", "estimate_sweeps", "estimate_tables"]
 
 _CASES = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}
 
@@ -48,6 +48,28 @@ def estimate_robot(document: dict[str, Any]) -> str:
         f"{table(headings, rows)}\n\n{plants}\n\n`{measured}`, trained by `fuzzyarm train estimate --robot {name} "
         f"--chunks {chunks}` with these seeds on the same machine, shared with other work; plants from seed "
         f"{document['first_held_out_seed']} on; {made_with(document)}"
+    )
+
+
+def estimate_sweeps(sweeps: list[dict[str, Any]]) -> str:
+    """Return the largest tip errors of policies over the same plants, from a sweep of each."""
+    shares = "0.5", "0.9", "0.99"
+    headings = ["case", "policy", *(f"{float(share):.0%} [mm]" for share in shares), "worst [mm]", "ended early"]
+    rows = [
+        [
+            _CASES[row["case"]],
+            _named(row["policy"]),
+            *(f"{row['max_mm'][share]['value']:.2f}" for share in shares),
+            f"{max(plant['max_mm'] for plant in row['worst']):.1f}",
+            str(row["ended_early"]),
+        ]
+        for case in zip(*(sweep["rows"] for sweep in sweeps), strict=True)
+        for row in case
+    ]
+    commands = ", ".join(f"`{sweep['command']}`" for sweep in sweeps)
+    return (
+        f"{table(headings, rows, left=2)}\n\nLargest tip error of each of {sweeps[0]['config']['plants']} plants, the "
+        f"same for all. {commands}; {made_with(sweeps[-1])}"
     )
 
 
