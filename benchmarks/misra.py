@@ -81,7 +81,9 @@ def main() -> None:
             rows.append({"source": label, "lines": lines, "violations": violations(source, tools)})
             print(rows[-1], flush=True)
     if options.json:
-        document = {"command": "python benchmarks/misra.py", **current_provenance(), "cppcheck": version, "rows": rows}
+        chosen = "" if options.laws == LAWS else f" --laws {' '.join(options.laws)}"
+        command = f"python benchmarks/misra.py{chosen}"
+        document = {"command": command, **current_provenance(), "cppcheck": version, "rows": rows}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
 
 
