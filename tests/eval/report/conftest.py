@@ -55,6 +55,14 @@ def nasty_folder(evaluation, tmp_path_factory) -> Path:
     return path
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items) -> None:
+    """Let the tests in a browser be slow ones: they take a minute, and are skipped where there is none."""
+    for item in items:
+        if "chromium" in item.fixturenames:
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[browser.Tab]:
     if browser.executable() is None:
