@@ -10,10 +10,24 @@ import pytest
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-FAST, SLOW = 5.5, 12.0  # min of processor time on an Intel Xeon; the slow ones by the sum of their parts
+FAST, SLOW = 4.5, 14.0  # min of processor time on an Intel Xeon; the slow ones by the sum of their parts
 COMPILING = 1.4  # min more the first time
 
-_NO_SIMULATION = {"synthesis", "proof"}  # folders of tests
+# Files of tests, see `pytest_collection_modifyitems`.
+_COMPILING = "test_vector.py", "test_laws.py"
+_PROOFS = (
+    "test_theorems.py",
+    "test_extreme_designs.py",
+    "test_design.py",
+    "test_tube.py",
+    "test_scheduled_certificate.py",
+    "test_help.py",
+    "test_residual.py",
+    "test_design_problem.py",
+    "test_certificate.py",
+    "test_stated_numbers.py",
+    "test_forged_files.py",
+)
 
 
 def pytest_report_header(config) -> str:
@@ -34,16 +48,14 @@ def pytest_ignore_collect(collection_path, config) -> bool | None:
 
 
 def pytest_collection_modifyitems(items) -> None:
-    """Let the first of two processes begin with what compiles the simulation, the second with what needs none of it.
+    """Let the first of two processes begin with what compiles the simulation and the laws, the second with proofs.
 
-    Each process is given an equal share of consecutive tests and takes from the others when it is done. If both began
-    with a simulation, both would compile the same kernels.
+    The files are handed out in this order, two to each process and then one by one. If both began with a simulation,
+    both would compile the same kernels.
     """
-    still = [item for item in items if _NO_SIMULATION.intersection(item.path.parts)]
-    rest = [item for item in items if not _NO_SIMULATION.intersection(item.path.parts)]
-    rest.sort(key=lambda item: item.path.name != "test_readme.py")  # it uses every kernel
-    half = len(items) // 2
-    items[:] = [*rest[:half], *still, *rest[half:]]
+    first = [_COMPILING[0], *_PROOFS[:1], _COMPILING[1], *_PROOFS[1:]]
+    places = {name: place for place, name in enumerate(first)}
+    items.sort(key=lambda item: places.get(item.path.name, len(first)))
 
 
 @pytest.fixture

@@ -80,6 +80,7 @@ def outcomes(tmp_path_factory):
     return [json.loads(line) for line in done.stdout.splitlines()], done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("kind", FILES)
 def test_a_file_that_never_ends_or_explodes_is_refused_by_every_command(outcomes, kind):

@@ -28,12 +28,8 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.spline_reference import SplineReference
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 
-# The code of six and seven joints takes a while to compile.
-NAMES = [
-    "planar-3r",
-    pytest.param("ur5", marks=pytest.mark.slow),
-    pytest.param("panda", marks=pytest.mark.slow),
-]
+NAMES = "planar-3r", "ur5", "panda"
+pytestmark = pytest.mark.slow  # the code of three and more joints takes a while to compile
 VARIED = DomainRandomisation(
     mass=(0.9, 1.1),
     stiffness=(0.8, 1.2),

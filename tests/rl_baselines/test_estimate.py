@@ -129,6 +129,7 @@ def test_the_beliefs_of_the_teacher_are_the_plants():
     assert np.all(np.delete(apart, viscous) < 1e-9) and np.any(apart[viscous] > 1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", [ARM, SMALL], ids=["Table 1", "small"])
 def test_the_motors_can_do_what_is_drawn(arm):
     courses, adaptive = draw_courses(arm, 12, PERIOD, np.random.default_rng(0)), AdaptiveObserverPolicy(arm, PERIOD)
@@ -157,6 +158,7 @@ def test_motors_too_weak_for_any_course_are_named():
         draw_courses(weak, 2, PERIOD, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_a_student_of_another_arm_serves_that_arm_alone(tmp_path):
     training = EstimateTraining(EstimateConfig(**SHORT), arm=SMALL)
     training.run().save(tmp_path / "small")
@@ -165,6 +167,7 @@ def test_a_student_of_another_arm_serves_that_arm_alone(tmp_path):
         load_policy(tmp_path / "small")
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_network(trained):
     again = EstimateTraining(EstimateConfig(**SHORT)).run()
     for field in dataclasses.fields(EstimateNetwork):

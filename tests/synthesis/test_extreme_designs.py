@@ -45,6 +45,7 @@ def test_an_extreme_requirement_is_refused_in_one_line(tmp_path, capsys, option)
     ],
     ids=" ".join,
 )
+@pytest.mark.slow
 def test_requirements_at_the_end_of_their_ranges_fail_in_one_line(tmp_path, capsys, options):
     assert main(["design", "--rules=1", *options, "--out", str(tmp_path / "extreme.json")]) == 1
     error = capsys.readouterr().err
@@ -91,6 +92,7 @@ def test_a_design_for_an_arm_of_another_size_is_proven_or_fails_in_words(scale):
     ],
     ids=str,
 )
+@pytest.mark.slow
 def test_the_32_rules_of_an_impossible_design_are_never_solved(monkeypatch, asked, words):
     """One vertex of A refutes it in a fraction of a second; its limit is the one that is named."""
     orders = []

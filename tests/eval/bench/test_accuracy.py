@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import MAX_DEFAULT_SUBSTEP
 from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped_tips
 
+pytestmark = pytest.mark.slow
 
-@pytest.fixture(scope="module", params=slow_but(["machining"], ["nominal", "machining", "payload"]))
+
+@pytest.fixture(scope="module", params=["nominal", "machining", "payload"])
 def case(request):
     policy = load_policy("computed-torque")
     return policy, request.param, exact_tips(policy, request.param)

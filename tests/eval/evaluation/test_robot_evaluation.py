@@ -15,6 +15,7 @@ from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_resul
 from fuzzyarm.eval.report.stored import read_evaluation
 
 ROBOT = robot_named("planar-3r")
+pytestmark = pytest.mark.slow  # its simulation is compiled first
 
 
 class Feedback:

@@ -7,6 +7,8 @@ from PIL import Image
 
 from fuzzyarm.eval.paper.figures import BANDS, BY_RULES, COLUMN_TITLES, draw_figures, write_figures
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def figures(evidence):

@@ -80,6 +80,7 @@ def test_names_are_escaped():
     assert "<img" not in headline([standing(NASTY, nominal=1.0), standing("b", nominal=2.0)])
 
 
+@pytest.mark.slow
 def test_the_winner_leads_the_leaderboard_and_stands_on_the_page(folder):
     stored = read_evaluation(folder)
     standings = standings_of(stored.config, stored.rows, stored.certificates)

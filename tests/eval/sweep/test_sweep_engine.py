@@ -39,6 +39,7 @@ def test_one_local_worker_is_this_process():
     assert dict(Engine(jobs=1).run(slow, [4, 7])) == {4: os.getpid(), 7: os.getpid()}
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_no_work():
     reports, found = [], {}
     for number, process in Engine(jobs=2).run(slow, range(8), reports.append):

@@ -96,6 +96,7 @@ def forget(name):
         del sys.modules[module]
 
 
+@pytest.mark.slow
 def test_local_processes_run_a_policy_of_ones_own_with_the_numbers_of_one(imported, tmp_path):
     policy = package(tmp_path, "swept_locally")
     for jobs in ("1", "2"):
@@ -185,6 +186,7 @@ def arm(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_another_arm_with_a_controller_that_was_designed_for_it(arm, tmp_path, capsys):
     out, robot = tmp_path / "sweep", str(arm / "arm.toml")
     policies = [

@@ -15,6 +15,7 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies import NAMES
 
 LANES = 1024
+HERE = slow_but(["fuzzy-4", "computed-torque"], NAMES)  # test_laws asks much the same of every policy
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 
 
@@ -70,7 +71,7 @@ def test_every_name_is_a_model_based_policy():
     assert all(isinstance(load(name), Policy) for name in NAMES)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", HERE)
 def test_a_thousand_controllers_answer_as_each_would_alone_bit_for_bit(name, shown):
     policy, batch = load(name), shown
     states = remembered(policy, batch)
@@ -84,7 +85,7 @@ def test_a_thousand_controllers_answer_as_each_would_alone_bit_for_bit(name, sho
         assert action.tobytes() == actions[lane].tobytes() and following.tobytes() == after[lane].tobytes()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", HERE)
 def test_a_call_leaves_observations_and_states_alone(name, shown):
     policy, batch = load(name), shown
     states = remembered(policy, batch)
@@ -95,7 +96,7 @@ def test_a_call_leaves_observations_and_states_alone(name, shown):
     assert all(map(np.array_equal, first, second)) and np.array_equal(first[0], policy.predict(batch)[0])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", HERE)
 def test_python_does_for_a_thousand_controllers_what_it_does_for_two(name):
     policy = load(name)
 
@@ -152,7 +153,7 @@ def test_a_thousand_different_arms_are_tracked_to_the_end(name, monkeypatch):
     assert len(np.unique(halfway, axis=0)) == LANES  # an integral of its own for each
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", HERE)
 def test_controllers_begin_anew_with_the_episodes_of_their_lanes(name):
     """Closed loops through resets of their own, against single environments and controllers."""
     references = [JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.02 * k) for k in (2, 3, 5, 2)]

@@ -26,6 +26,7 @@ TWO = dataclasses.replace(Robot.of(ArmParameters()), gravity=(0.0, 0.0, 0.0))
 """Without gravity, which the linear loops leave out."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition", [Condition(), Condition(1.5), Condition(delay=1), Condition(stiffness=0.8)])
 def test_computed_torque_has_the_loop_of_its_policy(condition):
     policy = ComputedTorquePolicy(TWO, PERIOD, 50.0)

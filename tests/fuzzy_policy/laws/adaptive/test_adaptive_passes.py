@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -132,7 +133,7 @@ def test_iterative_learning_brings_the_motors_home_and_not_the_tip():
     assert third[0] < first[0] and third[1] > 0.5
 
 
-@pytest.mark.parametrize("name", ["adaptive-observer", "fuzzy-4-tip"])
+@pytest.mark.parametrize("name", slow_but(["fuzzy-4-tip"], ["adaptive-observer", "fuzzy-4-tip"]))
 def test_a_pass_needs_samples_before_it(name):
     repeated = load_policy(name).repeated()
     _, state = repeated.predict(np.zeros(10))
