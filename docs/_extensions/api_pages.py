@@ -1,5 +1,6 @@
 """API pages from the docstrings: a page a module, written to ``docs/api`` before Sphinx reads its sources.
 
+The index lists the modules; they stand in no table of contents, which every page of the documentation would repeat.
 Docstrings here are Markdown with Google's sections, and so are the pages: text, tables and equations go over as they
 are, the sections become lists. The code is read by griffe, not run.
 """
@@ -26,7 +27,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 def write_pages(folder: Path) -> None:
     """Write a page for each public module and an index; pages that are as they were keep their time."""
-    modules = [module for module in _modules(griffe.load(PACKAGE)) if module.exports]
+    modules = sorted((module for module in _modules(griffe.load(PACKAGE)) if module.exports), key=lambda one: one.path)
     pages = {folder / f"{module.path}.md": module_page(module) for module in modules}
     pages[folder / "index.md"] = index_page(modules)
     for stale in set(folder.glob("*.md")) - set(pages):
@@ -54,8 +55,7 @@ def index_page(modules: list[griffe.Module]) -> str:
         lines += [f"## `{room}`", "", "| module | |", "| --- | --- |"]
         lines += [f"| [`{module.path}`]({module.path}.md) | {_cell(_first_sentence(module))} |" for module in members]
         lines.append("")
-    toctree = "\n".join(module.path for module in modules)
-    return "\n".join([*lines, f"```{{toctree}}\n:hidden:\n\n{toctree}\n```", ""])
+    return "\n".join(lines)
 
 
 def _first_sentence(module: griffe.Module) -> str:
@@ -65,7 +65,7 @@ def _first_sentence(module: griffe.Module) -> str:
 
 def module_page(module: griffe.Module) -> str:
     """Return the page of a module: its docstring, then its public names in their order."""
-    parts = [f"# `{module.path}`", _docstring(module, 1)]
+    parts = ["---\norphan: true\n---", "[API](index.md)", f"# `{module.path}`", _docstring(module, 1)]
     for name in module.exports or []:
         member = module.members.get(str(name))
         if member is None:  # griffe does not see names that one statement assigns together
@@ -135,9 +135,8 @@ def _docstring(target: Any, level: int) -> str:
     parts = []
     for section in target.docstring.parse("google", warnings=False):
         if section.kind is griffe.DocstringSectionKind.text:
-            parts.append(
-                re.sub(r"^(#+) ", lambda match: "#" * (level + len(match[1]) - 1) + " ", section.value, flags=re.M)
-            )
+            text = re.sub(r"^(>>> .*(?:\n.+)*)", r"```pycon\n\1\n```", section.value, flags=re.M)
+            parts.append(re.sub(r"^(#+) ", lambda match: "#" * (level + len(match[1]) - 1) + " ", text, flags=re.M))
         elif section.kind is griffe.DocstringSectionKind.examples:
             blocks = [
                 text if kind is griffe.DocstringSectionKind.text else f"```pycon\n{text}\n```"
