@@ -135,8 +135,9 @@ def _docstring(target: Any, level: int) -> str:
     parts = []
     for section in target.docstring.parse("google", warnings=False):
         if section.kind is griffe.DocstringSectionKind.text:
-            text = re.sub(r"^(>>> .*(?:\n.+)*)", r"```pycon\n\1\n```", section.value, flags=re.M)
-            parts.append(re.sub(r"^(#+) ", lambda match: "#" * (level + len(match[1]) - 1) + " ", text, flags=re.M))
+            parts.append(
+                re.sub(r"^(#+) ", lambda match: "#" * (level + len(match[1]) - 1) + " ", section.value, flags=re.M)
+            )
         elif section.kind is griffe.DocstringSectionKind.examples:
             blocks = [
                 text if kind is griffe.DocstringSectionKind.text else f"```pycon\n{text}\n```"

@@ -20,8 +20,9 @@ def at_most(value: SupportsFloat, digits: int) -> str:
     Raises:
         ValueError: the value is not finite.
 
-    >>> at_most(158.484, 3), at_most(20.0, 3), at_most(2.0049e-4, 3)
-    ('159', '20', '0.000201')
+    Examples:
+        >>> at_most(158.484, 3), at_most(20.0, 3), at_most(2.0049e-4, 3)
+        ('159', '20', '0.000201')
     """
     return _rounded(value, digits, ROUND_CEILING)
 
@@ -32,8 +33,9 @@ def at_least(value: SupportsFloat, digits: int) -> str:
     Raises:
         ValueError: the value is not finite.
 
-    >>> at_least(19.999, 3), at_least(-1.2345, 3)
-    ('19.9', '-1.24')
+    Examples:
+        >>> at_least(19.999, 3), at_least(-1.2345, 3)
+        ('19.9', '-1.24')
     """
     return _rounded(value, digits, ROUND_FLOOR)
 

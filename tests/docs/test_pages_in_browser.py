@@ -19,7 +19,7 @@ def tab():
 
 
 def test_every_page_opens(site, tab):
-    """Each page is loaded once, then shown in another size and colour scheme."""
+    """Each page is loaded once, then shown at both sizes and in both colour schemes."""
     for page in sorted(site.rglob("*.html")):
         name = page.relative_to(site)
         tab.open(page)
