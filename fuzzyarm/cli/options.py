@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import functools
 import inspect
 import itertools
 import re
@@ -117,7 +116,6 @@ def _placeholder(hint: Any) -> str:
     return {int: "N", float: "X", str: "NAME"}.get(hint, getattr(hint, "__name__", "VALUE").upper())
 
 
-@functools.cache
 def _texts(config: type) -> dict[str, str]:
     """Return what is written about each field of a dataclass: the text after it, or its entry under ``Attributes:``."""
     texts: dict[str, str] = {}
