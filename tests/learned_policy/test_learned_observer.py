@@ -18,6 +18,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
@@ -54,7 +55,7 @@ class Oracle:
 
     def __init__(self, made):
         self.n, self.observer = made, ElasticObserverPolicy(ARM, PERIOD)
-        adaptive = AdaptiveObserverPolicy(ARM, PERIOD)
+        adaptive = AdaptiveObserverPolicy(ARM, PERIOD, AdaptiveWeights(first_gain=1.0, scale_doubt=3e-3))
         self.settings, self.filter = adaptive.settings, np.zeros(adaptive.memory.noise.stop)
         self.target, self.h, self.rho, self.predicted = ElasticTarget(ARM, PERIOD), np.zeros(HIDDEN), np.zeros(2), None
         self.target_memory = np.zeros((1, self.target.memory_size))

@@ -17,6 +17,7 @@ by regression on a teacher that knows plant, load and lateness, see `fuzzyarm.rl
 from __future__ import annotations
 
 import copy
+import dataclasses
 import functools
 from typing import Any, NamedTuple
 
@@ -34,6 +35,7 @@ from fuzzyarm.fuzzy_policy.known_arm import constants_of, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
+from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
@@ -50,6 +52,8 @@ from fuzzyarm.learned_policy.estimate.units import turns_of, units_of
 __all__ = ["LearnedObserverPolicy", "SeenParts", "seen_parts"]
 
 
+# At rest the elastic observer acts, so that the adaptive one needs no soft start; the networks know it like this.
+_WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3}
 _FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to diverge would be any number
 
 
@@ -132,7 +136,8 @@ class LearnedObserverPolicy(Policy):
                 f"the network is for {network.joints} joints and a tip in {network.axes} axes, the arm has "
                 f"{physics.joints} and {physics.axes}"
             )
-        self.network, self.adaptive = network, AdaptiveObserverPolicy(arm, control_period)
+        weights = dataclasses.replace(adaptive_weights_for(arm, self.control_period), **_WEIGHTS)
+        self.network, self.adaptive = network, AdaptiveObserverPolicy(arm, control_period, weights)
         self.seen, self._parts = seen_parts(physics), _memory_parts(self.joints)
         first = self._parts.residual.stop
         self.filter, self.hidden = consecutive(first, self.adaptive.memory.noise.stop, network.hidden)[1:]

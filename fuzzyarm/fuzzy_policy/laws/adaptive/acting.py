@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, dry_friction
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, LONGEST_LATENESS, Memory
-from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at
+from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at, gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 
@@ -95,9 +95,10 @@ def _command_of(physics: Physics) -> Any:
         feedback_at(s.feedback, s.kept, s.cosine, s.points, angles, payload, room.index, room.weight, room.gain)
         for k in range(LONGEST_LATENESS + 1, 0, -1):
             m.commands[k] = m.commands[k - 1]
+        share = gain_share(m, s)
         for j in range(joints):
             for i in range(len(error)):
-                torque[j] -= room.gain[j, i] * error[i]
+                torque[j] -= share * room.gain[j, i] * error[i]
             m.commands[0, j] = min(max(torque[j], -s.limit[j]), s.limit[j])
 
     return command

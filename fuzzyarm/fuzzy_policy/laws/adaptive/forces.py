@@ -17,7 +17,7 @@ A filter may become sure of a wrong lateness. Where the innovations are larger t
 a sample whose ν²/s is on average 1 + a adds `LATENESS_DOUBT` a to its variance, up to the first one. So is a factor
 that all of the arm's constants share, as a wrong torque constant gives them: the sample adds
 
-    P_ik ← P_ik + min(`SCALE_DOUBT` a, max(0, `LARGEST_SCALE` - min P_jj))
+    P_ik ← P_ik + min(`scale_doubt` a, max(0, `LARGEST_SCALE` - min P_jj))
 
 to the covariance of any two of these factors, j being any of them.
 """
@@ -36,7 +36,6 @@ SHARE = 0.1  # of a sample, in the means
 NOISE, DIRECTED = 0.08, 0.3  # s up to which corrections count as noise, and from which on as a motion
 CALMING, STIRRING = 0.02, 0.7  # share of the way to more and to less calm that a sample makes
 LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods²]
-SCALE_DOUBT = 0.003  # variance of the shared factor per surprise
 LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
 
 
@@ -77,7 +76,7 @@ def doubt_scale(m: Memory, s: Settings, surprise: float) -> None:
     for i in range(first, len(m.z)):
         if s.shared[i] > 0.0:
             least = min(least, m.P[i, i])
-    more = min(SCALE_DOUBT * max(0.0, surprise - 1.0), LARGEST_SCALE - least)
+    more = min(s.scale_doubt * max(0.0, surprise - 1.0), LARGEST_SCALE - least)
     for i in range(first, len(m.z)):
         for k in range(first, len(m.z)):
             if s.shared[i] > 0.0 and s.shared[k] > 0.0:

@@ -57,7 +57,7 @@ class FrozenObserver(Policy):
         self._postures, self._gains = _gains_along_path(policy)
         self.memory_size = policy.memory.noise.stop
         base, slopes = affine_numbers(policy.arm if dry_friction else without_dry_friction(policy.arm))
-        self._settings = policy.settings._replace(base=base, slopes=slopes)
+        self._settings = policy.settings._replace(base=base, slopes=slopes, first_gain=1.0)
 
     @functools.cached_property
     def _law(self) -> Any:

@@ -17,7 +17,7 @@ LONGEST_LATENESS = 3
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
-ENOUGH = 1000.0
+ENOUGH = 1e6
 """Samples that are counted."""
 READ = 3  # numbers of a joint kept of the last sample, see `read_noise`
 

@@ -213,6 +213,8 @@ class AdaptiveObserverPolicy(Policy):
             cautious[states:][getattr(belief, name)] = True
         return Settings(
             feedback=gains,
+            first_gain=weights.first_gain,
+            soft_samples=weights.soft_start / period,
             kept=schedule.kept,
             cosine=schedule.cosine,
             points=schedule.points,
@@ -225,6 +227,7 @@ class AdaptiveObserverPolicy(Policy):
             high=high,
             noise=np.concatenate([still, still, shake, still, walks(arm, weights)]) ** 2 * period,
             doubt=weights.torque_doubt * period / (inertia * self._torque_limit),
+            scale_doubt=weights.scale_doubt,
             calm_walk=weights.calm_walk,
             reopening=walks(arm, weights)[:forces] ** 2 * weights.reopening,
             still=(_STILL * unit_force(arm)) ** 2,

@@ -1,4 +1,8 @@
-"""The scheduled regulator K of the adaptive observer, tabulated over the posture and over the payload."""
+"""The scheduled regulator K of the adaptive observer, tabulated over the posture and over the payload.
+
+An episode begins with a share of it: K is so sharp that motors stronger or later than known swing against it until the
+filter knows them better, and their first tens of milliseconds are where an arm is lost.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +14,13 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, loaded_inertia, place_in_schedule, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, feedback_gain, sampled_arm
 
-__all__ = ["FeedbackTable", "feedback_at", "feedback_table"]
+__all__ = ["FeedbackTable", "feedback_at", "feedback_table", "gain_share"]
 
 HEAVIEST = 0.5  # payload of the table's end, share of the mass of all links
 PAYLOADS = 6
@@ -83,3 +89,16 @@ def feedback_at(
                 near += weight[corner] * table[row, index[corner], i, k]
                 far += weight[corner] * table[row + 1, index[corner], i, k]
             gain[i, k] = (1.0 - low) * near + low * far
+
+
+@register_jitable
+def gain_share(m: Memory, s: Settings) -> float:
+    """Return the share of K at this sample: `first_gain` at the soft start, from there in as long again up to 1.
+
+    It is 1 at once where an earlier pass has taught how strong and how late the motors are.
+    """
+    if m.flags[FLAG.taught] != 0.0:
+        return 1.0
+    past = (m.flags[FLAG.samples] - 1.0) / s.soft_samples - 1.0
+    share: float = s.first_gain + (1.0 - s.first_gain) * min(max(past, 0.0), 1.0)
+    return share

@@ -12,6 +12,8 @@ class Settings(NamedTuple):
 
     Attributes:
         feedback: K, see `FeedbackTable`.
+        first_gain: see `AdaptiveWeights`.
+        soft_samples: control periods in `AdaptiveWeights.soft_start`.
         kept: joints over whose angles it is tabulated.
         cosine: whether at even cosines rather than angles.
         points: of each angle.
@@ -24,6 +26,7 @@ class Settings(NamedTuple):
         high: highest p.
         noise: diagonal of Q.
         doubt: deviation of a motor velocity per square of a jump of its commanded torque [rad/s / (N m)²], (n,).
+        scale_doubt: see `AdaptiveWeights`.
         calm_walk: see `AdaptiveWeights`.
         reopening: variance of the forces after `AdaptiveWeights.reopening` seconds of walk [N²], (forces,).
         still: square of a correction of the forces that counts as none [N²].
@@ -41,6 +44,8 @@ class Settings(NamedTuple):
     """
 
     feedback: Any
+    first_gain: Any
+    soft_samples: Any
     kept: Any
     cosine: Any
     points: Any
@@ -53,6 +58,7 @@ class Settings(NamedTuple):
     high: Any
     noise: Any
     doubt: Any
+    scale_doubt: Any
     calm_walk: Any
     reopening: Any
     still: Any

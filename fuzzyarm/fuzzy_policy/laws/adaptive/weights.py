@@ -36,6 +36,8 @@ class AdaptiveWeights:
     Attributes:
         link_angle: link error [rad] that costs as much as the whole torque.
         link_velocity: link velocity error [rad/s] that costs as much as the whole torque.
+        first_gain: share of the regulator's gain with which an episode begins.
+        soft_start: how long it is that share [s], which then grows to 1 in as long again.
         motor_torque: white noise of the motor torque, share of the torque limit times √s.
         torque_doubt: share of the torque limit by which a motor's torque may be wrong after a jump of the commanded
             torque by the whole limit; it grows with the square of the jump.
@@ -55,6 +57,7 @@ class AdaptiveWeights:
         first_scale: of a factor that all of the arm's constants share, as a wrong torque constant gives them.
         first_lateness: of the lateness [control periods].
         first_link_angle: of the link angles [rad].
+        scale_doubt: variance that a sample of surprise a adds to that factor, over a.
         gate: squared standardised innovation above which a sample counts less.
         dead_zone: squared innovation, in variances of the noise that is read, below which constants do not learn.
 
@@ -65,6 +68,8 @@ class AdaptiveWeights:
 
     link_angle: float = 0.0037
     link_velocity: float = 1.57
+    first_gain: float = 0.5
+    soft_start: float = 0.015
     motor_torque: float = 4.9e-4
     torque_doubt: float = 0.4
     travel_walk: float = 1.5
@@ -83,6 +88,7 @@ class AdaptiveWeights:
     first_scale: float = 0.1
     first_lateness: float = 1.5
     first_link_angle: float = 1e-3
+    scale_doubt: float = 1.5e-3
     gate: float = 1.5
     dead_zone: float = 16.0
 

@@ -19,6 +19,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 ARM = ArmParameters()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
@@ -145,6 +146,24 @@ def test_single_and_batch_are_equal_bit_for_bit():
             np.testing.assert_array_equal(torque[lane], alone)
             np.testing.assert_array_equal(state[lane], states[lane])
         observation = observation + 1e-4 * rng.normal(size=observation.shape)
+
+
+def test_a_soft_start_takes_its_share_of_the_feedback_and_nothing_of_the_feedforward():
+    observation = FuzzyArmEnv().reset(seed=0)[0]
+    observation[:2] += (2e-3, -1e-3)  # a control error
+    torques = [
+        AdaptiveObserverPolicy(weights=AdaptiveWeights(first_gain=share)).predict(observation)[0]
+        for share in (0.2, 0.6, 1.0)
+    ]
+    np.testing.assert_allclose(torques[1], 0.5 * (torques[0] + torques[2]), rtol=1e-12)
+    assert np.all(np.abs(torques[2] - torques[0]) > 1.0)
+
+
+def test_the_frozen_loop_has_the_whole_gain():
+    observation = FuzzyArmEnv().reset(seed=0)[0]
+    observation[:2] += (2e-3, -1e-3)
+    whole = AdaptiveObserverPolicy(weights=AdaptiveWeights(first_gain=1.0)).without_dry_friction()
+    np.testing.assert_array_equal(POLICY.without_dry_friction().predict(observation)[0], whole.predict(observation)[0])
 
 
 def test_a_diverged_filter_says_so_and_the_certified_law_acts():

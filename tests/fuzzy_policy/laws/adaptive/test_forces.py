@@ -7,7 +7,6 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.forces import (
     LARGEST_SCALE,
     LATENESS_DOUBT,
-    SCALE_DOUBT,
     doubt_lateness,
     doubt_scale,
     note_moves,
@@ -80,7 +79,7 @@ def test_surprise_opens_the_factor_that_the_constants_share(memory):
     doubt_scale(memory, SETTINGS, 1.0)
     np.testing.assert_array_equal(memory.P, first)
     doubt_scale(memory, SETTINGS, 3.0)
-    np.testing.assert_allclose(memory.P - first, 2.0 * SCALE_DOUBT * np.outer(shared, shared), atol=1e-15)
+    np.testing.assert_allclose(memory.P - first, 2.0 * SETTINGS.scale_doubt * np.outer(shared, shared), atol=1e-15)
     assert np.count_nonzero(shared) == 10  # five factors of two joints
     for _ in range(2):
         doubt_scale(memory, SETTINGS, 1e9)
