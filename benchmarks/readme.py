@@ -25,6 +25,7 @@ from readme_adaptive import (
     adaptive_passes_table,
     adaptive_plants_table,
     adaptive_robot_table,
+    adaptive_start_table,
 )
 from readme_arms import own_arm_tables, tuned_arms_table
 from readme_comparison import comparison_table
@@ -88,6 +89,7 @@ SCRIPTS: dict[str, list[str]] = {
     "gain_choice": [],
     "observer_tuning": [],
     "adaptive_tuning": [],
+    "adaptive_start": [],
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
     "adaptive_noise": [],
@@ -236,6 +238,7 @@ def sections() -> dict[str, str]:
             stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
         ),
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
+        "adaptive-start": adaptive_start_table(stored["adaptive_start"]),
         "adaptive-noise": adaptive_noise_table(stored["adaptive_noise"]),
         "adaptive-robot": adaptive_robot_table(_stored("adaptive_robot_ur5")),
         "own-arm": own_arm_tables(stored["own_arms"]),
