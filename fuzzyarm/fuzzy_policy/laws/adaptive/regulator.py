@@ -97,8 +97,8 @@ def gain_share(m: Memory, s: Settings) -> float:
 
     It is 1 at once where an earlier pass has taught how strong and how late the motors are.
     """
-    if m.flags[FLAG.taught] != 0.0:
-        return 1.0
     past = (m.flags[FLAG.samples] - 1.0) / s.soft_samples - 1.0
     share: float = s.first_gain + (1.0 - s.first_gain) * min(max(past, 0.0), 1.0)
+    if m.flags[FLAG.taught] != 0.0:
+        share = 1.0
     return share
