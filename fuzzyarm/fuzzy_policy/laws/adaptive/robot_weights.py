@@ -4,10 +4,11 @@
 depends on more angles than that, the gains are those of a mean, and as sharp as they are they may be unstable in part
 of its range, even for a state that is known. With a factor s ≥ 1,
 
-    link_angle → s link_angle,    link_velocity → √s link_velocity
+    link_angle → s link_angle,    link_velocity → √s link_velocity,    first_gain → min(1, s first_gain)
 
-weaken the feedback. The smallest s of `FACTORS` is taken with which the loop of the regulator and the known state is
-stable at random postures, with joints as stiff as known and 20 % softer and stiffer.
+weaken the feedback, which then needs less of a soft start. The smallest s of `FACTORS` is taken with which the loop of
+the regulator and the known state is stable at random postures, with joints as stiff as known and 20 % softer and
+stiffer.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ def adaptive_weights_for(arm: AnyArm, control_period: float) -> AdaptiveWeights:
 def softened(weights: AdaptiveWeights, factor: float) -> AdaptiveWeights:
     """Return weights softened by s = `factor`."""
     link_angle, link_velocity = factor * weights.link_angle, math.sqrt(factor) * weights.link_velocity
-    return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity)
+    first_gain = min(1.0, factor * weights.first_gain)
+    return dataclasses.replace(weights, link_angle=link_angle, link_velocity=link_velocity, first_gain=first_gain)
 
 
 def largest_radius(places: list[Place], schedule: GainSchedule, weights: AdaptiveWeights) -> float:

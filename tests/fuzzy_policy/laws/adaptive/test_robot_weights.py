@@ -27,4 +27,5 @@ def test_the_smallest_factor_with_a_stable_regulator_is_taken():
     robot = robot_named("ur5")
     places, schedule, chosen = places_of(robot, PERIOD), schedule_of(robot), adaptive_weights_for(robot, PERIOD)
     assert chosen.travel_walk == AdaptiveWeights().travel_walk and chosen.link_angle > AdaptiveWeights().link_angle
+    assert chosen.first_gain == 1.0  # what is softened for good needs no soft start
     assert largest_radius(places, schedule, chosen) < 1.0 <= largest_radius(places, schedule, softened(chosen, 0.5))
