@@ -9,8 +9,8 @@ Adapting: of `LANES` random plants in each of the paper's cases, how many are lo
 is once more than `LOST_MM` off) with lateness, a factor on the torque of both motors, or encoder noise.
 
 Front: the same weights with the regulator and the walks of the forces slowed down together, from those in use to four
-times slower. For each, the range of the frozen loop's gain, and the mean over random arms (`adaptive_tuning`, another
-seed) of the largest tip error.
+times slower. For each, the range of the frozen loop's gain, the mean over random arms (`adaptive_tuning`, another seed)
+of the largest tip error, and how many plants the adapting loop loses at `HARD`.
 """
 
 from __future__ import annotations
@@ -37,12 +37,18 @@ from fuzzyarm.eval.tuning.adaptive_search import GROUPS, RandomArms
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
-ARM, PERIOD, LANES, SEED, LOST_MM = ArmParameters(), 1e-3, 32, 77, 50.0
+ARM, PERIOD, LANES, SEED, LOST_MM = ArmParameters(), 1e-3, 100, 77, 50.0
 LATENESS = (1, 2, 3)  # control periods
-TORQUE = (0.5, 0.67, 0.8, 1.25, 1.5, 2.0)
-NOISE = (2.0, 4.0, 8.0)  # times 1e-5 rad and 1e-3 rad/s
+TORQUE = (0.5, 0.6, 0.67, 0.8, 1.25, 1.5, 1.75, 2.0)
+NOISE = (2.0, 8.0, 16.0, 32.0, 64.0)  # times 1e-5 rad and 1e-3 rad/s
 SLOWER = (1.0, 1.5, 2.5, 4.0)
+HARD: tuple[dict[str, Any], ...] = ({"torque": 0.6}, {"torque": 1.5}, {"late": 3})
 FRONT_SEED = 21
+PANELS = {
+    "radius_gain_0.8": "loop gain 0.8",
+    "radius_gain_1.25": "loop gain 1.25",
+    "radius_half_a_sample_later": "half a sample later",
+}
 OFFSET: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 8}
 
 
@@ -70,9 +76,11 @@ def frozen(weights: AdaptiveWeights) -> dict[str, Any]:
     }
 
 
-def lost(late: int = 0, torque: float = 1.0, noise: float = 0.0) -> dict[str, int]:
+def lost(
+    weights: AdaptiveWeights | None = None, late: int = 0, torque: float = 1.0, noise: float = 0.0
+) -> dict[str, int]:
     """Return how many of `LANES` plants are lost in each case."""
-    policy, found = AdaptiveObserverPolicy(ARM, PERIOD), {}
+    policy, found = AdaptiveObserverPolicy(ARM, PERIOD, weights), {}
     encoder = EncoderNoise(1e-5 * noise, 1e-3 * noise)
     for case in PAPER_CASES:
         load = dataclasses.replace(find_case(case).disturbance, encoder_noise=encoder)
@@ -97,25 +105,29 @@ def front() -> list[dict[str, Any]]:
         weights = slowed(factor)
         policy = AdaptiveObserverPolicy(ARM, PERIOD, weights)
         errors = {group: float(drawn.largest_errors(policy).mean()) for group, drawn in arms.items()}
-        rows.append({"slower": factor, "frozen": frozen(weights), "mean_largest_error_mm": errors})
+        adapting = [{**hard, "lost": sum(lost(weights, **hard).values())} for hard in HARD]
+        margins = frozen(weights)
+        rows.append({"slower": factor, "frozen": margins, "mean_largest_error_mm": errors, "adapting": adapting})
         print(rows[-1], flush=True)
     return rows
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the front: error over the spectral radius of the frozen loop at a loop gain of 0.8, stable below 1."""
-    figure, axes = plt.subplots(figsize=(6.0, 3.6), layout="constrained")
-    radii = [row["frozen"]["radius_gain_0.8"] for row in rows]
-    for group in GROUPS:
-        errors = [row["mean_largest_error_mm"][group] for row in rows]
-        axes.plot(radii, errors, "o-", label=f"{group} arms")
-    for row, radius in zip(rows, radii, strict=True):
-        axes.annotate(f"× {row['slower']:g}", (radius, row["mean_largest_error_mm"]["known"]), (0, -14), **OFFSET)
-    axes.axvline(1.0, color="0.6", linestyle="--", linewidth=1.0)
-    axes.set_xlabel("spectral radius of the frozen loop at a loop gain of 0.8; × how much slower")
-    axes.set_ylabel("largest tip error, mean over arms [mm]")
-    axes.set_ylim(bottom=0.0)
-    axes.legend(frameon=False)
+    """Draw the front: error over the spectral radius of the frozen loop, stable below 1, in each of `PANELS`."""
+    figure, panels = plt.subplots(1, len(PANELS), figsize=(9.0, 3.4), layout="constrained", sharey=True)
+    for axes, (key, title) in zip(panels, PANELS.items(), strict=True):
+        radii = [row["frozen"][key] for row in rows]
+        for group in GROUPS:
+            errors = [row["mean_largest_error_mm"][group] for row in rows]
+            axes.plot(radii, errors, "o-", markersize=4, label=f"{group} arms")
+        for row, radius in zip(rows, radii, strict=True):
+            axes.annotate(f"× {row['slower']:g}", (radius, row["mean_largest_error_mm"]["known"]), (0, -14), **OFFSET)
+        axes.axvline(1.0, color="0.6", linestyle="--", linewidth=1.0)
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("spectral radius, frozen")
+        axes.set_ylim(0.0, 3.3)
+    panels[0].set_ylabel("largest tip error, mean over arms [mm]")
+    panels[-1].legend(frameon=False, fontsize=8, loc="lower right")
     figure.savefig(path, dpi=150)
     plt.close(figure)
 

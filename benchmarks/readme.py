@@ -20,6 +20,7 @@ from typing import Any
 from readme_abuse import abuse_table
 from readme_adaptive import (
     adaptive_cases_table,
+    adaptive_front_table,
     adaptive_margins_table,
     adaptive_noise_table,
     adaptive_passes_table,
@@ -238,6 +239,7 @@ def sections() -> dict[str, str]:
             stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
         ),
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
+        "adaptive-front": adaptive_front_table(stored["adaptive_margins"]),
         "adaptive-start": adaptive_start_table(stored["adaptive_start"]),
         "adaptive-noise": adaptive_noise_table(stored["adaptive_noise"]),
         "adaptive-robot": adaptive_robot_table(_stored("adaptive_robot_ur5")),

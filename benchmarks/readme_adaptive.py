@@ -10,6 +10,7 @@ from fuzzyarm.envs.scenario.cases import CASES
 
 __all__ = [
     "adaptive_cases_table",
+    "adaptive_front_table",
     "adaptive_margins_table",
     "adaptive_noise_table",
     "adaptive_passes_table",
@@ -84,6 +85,27 @@ def adaptive_margins_table(document: dict[str, Any]) -> str:
         f"{low} to {high}; radius {frozen['radius_gain_0.8']:.2f} at 0.8, {frozen['radius_gain_1.25']:.2f} at 1.25, "
         f"{frozen['radius_half_a_sample_later']:.2f} half a sample later. {_made(document)}"
     )
+
+
+def adaptive_front_table(document: dict[str, Any]) -> str:
+    """Return the front between error and margins: slower and slower weights."""
+    first = document["front"][0]
+    conditions = ", ".join(_condition(hard) for hard in first["adapting"])
+    groups = [f"{group} arms [mm]" for group in first["mean_largest_error_mm"]]
+    headings = ["slower", "gains of a stable frozen loop", *groups, f"lost: {conditions}"]
+    rows = []
+    for row in document["front"]:
+        low, high = row["frozen"]["gain"]
+        gains = "none" if low is None or high is None else f"{low:.2f} to {high:.2f}"
+        errors = [f"{error:.2f}" for error in row["mean_largest_error_mm"].values()]
+        rows.append([f"× {row['slower']:g}", gains, *errors, ", ".join(str(hard["lost"]) for hard in row["adapting"])])
+    episodes = len(document["adapting"][0]["lost"]) * document["adapting"][0]["of"]
+    return f"{table(headings, rows)}\n\nLost of {episodes} episodes with each. {_made(document)}"
+
+
+def _condition(hard: dict[str, Any]) -> str:
+    """Return in words what makes plants hard."""
+    return f"late by {hard['late']} ms" if "late" in hard else f"torque x {hard['torque']:g}"
 
 
 def adaptive_noise_table(document: dict[str, Any]) -> str:
