@@ -70,12 +70,10 @@ from fuzzyarm.eval.evaluation.result_table import markdown_table
 ROOT = Path(__file__).parent.parent
 FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
-SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "ppo-residual")
-"""Policies of the sweep."""
-ADAPTIVE_SWEEPS = ("all", "loads")
-"""Distributions of the sweeps of the adaptive observer."""
-RANKED = ("fuzzy-4-tip", "computed-torque-tip", "elastic-observer", "adaptive-observer")
-"""Policies that are ranked over random plants."""
+OBSERVERS = ("elastic-observer", "adaptive-observer", "learned-observer")
+"""Policies of the sweeps of plants with noise and delays, one sweep each."""
+SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "ppo-residual", *OBSERVERS)
+"""Policies of the sweep of plants with loads, by which policies are ranked."""
 COMPARED_ROBOTS = ("cicese", "manutec-r3", "planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
@@ -139,17 +137,14 @@ def measure() -> None:
         _fuzzyarm("bench", "--lanes-sweep", "--out", folder)
         shutil.copy(folder / "bench.json", RESULTS / "bench.json")
         shutil.copy(folder / "throughput.png", FIGURES / "throughput.png")
+        plants = ("--plants", "10000", "--seed", "200000")
         policies = [word for policy in SWEPT for word in ("--policy", policy)]
-        _fuzzyarm("sweep", *policies, "--plants", "10000", "--out", folder / "sweep")
+        _fuzzyarm("sweep", *policies, "--distribution", "loads", *plants, "--out", folder / "sweep")
         shutil.copy(folder / "sweep" / "sweep.json", RESULTS / "sweep.json")
         shutil.copy(folder / "sweep" / "spread.png", FIGURES / "sweep.png")
-        for drawn in ADAPTIVE_SWEEPS:
-            own = ("--policy", "adaptive-observer", "--distribution", drawn, "--seed", "200000")
-            _fuzzyarm("sweep", *own, "--plants", "10000", "--out", folder / drawn)
-            shutil.copy(folder / drawn / "sweep.json", RESULTS / f"adaptive_{drawn}.json")
-        ranked = [word for policy in RANKED for word in ("--policy", policy)]
-        _fuzzyarm("sweep", *ranked, "--plants", "300", "--seed", "300000", "--chunk", "100", "--out", folder / "ranked")
-        shutil.copy(folder / "ranked" / "sweep.json", RESULTS / "plant_ranking.json")
+        for policy in OBSERVERS:
+            _fuzzyarm("sweep", "--policy", policy, "--distribution", "all", *plants, "--out", folder / policy)
+            shutil.copy(folder / policy / "sweep.json", _swept_by(policy))
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
@@ -206,13 +201,13 @@ def sections() -> dict[str, str]:
         "exported-c": exported_table(stored["exported_c"]),
         "misra": misra_table(stored["misra"]),
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json", stored["tip_bound"]),
-        "leaderboard-plants": plants_leaderboard(RESULTS / "plant_ranking.json"),
+        "leaderboard-plants": plants_leaderboard(RESULTS / "sweep.json"),
         "sweep": sweep_table(stored["sweep"]),
         "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
         "estimate-parts": estimate_parts(stored["estimate_parts"]),
-        "estimate-sweeps": estimate_sweeps([_stored(f"{name}_all") for name in ("elastic", "adaptive", "learned")]),
+        "estimate-sweeps": estimate_sweeps([_stored(_swept_by(policy).stem) for policy in OBSERVERS]),
         "estimate-robot": estimate_robot(_stored("learned_observer_planar-3r")),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
         "ppo-observer": observer_tables(stored["ppo_observer"]),
@@ -236,7 +231,7 @@ def sections() -> dict[str, str]:
         "adaptive-cases": adaptive_cases_table(stored["adaptive_cases"]),
         "adaptive-passes": adaptive_passes_table(stored["adaptive_cases"]),
         "adaptive-plants": adaptive_plants_table(
-            stored["adaptive_cases"], {name: _stored(f"adaptive_{name}") for name in ADAPTIVE_SWEEPS}
+            stored["adaptive_cases"], [stored["sweep"], _stored(_swept_by("adaptive-observer").stem)]
         ),
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
         "adaptive-front": adaptive_front_table(stored["adaptive_margins"]),
@@ -252,6 +247,11 @@ def sections() -> dict[str, str]:
             [_stored(name) for name in map("robot_comparison_{}".format, COMPARED_ROBOTS) if _is_stored(name)]
         ),
     }
+
+
+def _swept_by(policy: str) -> Path:
+    """Return the stored sweep of a policy over plants with noise and delays."""
+    return RESULTS / f"{policy.split('-')[0]}_all.json"
 
 
 def _is_stored(name: str) -> bool:

@@ -20,6 +20,10 @@ __all__ = [
 ]
 
 
+NO_DOUBT = 1e-6
+"""Doubt of the shared factor that stands for none: a weight is above zero."""
+
+
 def adaptive_cases_table(document: dict[str, Any]) -> str:
     """Return the tip errors of the paper's cases, without and with noise."""
     headings = ["case", "noise", "max [mm]", "max but for 0.1 s at the ends [mm]", "rms [mm]"]
@@ -53,24 +57,37 @@ def adaptive_passes_table(document: dict[str, Any]) -> str:
     )
 
 
-def adaptive_plants_table(document: dict[str, Any], sweeps: dict[str, dict[str, Any]]) -> str:
-    """Return what happens to held-out plants; `sweeps` by distribution."""
-    headings = ["plants", "case", "number", "median [mm]", "99 % [mm]", "worst [mm]", "lost"]
-    rows, commands = [], []
-    for name, sweep in sweeps.items():
+def adaptive_plants_table(document: dict[str, Any], sweeps: list[dict[str, Any]]) -> str:
+    """Return what happens to held-out plants; `sweeps` by their documents."""
+    headings = ["plants", "case", "number", "median [mm]", "99 % [mm]", "worst [mm]", "above 15 mm", "lost"]
+    rows, commands, far = [], [], document["lost_mm"]
+    for sweep in sweeps:
         commands.append(f"`{sweep['command']}`")
         for row in sweep["rows"]:
-            cells = [_text(row["max_mm"][key]["value"]) for key in ("0.5", "0.99")]
-            cells += [_text(max(plant["max_mm"] for plant in row["worst"])), str(row["ended_early"])]
-            rows.append([f"`{name}`", CASES[row["case"]].title, str(sweep["config"]["plants"]), *cells])
+            if row["policy"] == "adaptive-observer":
+                cells = [_text(row["max_mm"][key]["value"]) for key in ("0.5", "0.99")]
+                cells += [_text(max(plant["max_mm"] for plant in row["worst"])), _beyond(row, 15.0), _beyond(row, far)]
+                config = sweep["config"]
+                rows.append([f"`{config['distribution']}`", CASES[row["case"]].title, str(config["plants"]), *cells])
     for row in document["populations"]:
         cells = [_text(row[key]) for key in ("median_mm", "quantile_99_mm", "worst_mm")]
-        rows.append([row["what"], CASES[row["case"]].title, str(row["plants"]), *cells, str(row["lost"])])
+        rows.append([row["what"], CASES[row["case"]].title, str(row["plants"]), *cells, "", str(row["lost"])])
     return (
         f"{table(headings, rows, left=2)}\n\nLargest tip error of each plant; {', '.join(commands)}; the others have "
-        f"seed {document['seed']}. Lost: the episode ended early, or, in the lower rows, the tip was once more than "
-        f"{document['lost_mm']:g} mm off, which stands there as {document['lost_mm']:g}. {_made(document)}"
+        f"seed {document['seed']}. Lost: the episode ended early or the tip was once more than {far:g} mm off; lower "
+        f"rows show that as {far:g}. {_made(document)}"
     )
+
+
+def _beyond(row: dict[str, Any], bound: float) -> str:
+    """Return how many episodes of a sweep's row ended early or erred by more than a bound [mm].
+
+    The row lists its worst episodes, which is all of them unless every one that it lists is beyond.
+    """
+    listed = [plant for plant in row["worst"] if not plant["completed"] or plant["max_mm"] > bound]
+    if len(listed) == len(row["worst"]):
+        return f"{max(len(listed), row['ended_early'])} or more"
+    return str(len(listed))
 
 
 def adaptive_margins_table(document: dict[str, Any]) -> str:
@@ -157,7 +174,7 @@ def adaptive_start_table(document: dict[str, Any]) -> str:
             [
                 f"{weights['first_gain']:g}",
                 f"{1e3 * weights['soft_start']:g}" if weights["first_gain"] < 1.0 else "",
-                f"{weights['scale_doubt']:.2g}",
+                f"{weights['scale_doubt']:.2g}" if weights["scale_doubt"] > NO_DOUBT else "none",
                 *(f"{known['mean_mm']:.2f}", f"{strong['mean_mm']:.2f}", str(strong["lost"])),
                 *(f"{late['mean_mm']:.2f}", f"{late['worst_mm']:.1f}", f"{row['objective_mm']:.1f}"),
             ]
@@ -166,7 +183,8 @@ def adaptive_start_table(document: dict[str, Any]) -> str:
 
 
 def _text(value: float | None) -> str:
-    return "ended early" if value is None else f"{value:#.2g}".removesuffix(".")
+    """Return two significant digits, without an exponent."""
+    return "ended early" if value is None else f"{float(f'{value:.2g}'):g}" if value >= 10.0 else f"{value:#.2g}"
 
 
 def _made(document: dict[str, Any]) -> str:
