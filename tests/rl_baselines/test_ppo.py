@@ -150,6 +150,9 @@ def test_every_setting_is_an_option(name, chosen):
     for other_name, other_value in more.items():
         words += [f"--{other_name}", *texts(other_value)]
     assert chosen(*words) == dataclasses.replace(PPOConfig(), **{name: value} | more)
+
+
+def test_an_option_changes_that_of_the_preset_alone(chosen):
     assert chosen("--preset", "robust", "--seed", 5) == dataclasses.replace(PRESETS["robust"], seed=5)
 
 

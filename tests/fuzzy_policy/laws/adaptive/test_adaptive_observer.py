@@ -159,6 +159,7 @@ def test_a_soft_start_takes_its_share_of_the_feedback_and_nothing_of_the_feedfor
     assert np.all(np.abs(torques[2] - torques[0]) > 1.0)
 
 
+@pytest.mark.slow
 def test_the_frozen_loop_has_the_whole_gain():
     observation = FuzzyArmEnv().reset(seed=0)[0]
     observation[:2] += (2e-3, -1e-3)
