@@ -4,6 +4,7 @@ import importlib
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -59,3 +60,26 @@ def test_the_table_says_of_which_learned_policy_no_other_seed_ran(seeds, module)
     rows = [row | ({"seeds": seeds} if row["name"] == "learned-observer" else {}) for row in STORED["rows"]]
     text = module("readme_comparison").comparison_table(STORED | {"rows": rows})
     assert ("Of `learned-observer` the shipped seed alone ran." in text) == (seeds == 0)
+
+
+def test_a_run_takes_every_stored_seed_and_fills_table_and_figure(module, monkeypatch):
+    """With stand-ins for what takes long: the policies themselves, their episodes and their margins."""
+    script, loaded = module("comparison"), []
+    task = {"task": "nominal", "tip_error_rms_mm": 1.0, "failed": None}
+    tasks = [task | {"task": name} for name in STORED["rows"][0]["tasks"]]
+    margins = [{"policy": row["name"], "spectral_radius": row["spectral_radius"]} for row in STORED["rows"]]
+
+    def errors_of(policies, plants, jobs, advance):
+        errors = np.ones((len(policies), len(script.COMPARED_CASES), plants)) + np.arange(len(policies))[:, None, None]
+        return errors, errors
+
+    monkeypatch.setattr(script, "load_policy", lambda name: loaded.append(name))
+    monkeypatch.setattr(script, "assess", lambda policy, name, arm: tasks)
+    monkeypatch.setattr(script, "measure_margins", lambda config: {"rows": margins})
+    monkeypatch.setattr(script, "errors_of", errors_of)
+    document = json.loads(json.dumps(script.compare(4, 2, None)))
+    seeds = {row["name"]: row["seeds"] for row in document["rows"]}
+    assert seeds == {name: 5 if one.learned else 0 for name, one in script.POLICIES.items()}
+    assert len(loaded) == len(seeds) + sum(seeds.values())
+    assert "`learned-observer`, 5 seeds" in module("readme_comparison").comparison_table(document)
+    module("comparison_figure").draw_comparison(document)
