@@ -1,10 +1,11 @@
-"""All policies, model-based and learned, in one table and one figure: eight tasks, plants and forces not trained on.
+"""Model-based and learned policies in one table and one figure: eight tasks, new plants, forces not trained on.
 
     python benchmarks/comparison.py [--plants N] [--seed-plants N] [--jobs N] [--json FILE] [--figure FILE.png]
 
-The tasks are those of `learned_tasks`. The plants are those of `comparison_plants`, in the paper's cases and under two
-forces that no training has drawn; each plant meets all policies. Of a policy that was trained with several seeds, each
-of which is stored, all seeds run the tasks and the first `--seed-plants` plants, and the shipped one all plants.
+The policies are those of `compared_policies`, the tasks those of `learned_tasks`. The plants are those of
+`comparison_plants`, in the paper's cases and under two forces that no training has drawn; each plant meets all
+policies. Of a policy that was trained with several seeds, each of which is stored, all seeds run the tasks and the
+first `--seed-plants` plants, and the shipped one all plants.
 
 The score of a policy in a case is the interquartile mean, over the plants, of the rms tip error; an episode that ended
 early is larger than any error. Over seeds it is the interquartile mean of the scores with a bootstrap interval of 95 %
@@ -13,23 +14,21 @@ policy is one more than the number of policies whose interval lies wholly below 
 policies share a rank. The probability of improvement of one policy over another is the share of plants and cases in
 which its rms error is smaller, equal ones counting half, with a bootstrap interval over the plants.
 
-Processor time: of the training, the median over seeds; of the synthesis with its proof; otherwise of making the policy.
+`comparison_figure.py` draws the figure from a stored result.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import math
-import statistics
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from compared_policies import POLICIES
 from comparison_figure import draw_comparison
 from comparison_plants import COMPARED_CASES, SEED, errors_of
 from comparison_statistics import improvements, ranks_of, score
@@ -45,46 +44,14 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 
 SCHEMA = "fuzzyarm-comparison/1"
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS, TRAININGS = ROOT / "benchmarks" / "results", ROOT / "benchmarks" / "learned"
+BENCHMARKS = Path(__file__).resolve().parent
 SEED_PLANTS = 1000
-RIGID, ELASTIC, NONE = "rigid arm of Table 1", "elastic arm of Table 1", "no model"
-
-
-@dataclasses.dataclass(frozen=True)
-class Compared:
-    """A policy, what it knows, and what its numbers were chosen on."""
-
-    name: str
-    knows: str
-    chosen_on: str
-    rules: int | None = None
-    learned: bool = False
-
-
-POLICIES = (
-    Compared("fuzzy-1", RIGID, "inequalities, proven", rules=1),
-    Compared("fuzzy-4", RIGID, "inequalities, proven", rules=4),
-    Compared("fuzzy-4-tip", ELASTIC, "inequalities, proven", rules=4),
-    Compared("computed-torque", RIGID, "margins"),
-    Compared("computed-torque-tip", ELASTIC, "margins"),
-    Compared("elastic-observer", ELASTIC, "random loads, within margins"),
-    Compared("adaptive-observer", ELASTIC + ", ranges of plants and loads", "random plants and loads"),
-    Compared("ppo-nominal", NONE, "the paper's circle, unloaded", learned=True),
-    Compared("ppo-robust", NONE, "random plants, loads and references", learned=True),
-    Compared("ppo-residual", ELASTIC, "random plants, loads and references", learned=True),
-    Compared("learned-observer", ELASTIC, "random plants, loads, forces and references", learned=True),
-)
 
 
 def compare(plants: int, seed_plants: int, jobs: int | None) -> dict[str, Any]:
     """Run everything and return the document."""
-    shipped, made = {}, {}
-    for one in POLICIES:
-        begin = time.process_time()
-        shipped[one.name] = load_policy(one.name)
-        made[one.name] = time.process_time() - begin
-    seeds = {one.name: _seeds(one.name) for one in POLICIES}
+    shipped = {name: load_policy(name) for name in POLICIES}
+    seeds = {name: _seeds(one.seeds) for name, one in POLICIES.items()}
     tasks = {name: _tasks(name, policy, seeds[name]) for name, policy in shipped.items()}
     of_seeds = {f"{name}/{k}": policy for name, group in seeds.items() for k, policy in enumerate(group)}
     with progress("plants", plants + seed_plants) as advance:
@@ -101,22 +68,21 @@ def compare(plants: int, seed_plants: int, jobs: int | None) -> dict[str, Any]:
     ranks = {case: ranks_of({name: scores[name][case] for name in shipped}) for case in COMPARED_CASES}
     rows = [
         {
-            **dataclasses.asdict(one),
-            "seeds": len(seeds[one.name]),
-            "processor_s": _preparation(one, made[one.name]),
-            "tasks": tasks[one.name],
+            "name": name,
+            "seeds": len(seeds[name]),
+            "tasks": tasks[name],
             "plants": {
                 case: {
-                    "score_mm": scores[one.name][case],
-                    "rank": ranks[case][one.name],
+                    "score_mm": scores[name][case],
+                    "rank": ranks[case][name],
                     "quantiles_mm": [_finite(v) for v in np.quantile(largest[p, c], QUANTILES, method="inverted_cdf")],
                     "ended_early": int(np.isinf(largest[p, c]).sum()),
                 }
                 for c, case in enumerate(COMPARED_CASES)
             },
-            "spectral_radius": margins[one.name]["spectral_radius"],
+            "spectral_radius": margins[name]["spectral_radius"],
         }
-        for p, one in enumerate(POLICIES)
+        for p, name in enumerate(POLICIES)
     ]
     return {
         "schema": SCHEMA,
@@ -133,9 +99,9 @@ def compare(plants: int, seed_plants: int, jobs: int | None) -> dict[str, Any]:
 QUANTILES = (0.01, 0.5, 0.99)
 
 
-def _seeds(name: str) -> list[Any]:
-    """Return the policies of all stored seeds of a training; none where they are not stored."""
-    return [load_policy(folder / "policy") for folder in sorted(TRAININGS.glob(f"{name}-[0-9]"))]
+def _seeds(pattern: str | None) -> list[Any]:
+    """Return the policies of all stored seeds of a training, whose folders match a pattern; none without one."""
+    return [] if pattern is None else [load_policy(folder) for folder in sorted(BENCHMARKS.glob(pattern))]
 
 
 def _tasks(name: str, policy: Any, seeds: Sequence[Any]) -> dict[str, dict[str, Any]]:
@@ -148,24 +114,6 @@ def _tasks(name: str, policy: Any, seeds: Sequence[Any]) -> dict[str, dict[str, 
         mean = estimate(errors)._asdict() if errors else None
         found[task] = {"rms_mm": mean, "failed": len(own) - len(errors), "runs": len(own)}
     return found
-
-
-def _preparation(one: Compared, made: float) -> float:
-    """Return the processor time of training, of synthesis with proof, or of making the policy [s]."""
-    if one.rules is not None:
-        row = next(row for row in _stored("synthesis")["rows"] if row["rules"] == one.rules)
-        return float(row["build_s"] + row["solve_s"] + row["proof_s"])
-    if one.name == "learned-observer":
-        return statistics.median(float(row["training"]["cpu_time_s"]) for row in _stored("learned_observer")["seeds"])
-    if one.learned:
-        (trained,) = [row for row in _stored("learned_comparison")["learned"] if row["name"] == one.name]
-        return statistics.median(float(run["cpu_time_s"]) for run in trained["runs"])
-    return made
-
-
-def _stored(name: str) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
-    return document
 
 
 def _finite(value: float) -> float | None:

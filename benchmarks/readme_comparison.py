@@ -1,9 +1,10 @@
-"""The table of all policies, from the stored result of `comparison.py`."""
+"""The table of the compared policies, from the stored result of `comparison.py`."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from compared_policies import POLICIES, preparation_s
 from readme_markdown import made_with, table
 
 __all__ = ["comparison_table"]
@@ -12,21 +13,28 @@ _OF_THE_PAPER = ("nominal", "machining", "payload")
 
 
 def comparison_table(document: dict[str, Any]) -> str:
-    """Return the one table of all policies, the probabilities of improvement, and how they were made."""
+    """Return the one table of the compared policies, the probabilities of improvement, and how they were made."""
     method, cases = document["method"], document["cases"]
     return (
         f"{_policies(document)}\n\n"
         f"Tasks: rms tip error [mm] with the arm of Table 1, of several seeds the interquartile mean of those that did "
         f"not lose the path; other motions: the largest of five. Plants: interquartile mean of the rms tip error [mm] "
-        f"over {method['plants']} plants ({method['seed_plants']} for each of several seeds), interval of 95 %, and "
-        f"rank in brackets; where intervals overlap, policies share a rank. Ended early: of "
-        f"{len(cases) * method['plants']} episodes of the shipped policy. Processor time: of training, median over "
-        "seeds; of synthesis with its proof; otherwise of making the policy. Stable: in how many of the eight "
-        "conditions of [](../theory/margins.md) its local loop is stable.\n\n"
+        f"over {method['plants']:,} plants ({method['seed_plants']:,} for each of several seeds), interval of 95 % and "
+        f"rank in brackets; where intervals overlap before they are rounded, policies share a rank. Ended early: of "
+        f"{len(cases) * method['plants']:,} episodes of the shipped policy. Processor time: of the last training, "
+        "median over seeds, or of the last synthesis with its proof, without the trials that chose their settings and "
+        "without what a policy builds on; *not measured* where a search chose the numbers. Stable: in how many of the "
+        f"eight conditions of [](../theory/margins.md) its local loop is stable.{_alone(document)}\n\n"
         f"Probability that the policy of the row has a smaller rms error than that of the column [%], over plants and "
         f"cases:\n\n{_improvements(document)}\n\n"
         f"`{document['command']}`, plants from seed {method['first_seed']} on; {made_with(document)}"
     )
+
+
+def _alone(document: dict[str, Any]) -> str:
+    """Return a sentence on the learned policies of which no other seed ran."""
+    names = [f"`{row['name']}`" for row in document["rows"] if POLICIES[row["name"]].learned and not row["seeds"]]
+    return f" Of {' and '.join(names)} the shipped seed alone ran." if names else ""
 
 
 def _policies(document: dict[str, Any]) -> str:
@@ -36,16 +44,17 @@ def _policies(document: dict[str, Any]) -> str:
     headings += [f"plants, {title}" for title in cases.values()] + ["ended early", "stable"]
     rows = []
     for row in document["rows"]:
-        tasks, plants = row["tasks"], row["plants"]
+        tasks, plants, one = row["tasks"], row["plants"], POLICIES[row["name"]]
+        spent = preparation_s(one.name)
         lost = sum(task["failed"] for task in tasks.values())
         runs = sum(task["runs"] for task in tasks.values())
         stable = sum(radius is not None and radius < 1.0 for radius in row["spectral_radius"].values())
         rows.append(
             [
                 f"`{row['name']}`" + (f", {row['seeds']} seeds" if row["seeds"] else ""),
-                row["knows"],
-                row["chosen_on"],
-                _number(row["processor_s"]),
+                one.knows,
+                one.chosen_on,
+                "not measured" if spent is None else _digits(spent, 2),
                 *(_task([tasks[name]]) for name in _OF_THE_PAPER),
                 _task([task for name, task in tasks.items() if name not in _OF_THE_PAPER]),
                 f"{lost} of {runs}",
@@ -60,15 +69,15 @@ def _policies(document: dict[str, Any]) -> str:
 def _task(found: list[dict[str, Any]]) -> str:
     """Return the largest of some tasks' errors; a dash where all runs of one were lost."""
     means = [None if task["rms_mm"] is None else task["rms_mm"]["mean"] for task in found]
-    return "-" if None in means else _number(max(mean for mean in means if mean is not None))
+    return "-" if None in means else _digits(max(mean for mean in means if mean is not None), 2)
 
 
 def _score(found: dict[str, Any]) -> str:
     score = found["score_mm"]
     if score["mean"] is None:
         return f"- ({found['rank']})"
-    high = "∞" if score["high"] is None else _number(score["high"])
-    return f"{_number(score['mean'])}, {_number(score['low'])} to {high} ({found['rank']})"
+    mean, low, high = ("∞" if value is None else _digits(value, 3) for value in score.values())
+    return f"{mean}, {low} to {high} ({found['rank']})"
 
 
 def _improvements(document: dict[str, Any]) -> str:
@@ -89,5 +98,5 @@ def _flat(found: tuple[float, list[float]]) -> list[float]:
     return [found[0], *found[1]]
 
 
-def _number(value: float) -> str:
-    return f"{value:#.2g}".rstrip(".") if abs(value) < 100.0 else f"{value:.0f}"
+def _digits(value: float, count: int) -> str:
+    return f"{value:#.{count}g}".rstrip(".") if abs(value) < 100.0 else f"{value:.0f}"

@@ -36,7 +36,8 @@ def gradients_table(document: dict[str, Any]) -> str:
 def dataset_table(document: dict[str, Any]) -> str:
     """Return the scores of the data and of each learner, and how they were measured."""
     learners = list(next(iter(document["rows"].values()))["learners"])
-    headings = ["data set", "steps", "data", *(f"{name}: score / tip error [mm] / to the end" for name in learners)]
+    shown = "score / mean tip error [mm] / episodes completed"
+    headings = ["data set", "steps", "data", *(f"{name}: {shown}" for name in learners)]
     rows = []
     for name, row in document["rows"].items():
         data = row["data"]
@@ -107,7 +108,7 @@ _HEADINGS = (
     "rms half a sample late",
     "torque rate [N m/ms]",
     "torque rate half a sample late",
-    "spectral radius at rest, on time / half a sample / one sample late",
+    "spectral radius at rest, without delay / half a sample / one sample late",
     "processor time [s]",
 )
 

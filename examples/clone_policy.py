@@ -3,7 +3,7 @@
 fuzzyarm dataset --out sets --level expert && python examples/clone_policy.py sets/fuzzyarm/expert-nominal-v0
 
 Prints the return of the cloned policy as a score: random torques have 0, the expert has 100. docs/tutorials/datasets.md
-has the scores of every data set. offline_td3_bc.py learns from the same data with their rewards.
+has the scores for two of the six data sets. offline_td3_bc.py learns from the same data with their rewards.
 """
 
 import argparse
@@ -80,12 +80,12 @@ def arguments_of(description: str) -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=60.0, help="of processor time to learn; default: %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
     arguments = parser.parse_args()
-    if not 0.0 < arguments.seconds < math.inf:
-        parser.error(f"seconds = {arguments.seconds} is out of range; allowed: more than 0")
     try:
+        if not 0.0 < arguments.seconds < math.inf:
+            raise ValueError(f"seconds = {arguments.seconds} is out of range; allowed: more than 0")
         arguments.dataset = open_dataset(arguments.dataset)
     except ValueError as error:
-        parser.error(str(error))
+        parser.exit(2, f"{parser.prog}: {error}\n")
     torch.set_num_threads(1)  # for networks this small more threads are not faster
     torch.manual_seed(arguments.seed)
     return arguments

@@ -57,6 +57,31 @@ def test_wrong_numbers_of_steps_are_refused(script, wrong, run, capsys):
     assert "steps" in message and wrong in message and ("allowed: 1, 2, 3, ..." in message or "int value" in message)
 
 
+@pytest.mark.parametrize("script", ["clone_policy.py", "offline_td3_bc.py"])
+@pytest.mark.parametrize(
+    ("words", "installed", "message"),
+    [
+        ([], True, "is no data set; fuzzyarm dataset --out DIR writes one"),
+        ([], False, 'pip install -c constraints.txt -e ".[datasets]"'),
+        (["--seconds", "0"], True, "seconds = 0.0 is out of range; allowed: more than 0"),
+    ],
+)
+def test_a_data_set_that_does_not_fit_is_refused_in_one_line(
+    script, words, installed, message, run, monkeypatch, tmp_path, capsys
+):
+    for name in ("h5py", "minari"):
+        if installed:
+            pytest.importorskip(name)
+        else:
+            monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.syspath_prepend(EXAMPLES)  # as if it were run by its path: one imports the other
+    with pytest.raises(SystemExit) as stopped:
+        run(script, str(tmp_path), *words)
+    error = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert error.startswith(f"{script}: ") and error.endswith(f"{message}\n") and error.count("\n") == 1
+
+
 @pytest.mark.slow
 def test_gradients_through_the_arm_lift_it(run, tmp_path):
     """The untrained arm falls, by a metre; fifty windows bring it to its path."""

@@ -6,6 +6,7 @@ import re
 import runpy
 import shlex
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -84,3 +85,15 @@ def test_examples_run(script, tmp_path, monkeypatch, capsys):
 def test_constraints_are_plain_pins():
     for line in (ROOT / "constraints.txt").read_text().splitlines():
         assert re.fullmatch(r"[A-Za-z0-9_.-]+==[A-Za-z0-9_.]+", line), line
+
+
+def test_what_a_user_installs_is_pinned():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    pins = {pinned(line) for line in (ROOT / "constraints.txt").read_text().splitlines()}
+    for extra in ([], *project["optional-dependencies"].values()):
+        assert {pinned(one) for one in [*project["dependencies"], *extra]} - {"fuzzyarm"} <= pins
+
+
+def pinned(requirement):
+    """Return the name of a requirement, in the spelling in which names are compared."""
+    return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", requirement)[0]).lower()

@@ -23,8 +23,8 @@ __all__ = [
     "OBSERVER",
     "WEIGHTS",
     "BundleError",
+    "is_observer",
     "read_folder",
-    "schema_of",
     "tensors_in",
     "write_folder",
 ]
@@ -37,6 +37,8 @@ WEIGHTS = "weights.safetensors"
 
 OBSERVER = "fuzzyarm-learned-observer/4"
 """Schema of a learned observer, see `estimate.bundle`."""
+
+_ANY_OBSERVER = OBSERVER[: OBSERVER.index("/") + 1]
 
 _LARGEST_DESCRIPTION, _LARGEST_WEIGHTS = 16 * 2**20, 64 * 2**20  # bytes
 _LENGTH, _LARGEST_HEADER = 8, 2**16  # bytes at the beginning of the file with the weights
@@ -81,14 +83,14 @@ def write_folder(folder: Path, description: dict[str, Any], tensors: Mapping[str
     write_folder_atomically(folder, {WEIGHTS: weights, DESCRIPTION: f"{text}\n"})
 
 
-def schema_of(folder: Path) -> str:
-    """Return the schema that a bundle says it has.
+def is_observer(folder: Path) -> bool:
+    """Return whether a bundle says that it is a learned observer, of whichever version.
 
     Raises:
         BundleError: there is no description, or it is damaged.
     """
     content = _content(folder / DESCRIPTION)
-    return str(content.get("schema")) if isinstance(content, dict) else ""
+    return isinstance(content, dict) and str(content.get("schema")).startswith(_ANY_OBSERVER)
 
 
 def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, bytes]:
@@ -102,7 +104,7 @@ def read_folder(folder: Path, schema: str, kind: type[_Kind]) -> tuple[_Kind, by
     try:
         description = record(check_schema(content, schema), kind)
     except ValueError as error:
-        raise BundleError(f"{path} is no description of a policy: {error}") from None
+        raise BundleError(f"{path} is no description of a policy: {error}; train it anew") from None
     weights = _weights(folder / WEIGHTS)
     if hashlib.sha256(weights).hexdigest() != description.weights_sha256:
         raise BundleError(

@@ -9,7 +9,7 @@ from fuzzyarm.common.console import escaped
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.learned_policy.bundle import PolicyBundle
-from fuzzyarm.learned_policy.folder import DESCRIPTION, OBSERVER, schema_of
+from fuzzyarm.learned_policy.folder import DESCRIPTION, is_observer
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import digest_of, load_policy, resolve
@@ -29,7 +29,7 @@ def learned_files(folder: Path) -> dict[str, str]:
         OSError: a file cannot be read.
     """
     own = {DESCRIPTION: digest_of(folder / DESCRIPTION)}
-    if schema_of(folder) == OBSERVER:
+    if is_observer(folder):
         from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 
         EstimateBundle.load(folder)
@@ -50,7 +50,7 @@ def learned_policy(folder: Path, control_period: float, robot: AnyArm) -> Policy
     Raises:
         ValueError: the folder is damaged, the arm is another, or the period does not fit.
     """
-    if schema_of(folder) == OBSERVER:
+    if is_observer(folder):
         return _learned_observer(folder, control_period, robot)
     bundle = PolicyBundle.load(folder)
     trained, name = bundle.arm, "the arm of Table 1" if bundle.arm is None else escaped(bundle.arm.name)
@@ -77,7 +77,7 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
         folder,
         bundle.serves(robot),
         trained,
-        "adaptive-observer, or train one for this arm with fuzzyarm train estimate --robot FILE",
+        "adaptive-observer, or train one for this arm with fuzzyarm train estimate --robot NAME|FILE",
     )
     if control_period != bundle.control_period:
         raise ValueError(
@@ -87,9 +87,12 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
     return LearnedObserverPolicy(bundle.network, robot, control_period)
 
 
-_DESIGN = "computed-torque, or design a controller with fuzzyarm design --robot FILE"
+_OTHERS = (
+    "computed-torque, design a controller with fuzzyarm design --robot NAME|FILE, or train a policy for this arm with "
+    "fuzzyarm train ppo --robot NAME|FILE"
+)
 
 
-def _check_arm(folder: Path, same: bool, name: str, instead: str = _DESIGN) -> None:
+def _check_arm(folder: Path, same: bool, name: str, instead: str = _OTHERS) -> None:
     if not same:
         raise ValueError(f"{folder.name} was trained on {name} and knows no other; take {instead}")

@@ -85,7 +85,7 @@ class TrainingConfig:
     checkpoint_interval: int = 500_000
     """Environment steps between two checkpoints."""
     tensorboard: bool = True
-    """Write TensorBoard logs too, if tensorboard is installed (it is no dependency)."""
+    """Write TensorBoard logs too, if tensorboard is installed, which comes with the extra rl."""
 
     def __post_init__(self) -> None:
         """Check types and ranges."""

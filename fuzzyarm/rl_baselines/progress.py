@@ -54,7 +54,9 @@ def train_with_progress(
     title = f"training, {threads} {'thread' if threads == 1 else 'threads'}"
     with console.progress(title, training.config.total_timesteps) as advance:
         if training.config.tensorboard and not tensorboard_installed():
-            advance(line="no TensorBoard logs: tensorboard is not installed (pip install tensorboard)")
+            advance(
+                line='no TensorBoard logs: tensorboard is not installed (pip install -c constraints.txt -e ".[rl]")'
+            )
         show.begin(training.algorithm.steps, advance)
         return training.run()
 

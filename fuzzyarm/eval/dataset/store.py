@@ -84,6 +84,7 @@ def write_dataset(config: DatasetConfig, root: Path, advance: Callable[..., None
             description=f"Torques of {', '.join(config.shares)} on FuzzyArm-v0, condition {config.condition}.",
             ref_min_score=low,
             ref_max_score=high,
+            num_episodes_average_score=_SCORED,
             requirements=["fuzzyarm"],
             data_format="hdf5",
         )
