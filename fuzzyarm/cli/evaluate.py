@@ -54,7 +54,7 @@ class Options:
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
-    """Print the results as JSON instead of the table"""
+    """Print the results as JSON instead of the table; it always has what the policies declare"""
     check: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Repeat the evaluation of a results.json, or of the folder that holds it, and compare every number but times.
     Nothing is written; the exit code is 1 if a number differs. Code of your own that the file names runs only if
@@ -68,9 +68,10 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import output, print_paragraphs, progress, say
+    from fuzzyarm.eval.declarations import print_declared
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import print_declared, print_passes, print_results
+    from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, print_passes, print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
     from fuzzyarm.eval.evaluation.verdict import verdict
 
@@ -92,7 +93,7 @@ def run(options: Options) -> int:
         if config.passes > 1:
             print_passes(evaluation.rows, config.passes, console)
         if options.declared:
-            print_declared(config.policies, evaluation.certificates, console)
+            print_declared(declared_rows(evaluation.declared, evaluation.certificates), DECLARED, console)
         print_paragraphs(console, _certificates(evaluation))
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
