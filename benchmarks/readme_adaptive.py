@@ -18,6 +18,8 @@ __all__ = [
     "adaptive_start_table",
 ]
 
+_CAP = 50.0  # mm, of documents that do not say it
+
 
 def adaptive_cases_table(document: dict[str, Any]) -> str:
     """Return the tip errors of the paper's cases, without and with noise."""
@@ -54,7 +56,7 @@ def adaptive_passes_table(document: dict[str, Any]) -> str:
 
 def adaptive_plants_table(document: dict[str, Any], sweeps: dict[str, dict[str, Any]]) -> str:
     """Return what happens to held-out plants; `sweeps` by distribution."""
-    headings = ["plants", "case", "number", "median [mm]", "99 % [mm]", "worst [mm]", "lost"]
+    headings = ["plants", "case", "number", "median [mm]", "99 % [mm]", "worst [mm]", "ended early or beyond"]
     rows, commands = [], []
     for name, sweep in sweeps.items():
         commands.append(f"`{sweep['command']}`")
@@ -67,14 +69,16 @@ def adaptive_plants_table(document: dict[str, Any], sweeps: dict[str, dict[str, 
         rows.append([row["what"], CASES[row["case"]].title, str(row["plants"]), *cells, str(row["lost"])])
     return (
         f"{table(headings, rows, left=2)}\n\nLargest tip error of each plant; {', '.join(commands)}; the others have "
-        f"seed {document['seed']}. Lost: the episode ended early, or, in the lower rows, the tip was once more than "
-        f"{document['lost_mm']:g} mm off, which stands there as {document['lost_mm']:g}. {_made(document)}"
+        f"seed {document['seed']}. Ended early or beyond: the episode ended early, or, in the lower rows, the tip was "
+        f"once more than {document['lost_mm']:g} mm off, which stands there as {document['lost_mm']:g}. "
+        f"{_made(document)}"
     )
 
 
 def adaptive_margins_table(document: dict[str, Any]) -> str:
-    """Return when plants are lost, and the margins of the frozen loop."""
-    headings = ["", *(f"lost of {document['adapting'][0]['of']}, {case}" for case in document["adapting"][0]["lost"])]
+    """Return when plants end early or are far off, and the margins of the frozen loop."""
+    beyond, first = f"ended early or beyond {document.get('lost_mm', _CAP):g} mm", document["adapting"][0]
+    headings = ["", *(f"{beyond}, of {first['of']}, {case}" for case in first["lost"])]
     words = {"late": "late by {:g} ms", "torque": "torque x {:g}", "noise": "noise x {:g}"}
     rows = [[words[row["what"]].format(row["value"]), *map(str, row["lost"].values())] for row in document["adapting"]]
     frozen = document["frozen"]
@@ -103,7 +107,8 @@ def adaptive_noise_table(document: dict[str, Any]) -> str:
 
 def adaptive_robot_table(document: dict[str, Any]) -> str:
     """Return the errors on a robot: of the cases, without and with noise, and of random plants."""
-    headings = ["case", "policy", "max / rms [mm]", "with noise [mm]", "plants: median / worst [mm]", "lost"]
+    headings = ["case", "policy", "max / rms [mm]", "with noise [mm]", "plants: median / worst [mm]"]
+    headings.append(f"ended early or beyond {document['lost_mm']:g} mm")
     rows = []
     for plant in document["plants"]:
         own = {
@@ -125,7 +130,13 @@ def adaptive_start_table(document: dict[str, Any]) -> str:
     """Return what the best ways to begin an episode reach, of those that were measured again, the best one first."""
     headings = [
         *("first gain", "for [ms]", "doubt", "known arm, mean [mm]"),
-        *("strong motors: mean [mm]", "lost", "late: mean [mm]", "worst [mm]", "objective [mm]"),
+        *(
+            "strong motors: mean [mm]",
+            f"ended early or beyond {_CAP:g} mm",
+            "late: mean [mm]",
+            "worst [mm]",
+            "objective [mm]",
+        ),
     ]
     rows = []
     for row in document["last"]:
