@@ -12,6 +12,7 @@ from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_
 
 __all__ = ["of_controller", "of_learned", "of_tuned"]
 
+_FUZZY = "fuzzy-4"  # the controller file that a tuning writes; others may lie beside it
 _UNKNOWN = "not recorded"
 _LONGEST = 80  # characters that are shown of a text out of a file
 
@@ -62,9 +63,11 @@ def of_tuned(path: Path, laws: Mapping[str, Declared]) -> Declared:
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
     folder, law = path.parent.name, path.name.removesuffix(".json")
+    if law != path.name and law != _FUZZY:
+        return of_controller(path)
     two_joints = isinstance(chosen_arm(path.parent, None), ArmParameters)
-    if path.suffix == ".json":
-        own = laws["fuzzy-4"]
+    if law == _FUZZY:
+        own = laws[_FUZZY]
         if not two_joints:
             own = own._replace(objective="largest decay rate within margins, at a proven bound")
         return own._replace(tuned_on=(_TWO_JOINTS[COMPUTED_TORQUE] if two_joints else _POSTURES).format(folder))

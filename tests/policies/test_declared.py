@@ -9,6 +9,7 @@ import pytest
 from fuzzyarm.common.console import output
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.robot_text import arm_as_toml
 from fuzzyarm.eval.declarations import print_declared, read_declarations, written_declarations
 from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows
@@ -61,17 +62,33 @@ def test_a_controller_file_declares_what_is_in_it_and_not_what_the_policy_of_its
     assert declared_by_name(str(path)) is None  # reads no file
 
 
-@pytest.mark.parametrize(("name", "same"), [("computed-torque", 0), ("elastic-observer", 2), ("fuzzy-4", 0)])
-def test_a_tuned_folder_declares_as_its_law_but_for_the_arm(tmp_path, name, same):
+@pytest.fixture
+def tuned(tmp_path):
+    """A folder as `fuzzyarm tune` writes it, with another controller file in it."""
     folder, arm = tmp_path / "mine", ArmParameters(mass=(12.0, 8.0))
     folder.mkdir()
     (folder / "robot.toml").write_text(arm_as_toml(arm))
-    (folder / "fuzzy-4.json").write_bytes(CONTROLLER.read_bytes())
+    for name in ("fuzzy-4.json", "other.json"):
+        (folder / name).write_bytes(CONTROLLER.read_bytes())
     laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("computed-torque", "fuzzy-4"), bandwidth=50.0)
     (folder / "laws.json").write_text(laws.to_json())
-    own, law = declared(str(folder / name)), declared(name)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["computed-torque", "computed-torque-tip", "elastic-observer", "fuzzy-4"])
+def test_a_tuned_folder_declares_as_its_law_but_for_the_arm(tuned, name):
+    own, law = declared(str(tuned / name)), declared(name)
     assert own._replace(tuned_on="") == law._replace(tuned_on="")
+    assert declared(str(tuned / "other.json")) == declared(str(CONTROLLER))
     assert own.tuned_on.startswith(law.tuned_on.split(" on ")[0]) and own.tuned_on.endswith("of the arm of mine")
+
+
+@pytest.mark.parametrize("name", ["computed-torque", "elastic-observer", "fuzzy-4"])
+def test_a_tuned_folder_of_a_serial_robot_was_tuned_on_margins_alone(tuned, name):
+    (tuned / "robot.toml").write_text(arm_as_toml(robot_named("planar-3r")))
+    own, law = declared(str(tuned / name)), declared(name)
+    assert own[2:] == law[2:] and own.objective != law.objective
+    assert own.tuned_on == "margins at random postures and along the default path of the arm of mine"
 
 
 @pytest.mark.parametrize("name", ["ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer"])
