@@ -30,7 +30,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.tuning.adaptive_search import GROUPS, LOST, NOISE, TAIL, RandomArms
+from fuzzyarm.eval.tuning.adaptive_search import CAP, GROUPS, NOISE, TAIL, RandomArms
 
 LAWS = "fuzzyarm.fuzzy_policy.laws.adaptive"
 CONSTANTS = {  # by name: the module whose code reads it, and what it is
@@ -52,7 +52,7 @@ def measured() -> dict[str, Any]:
         groups[group] = {
             "mean_mm": float(errors.mean()),
             "worst_mm": float(errors.max()),
-            "lost": int((errors >= LOST).sum()),
+            "lost": int((errors >= CAP).sum()),
         }
     envs = gym.make_vec("FuzzyArm-v0", num_envs=NOISY, disturbance=Disturbance(encoder_noise=NOISE))
     observation, _ = envs.reset(seed=SEED)

@@ -5,12 +5,12 @@
 Frozen: spectral radius and limits of the loop gain of the linear loop of `laws.adaptive.frozen`, in time and half a
 sample later, as `fuzzyarm margins` measures them.
 
-Adapting: of `LANES` random plants in each of the paper's cases, how many are lost (the episode ends early, or the tip
-is once more than `LOST_MM` off) with lateness, a factor on the torque of both motors, or encoder noise.
+Adapting: of `LANES` random plants in each of the paper's cases, for how many the episode ends early or the tip is once
+more than `CAP_MM` off ("lost" in the file), with lateness, a factor on the torque of both motors, or encoder noise.
 
 Front: the same weights with the regulator and the walks of the forces slowed down together, from those in use to four
 times slower. For each, the range of the frozen loop's gain, the mean over random arms (`adaptive_tuning`, another seed)
-of the largest tip error, and how many plants the adapting loop loses at `HARD`.
+of the largest tip error, and for how many plants that holds of the adapting loop at `HARD`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from fuzzyarm.eval.tuning.adaptive_search import GROUPS, RandomArms
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
-ARM, PERIOD, LANES, SEED, LOST_MM = ArmParameters(), 1e-3, 100, 77, 50.0
+ARM, PERIOD, LANES, SEED, CAP_MM = ArmParameters(), 1e-3, 100, 77, 50.0
 LATENESS = (1, 2, 3)  # control periods
 TORQUE = (0.5, 0.6, 0.67, 0.8, 1.25, 1.5, 1.75, 2.0)
 NOISE = (2.0, 8.0, 16.0, 32.0, 64.0)  # times 1e-5 rad and 1e-3 rad/s
@@ -76,10 +76,10 @@ def frozen(weights: AdaptiveWeights) -> dict[str, Any]:
     }
 
 
-def lost(
+def beyond(
     weights: AdaptiveWeights | None = None, late: int = 0, torque: float = 1.0, noise: float = 0.0
 ) -> dict[str, int]:
-    """Return how many of `LANES` plants are lost in each case."""
+    """Return for how many of `LANES` plants the episode ends early or the tip is beyond `CAP_MM`, in each case."""
     policy, found = AdaptiveObserverPolicy(ARM, PERIOD, weights), {}
     encoder = EncoderNoise(1e-5 * noise, 1e-3 * noise)
     for case in PAPER_CASES:
@@ -91,7 +91,7 @@ def lost(
             action, state = policy.predict(observation, state)
             sent = [*sent, action][-late - 1 :]
             observation, _, terminated, truncated, info = envs.step(torque * sent[0])
-            far = ~truncated & (1e3 * info["tip_error"] > LOST_MM)
+            far = ~truncated & (1e3 * info["tip_error"] > CAP_MM)
             gone |= ~ended & (terminated | far)
             ended |= terminated | truncated
         found[case] = int(gone.sum())
@@ -105,7 +105,7 @@ def front() -> list[dict[str, Any]]:
         weights = slowed(factor)
         policy = AdaptiveObserverPolicy(ARM, PERIOD, weights)
         errors = {group: float(drawn.largest_errors(policy).mean()) for group, drawn in arms.items()}
-        adapting = [{**hard, "lost": sum(lost(weights, **hard).values())} for hard in HARD]
+        adapting = [{**hard, "lost": sum(beyond(weights, **hard).values())} for hard in HARD]
         margins = frozen(weights)
         rows.append({"slower": factor, "frozen": margins, "mean_largest_error_mm": errors, "adapting": adapting})
         print(rows[-1], flush=True)
@@ -138,11 +138,11 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw the front here")
     options = parser.parse_args()
-    found: dict[str, Any] = {"frozen": frozen(AdaptiveWeights()), "adapting": []}
+    found: dict[str, Any] = {"lost_mm": CAP_MM, "frozen": frozen(AdaptiveWeights()), "adapting": []}
     print(found["frozen"])
     for name, values in {"late": LATENESS, "torque": TORQUE, "noise": NOISE}.items():
         for value in values:
-            counts = lost(**{name: value})
+            counts = beyond(**{name: value})
             found["adapting"].append({"what": name, "value": value, "of": LANES, "lost": counts})
             print(name, value, counts, flush=True)
     found["front"] = front()

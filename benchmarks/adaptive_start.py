@@ -7,9 +7,9 @@ Searched is a grid: the share of the regulator's gain with which an episode begi
 (`scale_doubt`). The objective is that of `fuzzyarm.eval.tuning.adaptive_search`, the mean of the largest errors and a
 tenth of the worst, summed over three groups: the random loads and paths of its known arm; plants of ``plants`` without
 load whose motors are half too strong; and of ``all`` without load, each two periods late. The error of the known arm
-with noise is added. Whether the worst plant is lost is chance to a part, so that the best of a first round, and the
-best of those without a soft start, are measured again on more and other plants. Other seeds than those of any table;
-Cases 2 and 3 play no part.
+with noise is added. Whether the worst plant is at the cap is chance to a part, so that the best of a first round, and
+the best of those without a soft start, are measured again on more and other plants. Other seeds than those of any
+table; Cases 2 and 3 play no part.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from adaptive_cases import LATEST, LOST_MM, TORQUE, episode, plants
+from adaptive_cases import CAP_MM, LATEST, TORQUE, episode, plants
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -61,7 +61,7 @@ def measured(last: bool, number: int) -> dict[str, Any]:
         "late": episode(policy, late, seed, np.full(count, LATEST), 1.0, None)[0],
     }
     groups = {
-        group: {"mean_mm": float(e.mean()), "worst_mm": float(e.max()), "lost": int((e >= LOST_MM).sum())}
+        group: {"mean_mm": float(e.mean()), "worst_mm": float(e.max()), "lost": int((e >= CAP_MM).sum())}
         for group, e in errors.items()
     }
     noise = noisy_nominal(policy)

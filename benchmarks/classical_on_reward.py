@@ -196,7 +196,9 @@ def main() -> None:
             searches[law.name]["proven"] = certify(policy.law.controller).proven  # type: ignore[attr-defined]
     for row in rows:
         cells = ", ".join(f"{case} {rms:.4g} / {largest:.4g}" for case, (rms, largest) in row["cases"].items())
-        print(f"{row['policy']}: return {row['return']:.4f}, {row['lost']} of {row['episodes']} lost; {cells} mm")
+        print(
+            f"{row['policy']}: return {row['return']:.4f}, {row['lost']} of {row['episodes']} ended early; {cells} mm"
+        )
     if options.json:
         document = {
             "command": "python benchmarks/classical_on_reward.py",

@@ -43,7 +43,7 @@ def silent() -> Policy:
 
 
 def over_plants(policy: Policy, plants: int) -> dict[str, dict[str, Any]]:
-    """Return quantiles of the largest tip errors [mm] and how many plants were lost, by distribution and case."""
+    """Return quantiles of the largest tip errors [mm] and how many episodes ended early, by distribution and case."""
     found: dict[str, dict[str, Any]] = {}
     for name in DISTRIBUTIONS:
         config = SweepConfig(policies=("one",), distribution=name, plants=plants, seed=SEED)

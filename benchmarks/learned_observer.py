@@ -131,10 +131,10 @@ def print_document(document: dict[str, Any], console: Console) -> None:
         )
     console.print(table, f"median seed: {document['median']}")
     for title, part in document["held_out"].items():
-        table = Table(title, *(f"{100 * q:g} %" for q in QUANTILES), "lost", "above 20 mm", "better than")
+        table = Table(title, *(f"{100 * q:g} %" for q in QUANTILES), "ended early", "above 20 mm", "better than")
         for name, row in part["rows"].items():
             better = (f"{other} {one['share']:.3f}" for other, one in row["better_than"].items())
-            quantiles = ("lost" if value is None else f"{value:.3f}" for value in row["quantiles_mm"])
+            quantiles = ("ended early" if value is None else f"{value:.3f}" for value in row["quantiles_mm"])
             table.add_row(name, *quantiles, str(row["lost"]), str(row["above_20_mm"]), ", ".join(better))
         console.print(f"largest tip error, mm, {part['plants']} plants", table)
 

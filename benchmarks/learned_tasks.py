@@ -12,9 +12,8 @@ from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.episodes.metrics import metrics_of
+from fuzzyarm.eval.episodes.metrics import LOST, metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout, record_rollout
-from fuzzyarm.eval.evaluation.ranking import LOST
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 CONTROL_PERIOD = 1e-3  # s

@@ -81,7 +81,7 @@ RUNS: dict[str, dict[str, PPOConfig]] = {
 
 
 def development(policy: Policy) -> dict[str, float]:
-    """Return tip errors [mm] over the development plants, and how many episodes were lost."""
+    """Return tip errors [mm] over the development plants, and how many episodes ended early."""
     arm = ArmParameters()
     references = (*reference_family(arm, REFERENCES), *[default_reference(arm)] * (REFERENCES // 4))
     drawn = dataclasses.replace(find_randomisation("robust", arm), references=references)

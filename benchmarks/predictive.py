@@ -244,7 +244,7 @@ def main() -> None:
             print(
                 f"{task}: {name}: rms {found['rms_mm']:.4g}, max {found['max_mm']:.4g} mm, "
                 f"at a limit {100 * found['at_limit']:.1f} %, {found['programs']} programs, "
-                f"{'completed' if found['completed'] else 'LOST'}",
+                f"{'completed' if found['completed'] else 'ended early'}",
                 flush=True,
             )
     if options.json:

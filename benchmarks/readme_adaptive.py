@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from readme_markdown import made_with, table
@@ -19,6 +20,8 @@ __all__ = [
     "adaptive_robot_table",
     "adaptive_start_table",
 ]
+
+_CAP = 50.0  # mm, of documents that do not say it
 
 
 NO_DOUBT = 1e-6
@@ -60,8 +63,9 @@ def adaptive_passes_table(document: dict[str, Any]) -> str:
 
 def adaptive_plants_table(document: dict[str, Any], sweeps: list[dict[str, Any]]) -> str:
     """Return what happens to held-out plants; `sweeps` by their documents."""
-    headings = ["plants", "case", "number", "median [mm]", "99 % [mm]", "worst [mm]", "above 15 mm", "lost"]
+    headings = ["plants", "case", "number", "median [mm]", "99 % [mm]", "worst [mm]", "beyond 15 mm"]
     rows, commands, far = [], [], document["lost_mm"]
+    headings.append(f"beyond {far:g} mm")
     for sweep in sweeps:
         commands.append(f"`{sweep['command']}`")
         for row in sweep["rows"]:
@@ -75,8 +79,8 @@ def adaptive_plants_table(document: dict[str, Any], sweeps: list[dict[str, Any]]
         rows.append([row["what"], CASES[row["case"]].title, str(row["plants"]), *cells, "", str(row["lost"])])
     return (
         f"{table(headings, rows, left=2)}\n\nLargest tip error of each plant; {', '.join(commands)}; the others have "
-        f"seed {document['seed']}. Lost: the episode ended early or the tip was once more than {far:g} mm off; lower "
-        f"rows show that as {far:g}. {_made(document)}"
+        f"seed {document['seed']}. Beyond: the episode ended early or the tip was once that far off; lower rows show what "
+        f"is beyond {far:g} mm as {far:g}. {_made(document)}"
     )
 
 
@@ -92,15 +96,15 @@ def _beyond(row: dict[str, Any], bound: float) -> str:
 
 
 def adaptive_margins_table(document: dict[str, Any]) -> str:
-    """Return when plants are lost, and the margins of the frozen loop."""
-    headings = ["", *(f"lost of {document['adapting'][0]['of']}, {case}" for case in document["adapting"][0]["lost"])]
+    """Return when plants end early or are far off, and the margins of the frozen loop."""
+    beyond, first = f"beyond {document.get('lost_mm', _CAP):g} mm", document["adapting"][0]
+    headings = ["", *(f"{beyond}, of {first['of']}, {case}" for case in first["lost"])]
     words = {"late": "late by {:g} ms", "torque": "torque x {:g}", "noise": "noise x {:g}"}
     rows = [[words[row["what"]].format(row["value"]), *map(str, row["lost"].values())] for row in document["adapting"]]
     frozen = document["frozen"]
-    low, high = (f"{limit:.2f}" if limit is not None else "none" for limit in frozen["gain"])
     return (
         f"{table(headings, rows)}\n\nFrozen loop: spectral radius {frozen['radius']:.3f}; stable for a loop gain of "
-        f"{low} to {high}; radius {frozen['radius_gain_0.8']:.2f} at 0.8, {frozen['radius_gain_1.25']:.2f} at 1.25, "
+        f"{_stable_gains(frozen)}; radius {frozen['radius_gain_0.8']:.2f} at 0.8, {frozen['radius_gain_1.25']:.2f} at 1.25, "
         f"{frozen['radius_half_a_sample_later']:.2f} half a sample later. {_made(document)}"
     )
 
@@ -110,15 +114,23 @@ def adaptive_front_table(document: dict[str, Any]) -> str:
     first = document["front"][0]
     conditions = ", ".join(_condition(hard) for hard in first["adapting"])
     groups = [f"{group} arms [mm]" for group in first["mean_largest_error_mm"]]
-    headings = ["slower", "gains of a stable frozen loop", *groups, f"lost: {conditions}"]
+    headings = ["slower", "gains of a stable frozen loop", *groups, f"beyond: {conditions}"]
     rows = []
     for row in document["front"]:
-        low, high = row["frozen"]["gain"]
-        gains = "none" if low is None or high is None else f"{low:.2f} to {high:.2f}"
+        gains = _stable_gains(row["frozen"])
         errors = [f"{error:.2f}" for error in row["mean_largest_error_mm"].values()]
         rows.append([f"× {row['slower']:g}", gains, *errors, ", ".join(str(hard["lost"]) for hard in row["adapting"])])
     episodes = len(document["adapting"][0]["lost"]) * document["adapting"][0]["of"]
-    return f"{table(headings, rows)}\n\nLost of {episodes} episodes with each. {_made(document)}"
+    beyond = f"Beyond {document.get('lost_mm', _CAP):g} mm or ended early, of {episodes} episodes with each"
+    return f"{table(headings, rows)}\n\n{beyond}. {_made(document)}"
+
+
+def _stable_gains(frozen: dict[str, Any]) -> str:
+    """Return the range of loop gains at which a frozen loop is stable, rounded inwards."""
+    low, high = frozen["gain"]
+    if low is None or high is None:
+        return "none"
+    return f"{math.ceil(100 * low) / 100:g} to {math.floor(100 * high) / 100:g}"
 
 
 def _condition(hard: dict[str, Any]) -> str:
@@ -131,7 +143,7 @@ def adaptive_constants_table(document: dict[str, Any]) -> str:
     shipped, by_name = document["shipped"]["objective_mm"], dict[str, list[dict[str, Any]]]()
     for row in document["variants"]:
         by_name.setdefault(row["constant"], []).append(row)
-    headings = ["constant", "shipped", "half [mm]", "shipped [mm]", "double [mm]", "lost: half, double"]
+    headings = ["constant", "shipped", "half [mm]", "shipped [mm]", "double [mm]", "beyond: half, double"]
     rows = []
     for name, (half, double) in by_name.items():
         lost = [str(sum(group["lost"] for group in row["groups"].values())) for row in (half, double)]
@@ -139,7 +151,10 @@ def adaptive_constants_table(document: dict[str, Any]) -> str:
         costs = [f"{cost:.2f}" for cost in (half["objective_mm"], shipped, double["objective_mm"])]
         rows.append([f"`{name}`", value, *costs, ", ".join(lost)])
     arms = len(document["shipped"]["groups"]) * document["arms"]
-    return f"{table(headings, rows)}\n\nObjective over {arms} arms from seed {document['seed']} on. {_made(document)}"
+    return (
+        f"{table(headings, rows)}\n\nObjective over {arms} arms from seed {document['seed']} on; beyond {_CAP:g} mm or "
+        f"ended early, of as many. {_made(document)}"
+    )
 
 
 def adaptive_noise_table(document: dict[str, Any]) -> str:
@@ -159,7 +174,8 @@ def adaptive_noise_table(document: dict[str, Any]) -> str:
 
 def adaptive_robot_table(document: dict[str, Any]) -> str:
     """Return the errors on a robot: of the cases, without and with noise, and of random plants."""
-    headings = ["case", "policy", "max / rms [mm]", "with noise [mm]", "plants: median / worst [mm]", "lost"]
+    headings = ["case", "policy", "max / rms [mm]", "with noise [mm]", "plants: median / worst [mm]"]
+    headings.append(f"ended early or beyond {document['lost_mm']:g} mm")
     rows = []
     for plant in document["plants"]:
         own = {
@@ -181,7 +197,13 @@ def adaptive_start_table(document: dict[str, Any]) -> str:
     """Return what the best ways to begin an episode reach, of those that were measured again, the best one first."""
     headings = [
         *("first gain", "for [ms]", "doubt", "known arm, mean [mm]"),
-        *("strong motors: mean [mm]", "lost", "late: mean [mm]", "worst [mm]", "objective [mm]"),
+        *(
+            "strong motors: mean [mm]",
+            f"ended early or beyond {_CAP:g} mm",
+            "late: mean [mm]",
+            "worst [mm]",
+            "objective [mm]",
+        ),
     ]
     rows = []
     for row in document["last"]:

@@ -35,7 +35,9 @@ def tuned_arms_table(document: dict[str, Any]) -> str:
             unstable = [name for name, radius in radii.items() if radius is None or radius >= 1.0]
             worst = f"unstable in {len(unstable)} of {len(radii)}" if unstable else f"{max(radii.values()):.4f}"
             cases = [
-                f"{errors[policy, case]['tip_error_max_mm']:.3g}" if errors[policy, case]["completed"] else "lost"
+                f"{errors[policy, case]['tip_error_max_mm']:.3g}"
+                if errors[policy, case]["completed"]
+                else "ended early"
                 for case in row["titles"]
             ]
             rows.append([row["arm"], policy, worst, *cases])

@@ -105,13 +105,13 @@ def estimate_parts(document: dict[str, Any]) -> str:
                 *(" / ".join(f"{value:.2f}" for value in values) for values in errors),
             ]
         )
-    lost = sum(
+    ended = sum(
         case["lost"] for row in document["policies"].values() for by in row["plants"].values() for case in by.values()
     )
     return (
         f"{table(headings, rows)}\n\nThree numbers: Cases 1, 2 and 3. `python benchmarks/estimate_parts.py`, "
-        f"{document['plants']} development plants from seed {document['first_plant_seed']} on, {lost} episodes lost; "
-        f"{made_with(document)}"
+        f"{document['plants']} development plants from seed {document['first_plant_seed']} on, {ended} episodes "
+        f"ended early; {made_with(document)}"
     )
 
 
@@ -134,7 +134,7 @@ def _seeds(document: dict[str, Any]) -> str:
 
 def _plants(part: dict[str, Any], quantiles: list[float]) -> str:
     rivals = ("elastic-observer", "adaptive-observer")
-    headings = ["policy", "case", *(f"{100 * share:g} %" for share in quantiles), "lost"]
+    headings = ["policy", "case", *(f"{100 * share:g} %" for share in quantiles), "ended early"]
     headings += [f"better than `{rival}` [%]" for rival in rivals]
     rows = []
     for name, row in part["rows"].items():
@@ -143,7 +143,7 @@ def _plants(part: dict[str, Any], quantiles: list[float]) -> str:
             [
                 _named(policy),
                 _CASES[case],
-                *("lost" if value is None else f"{value:.2f}" for value in row["quantiles_mm"]),
+                *("ended early" if value is None else f"{value:.2f}" for value in row["quantiles_mm"]),
                 str(row["lost"]),
                 *(_share(row["better_than"].get(rival)) for rival in rivals),
             ]

@@ -103,7 +103,7 @@ def observer_tables(document: dict[str, Any]) -> str:
 _HEADINGS = (
     "policy",
     "development plants: median / mean / 99 % [mm]",
-    "lost",
+    "ended early",
     "rms, Cases 1 / 2 / 3 [mm]",
     "rms half a sample late",
     "torque rate [N m/ms]",

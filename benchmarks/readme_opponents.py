@@ -16,7 +16,7 @@ def predictive_table(document: dict[str, Any]) -> str:
     headings = ["task", "policy", "rms [mm]", "max [mm]", "samples at a limit", "programs solved"]
     rows = []
     for row in document["rows"]:
-        errors = [_text(row["rms_mm"]), _text(row["max_mm"])] if row["completed"] else ["lost", "lost"]
+        errors = [_text(row["rms_mm"]), _text(row["max_mm"])] if row["completed"] else ["ended early", "ended early"]
         task = CASES[row["task"]].title if row["task"] in CASES else row["task"]
         rows.append([task, row["policy"], *errors, f"{100.0 * row['at_limit']:.1f} %", str(row["programs"])])
     return (
@@ -36,7 +36,7 @@ def reward_table(document: dict[str, Any]) -> str:
         worst = "no equilibrium" if missing else f"{max(radii):.3f}"
         rows.append([row["policy"], f"{row['return']:.4f}", str(row["lost"]), *errors, worst])
     names = list(document["rows"][0]["cases"])
-    headings = ["policy", "return", f"lost of {document['rows'][0]['episodes']}"]
+    headings = ["policy", "return", f"ended early, of {document['rows'][0]['episodes']}"]
     headings += [f"{name}, rms / max [mm]" for name in names] + ["worst spectral radius"]
     searches = "; ".join(
         f"{name}: {found['tries']} tries, {found['simulated_s']:.0f} simulated seconds, "

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from fuzzyarm.cli.usage import UsageError, claimed_folder
+from fuzzyarm.cli.options import named_as_option
+from fuzzyarm.cli.usage import Allowed, UsageError, claimed_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,8 +32,8 @@ class Options:
     ppo-residual; for another arm computed-torque, with and without -tip, and elastic-observer)"""
     case: Annotated[tuple[str, ...], Parameter(metavar="NAME...")] = ()
     """A named case, such as nominal, machining or payload. May be repeated (default: these three)"""
-    seeds: Annotated[int | None, Parameter(metavar="N")] = None
-    """Episodes of each policy in each case, seeded 0 to N-1 (default: 1)"""
+    seeds: Annotated[int | None, Parameter(metavar="N"), Allowed("1, 2, 3, ...")] = None
+    """Episodes of each policy in each case, seeded 0 to N-1 (1 or more; default: 1)"""
     encoder_noise: Annotated[tuple[float, float] | None, Parameter(metavar="RAD RAD_PER_S")] = None
     """Standard deviation of the noise on motor angles [rad] and velocities [rad/s] (default: 0 0)"""
     robot: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
@@ -45,16 +46,17 @@ class Options:
     """Smallest and largest machining force [N] (default: the paper's 138 218, scaled to the arm)"""
     payload: Annotated[float | None, Parameter(metavar="KG")] = None
     """Carried mass of the payload case [kg] (default: the paper's 5, scaled to the arm)"""
-    passes: int | None = None
+    passes: Annotated[int | None, Parameter(metavar="N"), Allowed("1 to 1000")] = None
     """Episodes along the same path one after the other; the results are those of the last. adaptive-observer learns
-    from each for the next, policies with the ending -tip by classical iterative learning control (default: 1)"""
+    from each for the next, policies with the ending -tip by classical iterative learning control, and code of your own
+    that has a method repeated (1 to 1000; default: 1)"""
     declared: bool = False
     """Also print what each policy declares: its objective, what it was tuned on, what it knows of the arm, sees and
     remembers, and its certificate"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
-    """Print the results as JSON instead of the table"""
+    """Print the results as JSON instead of the table; it always has what the policies declare"""
     check: Annotated[Path | None, Parameter(metavar="FILE")] = None
     """Repeat the evaluation of a results.json, or of the folder that holds it, and compare every number but times.
     Nothing is written; the exit code is 1 if a number differs. Code of your own that the file names runs only if
@@ -68,9 +70,10 @@ def run(options: Options) -> int:
     import json
 
     from fuzzyarm.common.console import output, print_paragraphs, progress, say
+    from fuzzyarm.eval.declarations import print_declared
     from fuzzyarm.eval.episodes.rollout_file import write_rollouts
     from fuzzyarm.eval.evaluation.figures import write_figures
-    from fuzzyarm.eval.evaluation.result_table import print_declared, print_passes, print_results
+    from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows, print_passes, print_results
     from fuzzyarm.eval.evaluation.run import evaluate, write_results
     from fuzzyarm.eval.evaluation.verdict import verdict
 
@@ -92,7 +95,7 @@ def run(options: Options) -> int:
         if config.passes > 1:
             print_passes(evaluation.rows, config.passes, console)
         if options.declared:
-            print_declared(config.policies, evaluation.certificates, console)
+            print_declared(declared_rows(evaluation.declared, evaluation.certificates), DECLARED, console)
         print_paragraphs(console, _certificates(evaluation))
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
@@ -145,7 +148,10 @@ def _config(options: Options) -> EvaluationConfig:
         "passes": options.passes,
         "parameters" if isinstance(arm, ArmParameters) else "robot": arm,
     }
-    return EvaluationConfig(**{name: value for name, value in given.items() if value is not None})
+    try:
+        return EvaluationConfig(**{name: value for name, value in given.items() if value is not None})
+    except ValueError as error:
+        raise UsageError(named_as_option(str(error), EvaluationConfig)) from None
 
 
 def _certificates(evaluation: Evaluation) -> list[str]:

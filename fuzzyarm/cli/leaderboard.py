@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from cyclopts import Parameter
 
+from fuzzyarm.cli.usage import UsageError
+
 if TYPE_CHECKING:
     from fuzzyarm.eval.evaluation.ranking import Ranking
 
@@ -29,20 +31,31 @@ class Options:
     _: KW_ONLY
     bound: Annotated[tuple[Path, ...], Parameter(metavar="FILE")] = ()
     """File of fuzzyarm prove, checked again: what is proven of the tip; may be repeated; not for sweeps"""
+    declared: bool = False
+    """Also print what each policy declares: its objective, what it was tuned on, what it knows of the arm, sees and
+    remembers"""
     markdown: bool = False
     """Print the table as Markdown"""
+    json: bool = False
+    """Print the ranking as JSON, which always has what the policies declare"""
 
 
 def run(options: Options) -> int:
     """Print the table."""
-    from fuzzyarm.common.console import output, say
-    from fuzzyarm.eval.evaluation.ranking import markdown, print_leaderboard
+    import json
 
+    from fuzzyarm.common.console import output, say
+    from fuzzyarm.eval.evaluation.ranking import document, markdown, print_leaderboard
+
+    if options.markdown and options.json:
+        raise UsageError("--markdown and --json are two forms of one table: leave out one")
     board = _board(options)
-    if options.markdown:
-        say(markdown(board))
+    if options.json:
+        say(json.dumps(document(board), indent=1))
+    elif options.markdown:
+        say(markdown(board, declared=options.declared))
     else:
-        print_leaderboard(board, output())
+        print_leaderboard(board, output(), declared=options.declared)
     return 0
 
 

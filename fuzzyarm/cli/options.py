@@ -15,7 +15,7 @@ from typing import Annotated, Any, TypeVar
 
 from cyclopts import Parameter
 
-__all__ = ["chosen", "given", "option_name", "shown_default", "with_fields_of"]
+__all__ = ["chosen", "given", "named_as_option", "option_name", "shown_default", "with_fields_of"]
 
 Options = TypeVar("Options")
 Config = TypeVar("Config")
@@ -27,6 +27,12 @@ _NAMES = {"policies": "policy", "cases": "case", "ranges": "range"}
 def option_name(field: str) -> str:
     """Return the name of the option that sets a field, without the dashes in front."""
     return _NAMES.get(field, field).replace("_", "-")
+
+
+def named_as_option(message: str, config: type) -> str:
+    """Return the message of an error about a field, such as ``seeds = 0 is ...``, with the option that sets it."""
+    fields = "|".join(field.name for field in dataclasses.fields(config))
+    return re.sub(rf"^({fields})(\[\d+\])? = ", lambda found: f"--{option_name(found[1])}{found[2] or ''} ", message)
 
 
 def with_fields_of(config: type, without: Collection[str] = ()) -> Callable[[type[Options]], type[Options]]:

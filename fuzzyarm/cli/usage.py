@@ -18,11 +18,24 @@ from fuzzyarm.common.files import locked_folder
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
-__all__ = ["UsageError", "check_writable", "claimed_folder", "explain", "output_file", "two_joint_arm", "whole_numbers"]
+__all__ = [
+    "Allowed",
+    "UsageError",
+    "check_writable",
+    "claimed_folder",
+    "explain",
+    "output_file",
+    "two_joint_arm",
+    "whole_numbers",
+]
 
 
 class UsageError(Exception):
     """Bad usage; the message is the line that the user sees."""
+
+
+class Allowed(str):
+    """Metadata of an option, in `Annotated`: the values that it takes, for messages; the help says them itself."""
 
 
 @contextlib.contextmanager
@@ -126,7 +139,7 @@ def _explained(error: cyclopts.CycloptsError) -> str:
     match error:
         case cyclopts.CoercionError() if error.token is not None and not _choices(error.target_type):
             name = error.token.keyword or _name(error)
-            return f"{name} {error.token.value} must be {_in_words(error.target_type)}"
+            return f"{name} {error.token.value} must be {_in_words(error.target_type)}{_allowed(error)}"
         case cyclopts.UnknownCommandError() if error.unused_tokens and error.app is not None:
             names = [name for name in error.app if not name.startswith("-")]
             nearest = difflib.get_close_matches(error.unused_tokens[0], names, n=1)
@@ -150,6 +163,12 @@ def _name(error: cyclopts.CycloptsError) -> str:
     if error.argument is None:
         return "a value"
     return error.argument.name or error.argument.parameter.metavar or "an argument"
+
+
+def _allowed(error: cyclopts.CycloptsError) -> str:
+    """Return which values an option takes, if it says so."""
+    hint = None if error.argument is None else error.argument.field_info.annotation
+    return "".join(f"; allowed: {one}" for one in typing.get_args(hint) if isinstance(one, Allowed))
 
 
 def _choices(kind: Any) -> tuple[Any, ...]:

@@ -1,91 +1,109 @@
 """What each policy declares: the asymmetries by which comparisons of control and learning go wrong.
 
 A policy says what its numbers were chosen for and on what, what it knows of the arm beforehand, what it sees, and what
-it remembers from one sample to the next. Its certificate stands with the results.
+it remembers from one sample to the next. Its certificate stands with the results. Policies of the package declare it by
+their name, files and folders by what is in them (`declared_files`), and the user's own code by an attribute
+``declared`` (`user_code`).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
-from fuzzyarm.policies.registry import TIP
-from fuzzyarm.policies.spec import resolve
+from fuzzyarm.policies.declaration import ELASTIC, HEADINGS, INTEGRAL, LEARNED_OBSERVER, RIGID, SEES, Declared, stated
+from fuzzyarm.policies.registry import TIP, Kind
+from fuzzyarm.policies.spec import PolicySpec, resolve
 
-__all__ = ["HEADINGS", "Declared", "declared"]
+__all__ = ["HEADINGS", "Declared", "declared", "declared_by_name", "stated"]
 
-HEADINGS = ("objective", "tuned on", "knows of the arm", "sees", "remembers")
-"""Of the columns, one for each field of `Declared`."""
-
-
-class Declared(NamedTuple):
-    """The declaration of a policy, in words.
-
-    Attributes:
-        objective: what its numbers make small.
-        tuned_on: the motions, plants and loads on which they were chosen.
-        knows: what it is told of the arm.
-        sees: what its observation holds.
-        remembers: what it keeps from one sample to the next.
-    """
-
-    objective: str
-    tuned_on: str
-    knows: str
-    sees: str
-    remembers: str
-
-
-_SEES = "motor angles and velocities; reference with two derivatives, no preview"
-_INTEGRAL = "integral of the joint error"
-_RIGID, _ELASTIC = "rigid model, no friction", "elastic model with friction"
 _FUZZY = Declared(
-    "smallest gains at a proven bound; the bound by motor error and margins", "nominal case", _RIGID, _SEES, _INTEGRAL
+    "smallest gains at a proven bound; the bound by motor error and margins", "nominal case", RIGID, SEES, INTEGRAL
 )
 _REWARD = "discounted reward: logarithm of the tip error, effort"
 _HAND = "; settings by hand on Cases 1 to 3"
 _RANDOM = "random plants, forces, payloads and references" + _HAND
 _LEARNED = "two errors and actions, leaky integral of the error"
+_ADAPTIVE = "adaptive-observer"
 _NAMED = {
     **{f"fuzzy-{rules}": _FUZZY for rules in (32, 16, 8, 4, 2, 1)},
     "fuzzy-4-sampled": Declared(
         "deviation of the tip by any friction on the sampled elastic arm, within margins and at a proven bound",
         "nominal case, stiffness ± 10 %",
-        _RIGID,
-        _SEES,
-        _INTEGRAL,
+        RIGID,
+        SEES,
+        INTEGRAL,
     ),
-    "computed-torque": Declared("smallest motor error within margins", "nominal case", _RIGID, _SEES, _INTEGRAL),
+    "computed-torque": Declared("smallest motor error within margins", "nominal case", RIGID, SEES, INTEGRAL),
     "elastic-observer": Declared(
         "mean rms tip error, and noise in Case 1, within margins",
         "random plants, constant forces and payloads on the paper's circle",
-        _ELASTIC,
-        _SEES,
+        ELASTIC,
+        SEES,
         "estimate of state and load",
     ),
-    "adaptive-observer": Declared(
+    _ADAPTIVE: Declared(
         "mean and worst largest tip error, and noise in Case 1",
-        "random plants, forces, payloads, delays, noise and references",
-        f"{_ELASTIC}, as a first guess; how far it may be off",
-        _SEES,
+        "random plants, forces, payloads, delays, noise and references; the paper's circle without load",
+        f"{ELASTIC}, as a first guess; how far it may be off",
+        SEES,
         "estimate of state, load, constants and lateness, with covariance",
     ),
-    "learned-observer": Declared(
-        "distance to the torque of a teacher who knows plant, load and lateness",
-        "random plants, forces, payloads, delays, noise and references",
-        f"{_ELASTIC}, as a first guess; how far it may be off",
-        _SEES,
-        "what elastic-observer and adaptive-observer remember; the state of a network",
-    ),
-    "ppo-nominal": Declared(_REWARD, "nominal case" + _HAND, "nothing", _SEES, _LEARNED),
-    "ppo-robust": Declared(_REWARD, _RANDOM, "nothing", _SEES, _LEARNED),
-    "ppo-residual": Declared(_REWARD, _RANDOM, "what fuzzy-4-tip knows", _SEES, f"as fuzzy-4-tip; {_LEARNED}"),
+    "learned-observer": LEARNED_OBSERVER,
+    "ppo-nominal": Declared(_REWARD, "nominal case" + _HAND, "nothing", SEES, _LEARNED),
+    "ppo-robust": Declared(_REWARD, _RANDOM, "nothing", SEES, _LEARNED),
+    "ppo-residual": Declared(_REWARD, _RANDOM, "what fuzzy-4-tip knows", SEES, f"as fuzzy-4-tip; {_LEARNED}"),
 }
 
 
-def declared(name: str) -> Declared | None:
-    """Return what a policy declares, by its name; None of a policy that comes without a declaration."""
+def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1) -> Declared | None:
+    """Return what a policy declares; None of one that comes without a declaration.
+
+    Args:
+        name: its name, or what that refers to.
+        policy: the policy as it was loaded; needed of the user's own code alone.
+        passes: over the same path; with several, a policy that learns from them remembers those before.
+
+    Raises:
+        ValueError: the policy's file or folder is damaged.
+        OSError: it cannot be read.
+    """
+    spec = name if isinstance(name, PolicySpec) else resolve(name)
+    own = _own(spec, policy)
+    if own is None:
+        return None
+    if spec.tip:
+        own = own._replace(knows=ELASTIC, remembers=f"{own.remembers}; three samples of the reference")
+    if passes > 1 and _learns_from_passes(spec, policy):
+        own = own._replace(remembers=f"{own.remembers}, and the passes before")
+    return own
+
+
+def declared_by_name(name: str) -> Declared | None:
+    """Return what a policy of the package declares; None of any other. No file is read."""
     spec = resolve(name)
-    own = _NAMED.get(name.removesuffix(TIP)) if spec.named else None
-    if own is None or not spec.tip:
+    return declared(spec) if spec.named else None
+
+
+def _own(spec: PolicySpec, policy: Any) -> Declared | None:
+    """Return the declaration of a law, without what the ending `TIP` and passes add."""
+    if spec.named:
+        return _NAMED.get(spec.name.removesuffix(TIP))
+    if spec.kind is Kind.CODE:
+        own: Declared | None = getattr(policy, "declared", None)
         return own
-    return own._replace(knows=_ELASTIC, remembers=f"{own.remembers}; three samples of the reference")
+    if spec.path is None:
+        return None
+    from fuzzyarm.policies import declared_files
+
+    if spec.tuned:
+        return declared_files.of_tuned(spec.path, _NAMED)
+    if spec.kind is Kind.CONTROLLER:
+        return declared_files.of_controller(spec.path)
+    return declared_files.of_learned(spec.path)
+
+
+def _learns_from_passes(spec: PolicySpec, policy: Any) -> bool:
+    """Return whether a policy has `repeated`, see `Policy`."""
+    if spec.kind is Kind.CODE:
+        return policy is not None and policy.repeated() is not None
+    return spec.tip or (spec.kind in (Kind.LAW, Kind.TUNED) and spec.label == _ADAPTIVE)

@@ -14,8 +14,16 @@ elsewhere has to reset it itself where ``episode_start`` is true.
 
 `fuzzyarm evaluate` needs no more than that. Tools that run many arms at once pass (lanes, 10) and need (lanes, 2) back,
 with a state that has one entry per lane; `fuzzyarm margins` also needs double precision and a state that is None or an
-array (lanes, m). Two attributes of `Policy` are used if the object has them: ``action_period`` [s], the time for which
-an action is held, and ``without_dry_friction()``, see `fuzzyarm.eval.stability.linearisation`.
+array (lanes, m). More is used if the object has it:
+
+    action_period              time for which an action is held [s]
+    without_dry_friction()     the policy for an arm without dry friction, see `fuzzyarm.eval.stability.linearisation`
+    repeated()                 the policy for passes over one path (``--passes``), or None: an object with `predict` and
+                               ``begin_pass(state)``, which returns the state that the next pass begins with from the
+                               last one of this pass, see `fuzzyarm.fuzzy_policy.policy.Repeated`
+    beliefs(state)             what it believes of the load, see `fuzzyarm.eval.episodes.beliefs`
+    declared                   a mapping, or an object with attributes: ``objective``, ``tuned_on``, ``knows``, ``sees``
+                               and ``remembers``, each a text of one line, see `Declared`
 """
 
 from __future__ import annotations
@@ -26,6 +34,7 @@ import operator
 import os
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -35,9 +44,11 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.policies.declaration import Declared, stated
 
 __all__ = ["UserPolicy", "load_code", "source_file"]
 
+_BELIEFS = ("force", "force_deviation", "payload", "payload_deviation")
 _PASSED_BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
@@ -51,7 +62,7 @@ def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
 
     Raises:
         ValueError: the module is not found or fails, it has no such factory, the factory fails, or what it returns has
-            no `predict`.
+            no `predict` or a wrong `declared`.
     """
     module = _imported(name)
     attribute = name.partition(":")[2]
@@ -67,7 +78,9 @@ def load_code(name: str, control_period: float, robot: AnyArm) -> UserPolicy:
         raise ValueError(f"{name}: the factory failed: {_described(error)}") from error
     if not callable(getattr(policy, "predict", None)):
         raise ValueError(f"{name} returned {type(policy).__name__} without a method predict; needed: a policy")
-    return UserPolicy(name, policy, control_period)
+    loaded = UserPolicy(name, policy, control_period)
+    _ = loaded.declared  # a wrong one is refused before anything runs
+    return loaded
 
 
 def source_file(name: str) -> Path | None:
@@ -118,6 +131,53 @@ class UserPolicy:
     def certificate(self, reference: Reference) -> None:
         """Return None: nothing is proven of the user's own code."""
         return
+
+    @property
+    def declared(self) -> Declared | None:
+        """What the object declares, None if it has no such attribute; ValueError if a field is wrong."""
+        given = getattr(self._policy, "declared", None)
+        try:
+            return None if given is None else stated(given)
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from None
+
+    @property
+    def beliefs(self) -> Callable[[Any], Any] | None:
+        """The object's method ``beliefs(state)``; None if it has none."""
+        return self._believed if callable(getattr(self._policy, "beliefs", None)) else None
+
+    def repeated(self) -> UserPolicy | None:
+        """Return the object's policy for passes over one path; None if it has none.
+
+        Raises:
+            ValueError: `repeated` failed, or what it returned has no `predict` or no `begin_pass`.
+        """
+        method = getattr(self._policy, "repeated", None)
+        found = None if method is None else self._called("repeated", method)
+        if found is None:
+            return None
+        for needed in ("predict", "begin_pass"):
+            if not callable(getattr(found, needed, None)):
+                raise ValueError(f"{self.name}: repeated returned {type(found).__name__} without a method {needed}")
+        return UserPolicy(self.name, found, self.control_period)
+
+    def begin_pass(self, state: Any) -> Any:
+        """Return the state that the next pass begins with; ValueError if the object's `begin_pass` fails."""
+        return self._called("begin_pass", self._policy.begin_pass, state)
+
+    def _believed(self, state: Any) -> Any:
+        found = self._called("beliefs", self._policy.beliefs, state)
+        missing = [name for name in _BELIEFS if not hasattr(found, name)]
+        if missing:
+            raise ValueError(f"{self.name}: beliefs returned {type(found).__name__} without {', '.join(missing)}")
+        return found
+
+    def _called(self, what: str, method: Callable[..., Any], *arguments: Any) -> Any:
+        """Return what a method of the object returns; ValueError that names it if it fails."""
+        try:
+            return method(*arguments)
+        except Exception as error:
+            raise ValueError(f"{self.name}: {what} failed: {_described(error)}") from error
 
     def predict(
         self,

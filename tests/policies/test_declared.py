@@ -1,11 +1,29 @@
-"""Every policy that comes with the package declares what it optimises, knows and sees; others say that they do not."""
+"""Policies declare what they optimise, know and see: by their names, out of their files, and by code of one's own."""
 
+import dataclasses
+import json
+
+import numpy as np
 import pytest
 
-from fuzzyarm.eval.evaluation.result_table import declared_rows
+from fuzzyarm.common.console import output
+from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.physics.robot_text import arm_as_toml
+from fuzzyarm.eval.declarations import print_declared, read_declarations, written_declarations
+from fuzzyarm.eval.evaluation.result_table import DECLARED, declared_rows
 from fuzzyarm.eval.report.summary import declared_table
-from fuzzyarm.policies import NAMES
-from fuzzyarm.policies.declared import HEADINGS, declared
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.policies import NAMES, load_policy, resolve
+from fuzzyarm.policies.declaration import ELASTIC
+from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
+from fuzzyarm.policies.registry import POLICIES
+from fuzzyarm.policies.tuned import SCHEMA, TunedLaws
+
+OWN = {"objective": "o", "tuned_on": "t", "knows": "k", "sees": "s", "remembers": "r"}
+CONTROLLER = POLICIES["fuzzy-4"].path
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -21,18 +39,149 @@ def test_a_tip_policy_knows_the_elastic_arm_and_its_law_does_not():
     assert tip.tuned_on == law.tuned_on
 
 
-def test_a_file_of_the_same_name_declares_nothing():
-    assert declared("fuzzy-4.json") is None and declared("runs/ppo-robust") is None
+def test_what_adaptive_observer_was_tuned_on_names_the_circle():
+    assert "paper's circle without load" in declared("adaptive-observer").tuned_on
+
+
+@pytest.mark.parametrize("name", ["fuzzy-4-tip", "fuzzy-4", "adaptive-observer", "elastic-observer"])
+def test_with_passes_a_policy_that_learns_from_them_remembers_them(name):
+    one, two = declared(name), declared(name, passes=2)
+    learns = load_policy(name).repeated() is not None
+    assert two.remembers == one.remembers + (", and the passes before" if learns else "")
+    assert two._replace(remembers="") == one._replace(remembers="")
+
+
+def test_a_controller_file_declares_what_is_in_it_and_not_what_the_policy_of_its_name_does(tmp_path):
+    path = tmp_path / "fuzzy-4.json"
+    path.write_bytes(CONTROLLER.read_bytes())
+    own, shipped = declared(str(path)), declared("fuzzy-4")
+    assert own[2:] == shipped[2:]
+    assert own.objective.startswith(Controller.load(path).origin["objective"])
+    assert own.tuned_on != shipped.tuned_on
+    assert declared(f"{path}-tip").knows == ELASTIC
+    assert declared_by_name(str(path)) is None  # reads no file
+
+
+@pytest.fixture
+def tuned(tmp_path):
+    """A folder as `fuzzyarm tune` writes it, with another controller file in it."""
+    folder, arm = tmp_path / "mine", ArmParameters(mass=(12.0, 8.0))
+    folder.mkdir()
+    (folder / "robot.toml").write_text(arm_as_toml(arm))
+    for name in ("fuzzy-4.json", "other.json"):
+        (folder / name).write_bytes(CONTROLLER.read_bytes())
+    laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("computed-torque", "fuzzy-4"), bandwidth=50.0)
+    (folder / "laws.json").write_text(laws.to_json())
+    return folder
+
+
+@pytest.mark.parametrize("name", ["computed-torque", "computed-torque-tip", "elastic-observer", "fuzzy-4"])
+def test_a_tuned_folder_declares_as_its_law_but_for_the_arm(tuned, name):
+    own, law = declared(str(tuned / name)), declared(name)
+    assert own._replace(tuned_on="") == law._replace(tuned_on="")
+    assert declared(str(tuned / "other.json")) == declared(str(CONTROLLER))
+    assert own.tuned_on.startswith(law.tuned_on.split(" on ")[0]) and own.tuned_on.endswith("of the arm of mine")
+
+
+@pytest.mark.parametrize("name", ["computed-torque", "elastic-observer", "fuzzy-4"])
+def test_a_tuned_folder_of_a_serial_robot_was_tuned_on_margins_alone(tuned, name):
+    (tuned / "robot.toml").write_text(arm_as_toml(robot_named("planar-3r")))
+    own, law = declared(str(tuned / name)), declared(name)
+    assert own[2:] == law[2:] and own.objective != law.objective
+    assert own.tuned_on == "margins at random postures and along the default path of the arm of mine"
+
+
+@pytest.mark.parametrize("name", ["ppo-nominal", "ppo-robust", "ppo-residual", "learned-observer"])
+def test_a_learned_folder_declares_what_its_bundle_records(name):
+    """The shipped bundles, which say by hand what they were trained on, as anybody's."""
+    own, shipped = declared(str(POLICIES[name].path)), declared(name)
+    assert own.knows == shipped.knows and own.sees == shipped.sees
+    assert own.objective.startswith(shipped.objective)
+    assert own.tuned_on.split(" of ")[0].split(";")[0] == shipped.tuned_on.split(";")[0]
+    for kept in ("fuzzy-4-tip", "leaky integral of the error", "the state of a network"):
+        assert (kept in own.remembers) == (kept in shipped.remembers)
+
+
+def test_a_record_of_training_that_says_nothing_is_not_made_up(tmp_path):
+    bundle = PolicyBundle.load(POLICIES["ppo-robust"].path)
+    kept = dataclasses.replace(bundle, training={"algorithm": "\x1b[31m", "distribution": ["robust"]})
+    kept.save(tmp_path / "mine")
+    own = declared(str(tmp_path / "mine"))
+    assert own.tuned_on.startswith("not recorded") and "not recorded" in own.objective
+    assert all(text.isprintable() for text in own)
+    assert declared(str(tmp_path / "missing")) is None
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({**OWN, "preview": "p"}, "declared has the unknown field preview; needed: objective, tuned_on, knows, sees"),
+        ({"objective": "o"}, "declared lacks tuned_on, knows, sees, remembers; needed"),
+        ({**OWN, "sees": 3}, "declared: sees = 3 is none; needed"),
+        ({**OWN, "sees": "two\nlines"}, "sees = 'two\\nlines' is none"),
+        ("all", "declared lacks objective"),
+    ],
+)
+def test_a_wrong_declaration_is_refused_by_its_field(given, message):
+    with pytest.raises(ValueError) as refused:
+        stated(given)
+    assert message in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_mappings_and_objects_state_the_same():
+    class Own:
+        objective, tuned_on, knows, sees, remembers, more = *OWN.values(), "m"
+
+    assert stated(OWN) == stated(Own) == Declared(*OWN.values())
+
+
+def test_files_hold_declarations_and_older_ones_have_those_of_known_names():
+    found = {"fuzzy-4": declared("fuzzy-4"), "mine": stated(OWN), "silent": None}
+    names = ("fuzzy-4", "mine.json", "silent")
+    written = json.loads(json.dumps(written_declarations(found)))
+    assert read_declarations(written, names) == found
+    assert read_declarations(None, names) == {"fuzzy-4": declared("fuzzy-4"), "mine": None, "silent": None}
+    with pytest.raises(ValueError, match="not of the policies"):
+        read_declarations({"fuzzy-4": None}, names)
 
 
 def test_rows_stand_in_order_with_the_certificate():
-    rows = declared_rows(("ppo-robust", "mine.json"), {"ppo-robust": None, "mine": "proven"})
+    found = {"ppo-robust": declared("ppo-robust"), "mine": None}
+    rows = declared_rows(found, {"ppo-robust": None, "mine": "proven"})
     assert [row[0] for row in rows] == ["ppo-robust", "mine"]
     assert [row[-1] for row in rows] == ["no", "rigid arm"]
-    assert set(rows[1][1:-1]) == {"not declared"}
+    assert rows[0][1:-1] == declared("ppo-robust") and set(rows[1][1:-1]) == {"not declared"}
 
 
 def test_the_reports_table_has_a_row_for_each_policy():
-    drawn = declared_table(("fuzzy-4", "<b>.json"), {"fuzzy-4": "proven", "<b>": None})
+    drawn = declared_table({"fuzzy-4": declared("fuzzy-4"), "<b>": None}, {"fuzzy-4": "proven", "<b>": None})
     assert drawn.count("<tr>") == 3 and "&lt;b&gt;" in drawn and "<b>" not in drawn
     assert all(heading in drawn for heading in HEADINGS)
+
+
+def test_on_a_terminal_each_field_is_a_line_of_its_own(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("TERM", "dumb")
+    print_declared(declared_rows({"fuzzy-4": declared("fuzzy-4")}, {"fuzzy-4": None}), DECLARED, output())
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    for heading, cell in zip(HEADINGS, declared("fuzzy-4"), strict=True):
+        (line,) = [line for line in lines if line.strip().startswith(heading)]
+        assert cell.split()[0] in line
+
+
+def test_code_declares_by_an_attribute(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "stating_law.py").write_text(
+        f"class Law:\n    declared = {OWN!r}\n\n    def predict(self, observation, **named):\n"
+        "        return observation[..., :2] * 0.0, None\n\n\nclass Wrong(Law):\n    declared = {'objective': 'o'}\n"
+    )
+    spec = resolve("stating_law:Law", run_code=True)
+    policy = spec.load()
+    assert declared(spec, policy) == Declared(*OWN.values()) == declared(spec, policy, passes=3)
+    assert np.all(policy.predict(np.zeros(10))[0] == 0.0)
+    with pytest.raises(ValueError, match="stating_law:Wrong: declared lacks tuned_on"):
+        resolve("stating_law:Wrong", run_code=True).load()

@@ -9,6 +9,7 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.episodes.beliefs import Believing
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
 from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
@@ -200,6 +201,86 @@ def test_margins_heed_the_time_an_action_is_held(module):
     assert loaded(f"{module(source)}:factory").action_period == 4e-3
     row = measure_margins(MarginsConfig((f"{module(source)}:factory",)))["rows"][0]
     assert row["control_period"] == 4e-3
+
+
+LEARNING = """
+from types import SimpleNamespace
+
+import numpy as np
+
+class Law:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        count = 0 if state is None else state
+        return np.full(observation.shape[:-1] + (2,), float(count)), count
+
+    def begin_pass(self, state):
+        return state + 1
+
+    def repeated(self):
+        return self
+
+    def beliefs(self, state):
+        return SimpleNamespace(force=np.array([state, 0.0]), force_deviation=np.ones(2), payload=1.0,
+                               payload_deviation=0.1)
+"""
+
+
+def test_what_it_learns_from_a_pass_and_what_it_believes_is_passed_on(module):
+    policy = loaded(f"{module(LEARNING)}:Law")
+    repeated, state, torques = policy.repeated(), None, []
+    for _ in range(3):
+        torque, state = repeated.predict(np.zeros(10), state)
+        torques.append(torque[0])
+        state = repeated.begin_pass(state)
+    assert torques == [0.0, 1.0, 2.0]
+    believing = Believing(repeated)
+    believing.around(repeated).predict(np.zeros(10), 2)
+    np.testing.assert_array_equal(believing.rows(), [[2.0, 0.0, 1.0, 1.0, 1.0, 0.1]])
+    assert Believing(policy).around(policy) is not policy
+
+
+def test_a_wrapped_tip_policy_learns_as_the_policy_itself(module):
+    source = """
+from fuzzyarm import load_policy
+
+class Law:
+    def __init__(self):
+        self.law = load_policy("computed-torque-tip")
+        self.predict, self.repeated = self.law.predict, self.law.repeated
+"""
+    observations, torques = np.random.default_rng(0).normal(size=(2, 5, 10)), []
+    for policy in (loaded(f"{module(source)}:Law"), load_policy("computed-torque-tip")):
+        repeated, state = policy.repeated(), None
+        for over_path in observations:
+            for seen in over_path:
+                torque, state = repeated.predict(seen, state)
+                torques.append(torque)
+            state = repeated.begin_pass(state)
+    np.testing.assert_array_equal(torques[:10], torques[10:])
+
+
+def test_code_that_learns_and_believes_nothing_says_so(module):
+    policy = loaded(f"{module(PREDICT.format('return np.zeros(2), None'))}:Law")
+    assert policy.repeated() is None and policy.beliefs is None and policy.declared is None
+    silent = LEARNING.replace("return self\n", "return None\n")
+    assert loaded(f"{module(silent, 'my_silent')}:Law").repeated() is None
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ("return self\n", "return 3\n", "my_law:Law: repeated returned int without a method predict"),
+        ("begin_pass", "begin", "my_law:Law: repeated returned Law without a method begin_pass"),
+        ("return self\n", "return 1 / 0\n", "my_law:Law: repeated failed: ZeroDivisionError: division by zero (my_law"),
+        ("return state + 1", "return 1 / 0", "my_law:Law: begin_pass failed: ZeroDivisionError"),
+        ("payload=1.0,", "", "my_law:Law: beliefs returned SimpleNamespace without payload"),
+    ],
+)
+def test_what_fails_between_passes_is_one_line(module, before, after, expected):
+    policy = loaded(f"{module(LEARNING.replace(before, after))}:Law")
+    with pytest.raises(ValueError) as refused:
+        _ = policy.repeated().begin_pass(0), policy.beliefs(0)
+    assert str(refused.value).startswith(expected) and "\n" not in str(refused.value)
 
 
 class TestTemplate:

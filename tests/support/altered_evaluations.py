@@ -37,6 +37,7 @@ def with_runs(evaluation: Evaluation, runs: list[Rollout]) -> Evaluation:
         rows=[{name: getattr(run, name) for name in named} | metrics_of(run) for run in runs],
         certificates={name: evaluation.certificates.get(name) for name in policies},
         bounds={name: evaluation.bounds.get(name) for name in policies},
+        declared={name: evaluation.declared.get(name) for name in policies},
         made_with=evaluation.made_with
         | {"policy_files": {name: evaluation.made_with["policy_files"].get(name, {}) for name in policies}},
     )

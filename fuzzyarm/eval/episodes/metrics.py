@@ -6,14 +6,18 @@ All of them are over all control steps of the episode, from the first to the las
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.episodes.rollout import Rollout
 
-__all__ = ["METRICS", "Metric", "add_metric", "metrics_of"]
+__all__ = ["LOST", "METRICS", "Metric", "add_metric", "is_lost", "metrics_of"]
+
+LOST = 100.0
+"""Tip error [mm], half the radius of the paper's circle, above which an episode is lost; see `is_lost`."""
 
 _FRINGE = 0.1  # s, at both ends of an episode
 
@@ -154,6 +158,15 @@ def metrics_of(rollout: Rollout) -> dict[str, float]:
     metrics = [metric for metric in METRICS.values() if metric.joint <= joints]
     metrics += [metric for joint in range(JOINTS + 1, joints + 1) for metric in _of_joint(joint)]
     return {metric.name: float(metric.compute(rollout)) for metric in metrics}
+
+
+def is_lost(row: Mapping[str, Any]) -> bool:
+    """Return whether an episode is lost, given its row of results: it ended early, or its tip was ever beyond `LOST`.
+
+    This is what every table, chart and sentence of the package means by a lost path; what only ended before its
+    reference did is said to have "ended early".
+    """
+    return not row["completed"] or bool(row["tip_error_max_mm"] > LOST)
 
 
 def _middle(rollout: Rollout) -> np.ndarray:

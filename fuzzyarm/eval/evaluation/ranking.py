@@ -3,11 +3,11 @@
 The score of a policy in one seed is the largest tip error of all cases [mm]: what a user has to allow for who does not
 know which load comes next. A mean over the cases would let micrometres without load make up for millimetres under it.
 Over several seeds it is their interquartile mean with a bootstrap interval of 95 % (`statistics`). Smaller is better. A
-policy that lost the path in any episode, because it ended early or its tip was more than 100 mm off, has no score and
-ranks after all that have one, by the number of such episodes.
+policy that lost the path in any episode, see `metrics.is_lost`, has no score and ranks after all that have one, by the
+number of such episodes.
 
-Only comparable files are ranked together: the same cases, seeds, noise, control period, arm and version of fuzzyarm.
-`eval.sweep.ranking` ranks over plants.
+Only comparable files are ranked together: the same version of fuzzyarm, and the same `conditions`, which are all that
+an evaluation has except its policies. `eval.sweep.ranking` ranks over plants.
 """
 
 from __future__ import annotations
@@ -25,17 +25,21 @@ from rich.text import Text
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
+from fuzzyarm.eval.episodes.metrics import LOST, is_lost
+from fuzzyarm.eval.evaluation.conditions import conditions_in_words, conditions_of
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.evaluation.statistics import Estimate, estimate, interquartile_mean
 from fuzzyarm.policies import resolve
+from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "LOST",
     "Leaderboard",
     "Ranking",
     "Standing",
     "Table",
+    "document",
     "markdown",
     "print_leaderboard",
     "rank_policies",
@@ -44,8 +48,6 @@ __all__ = [
     "standings_of",
 ]
 
-LOST = 100.0
-"""Tip error [mm], half the radius of the paper's circle, above which an episode counts as lost."""
 _LEFT = ("policy", "certificate", "from")  # headings of the columns that are aligned left
 
 
@@ -58,7 +60,17 @@ class Table(NamedTuple):
 
 
 class Ranking(Protocol):
-    """What can be printed as a table of ranks."""
+    """What can be printed as a table of ranks: standings, best first, and the conditions that all of them share."""
+
+    @property
+    def standings(self) -> Sequence[Any]:
+        """Records with policy, source, order and declared, see `Standing`."""
+        ...
+
+    @property
+    def conditions(self) -> str:
+        """The conditions in words."""
+        ...
 
     def table(self) -> Table:
         """Return the table and its notes."""
@@ -78,6 +90,7 @@ class Standing:
         episodes: number of episodes.
         certified: whether it has a certificate.
         tip: what is proven of its tip, in words; empty where no bound was given.
+        declared: what it declares, see `policies.declared`; None if it does not.
     """
 
     policy: str
@@ -88,6 +101,7 @@ class Standing:
     episodes: int
     certified: bool
     tip: str = ""
+    declared: Declared | None = None
 
     @property
     def order(self) -> tuple[int, float]:
@@ -105,7 +119,7 @@ class Leaderboard:
     @property
     def ranks(self) -> list[int]:
         """Rank of each standing, from 1; policies of equal score share a rank."""
-        return ranks_of([standing.order for standing in self.standings])
+        return ranks_of(self)
 
     def table(self) -> Table:
         """Return the table and its notes."""
@@ -132,8 +146,9 @@ class Leaderboard:
         return Table(headings, cells, notes)
 
 
-def ranks_of(orders: Sequence[tuple[int, float]]) -> list[int]:
-    """Return the rank of each of sorted keys, from 1; equal keys share a rank."""
+def ranks_of(board: Ranking) -> list[int]:
+    """Return the rank of each standing, from 1; policies of equal score share a rank."""
+    orders = [standing.order for standing in board.standings]
     return [1 + orders.index(order) for order in orders]
 
 
@@ -150,42 +165,24 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
     for number, other in enumerate(read):
         if any(other.path.samefile(earlier.path) for earlier in read[:number]):
             raise ValueError(f"{other.path} is given twice; leave one out")
+        theirs = _conditions(other)
         for name, value in _conditions(first).items():
-            if _conditions(other)[name] != value:
+            if theirs[name] != value:
                 raise ValueError(
                     f"{first.path} and {other.path} are not comparable: {name} is {value} in the first and "
-                    f"{_conditions(other)[name]} in the second; evaluate anew under the same conditions"
+                    f"{theirs[name]} in the second; evaluate anew under the same conditions"
                 )
     standings = [
-        standing
+        dataclasses.replace(one, tip=(tips or {}).get(one.policy, ""), declared=results.declared[one.policy])
         for results in read
-        for standing in standings_of(results.config, results.rows, results.certificates, str(results.path))
+        for one in standings_of(results.config, results.rows, results.certificates, str(results.path))
     ]
-    standings = [dataclasses.replace(one, tip=(tips or {}).get(one.policy, "")) for one in standings]
-    return Leaderboard(sorted(standings, key=lambda standing: standing.order), _in_words(first))
+    words = f"fuzzyarm {first.versions['fuzzyarm']}, {conditions_in_words(first.config)}"
+    return Leaderboard(sorted(standings, key=lambda standing: standing.order), words)
 
 
 def _conditions(results: Results) -> dict[str, Any]:
-    config = results.config
-    return {
-        "version of fuzzyarm": results.versions["fuzzyarm"],
-        "cases": ", ".join(case for case in CASES if case in config.cases),
-        "number of seeds": config.seeds,
-        "encoder noise": config.encoder_noise,
-        "control period": config.control_period,
-        "robot": "the two-joint arm" if config.robot is None else f"{config.robot.name} {config.robot.digest[:12]}",
-        **{f"{field} of the arm": value for field, value in config.parameters.to_dict().items()},
-    }
-
-
-def _in_words(results: Results) -> str:
-    config = results.config
-    noise = f"encoder noise {config.encoder_noise[0]:g} rad and {config.encoder_noise[1]:g} rad/s"
-    return (
-        f"fuzzyarm {results.versions['fuzzyarm']}, control period {1e3 * config.control_period:g} ms, "
-        f"{config.seeds} {'seed' if config.seeds == 1 else 'seeds'}, "
-        f"{noise if any(config.encoder_noise) else 'no noise'}"
-    )
+    return {"version of fuzzyarm": results.versions["fuzzyarm"], **conditions_of(results.config)}
 
 
 def standings_of(
@@ -202,7 +199,7 @@ def standings_of(
     standings = []
     for policy in (resolve(name).label for name in config.policies):
         own = [row for row in rows if row["policy"] == policy]
-        lost = [row for row in own if not row["completed"] or row["tip_error_max_mm"] > LOST]
+        lost = [row for row in own if is_lost(row)]
         rms = {
             case: np.array([row["tip_error_rms_mm"] for row in own if row["case"] == case])
             for case in CASES
@@ -235,8 +232,8 @@ def shown(score: Estimate) -> str:
     return f"{mean:#.3g}" + ("" if low is None else f" ({low:#.3g} to {high:#.3g})")
 
 
-def print_leaderboard(board: Ranking, console: Console) -> None:
-    """Print the table and its notes."""
+def print_leaderboard(board: Ranking, console: Console, *, declared: bool = False) -> None:
+    """Print the table and its notes, and with `declared` what the policies declare."""
     headings, cells, notes = board.table()
     left = [headings.index(heading) for heading in _LEFT if heading in headings]
     table = new_table(headings, left, console=console, fold=True)
@@ -244,12 +241,48 @@ def print_leaderboard(board: Ranking, console: Console) -> None:
         table.add_row(*map(Text, row))
     print_table(table, console, keys=2)
     print_paragraphs(console, [notes])
+    if declared:
+        print_declared(_declared_rows(board), ROW, console)
 
 
-def markdown(board: Ranking) -> str:
-    """Return the table and its notes as Markdown."""
+def markdown(board: Ranking, *, declared: bool = False) -> str:
+    """Return the table and its notes as Markdown, and with `declared` a table of what the policies declare."""
     headings, cells, notes = board.table()
-    rule = [" --- |" if heading in _LEFT else " ---: |" for heading in headings]
+    text = f"{_as_markdown(headings, cells)}\n\n{notes}"
+    return f"{text}\n\n{_as_markdown(ROW, _declared_rows(board), left=ROW)}" if declared else text
+
+
+def document(board: Ranking) -> dict[str, Any]:
+    """Return the ranking ready for JSON: conditions, notes, and each standing with its rank and its declaration."""
+    standings = [
+        {"rank": rank, **_plain(standing)} for rank, standing in zip(ranks_of(board), board.standings, strict=True)
+    ]
+    return {"conditions": board.conditions, "notes": board.table().notes, "standings": standings}
+
+
+def _declared_rows(board: Ranking) -> list[tuple[str, ...]]:
+    """Return the cells below `ROW` of each policy once; with its file where policies of one name declare otherwise."""
+    sources = {(one.policy, declared_cells(one.declared)): one.source for one in reversed(board.standings)}
+    names = [policy for policy, _ in sources]
+    return [
+        (policy if names.count(policy) == 1 else f"{policy} ({source})", *cells)
+        for (policy, cells), source in reversed(sources.items())
+    ]
+
+
+def _as_markdown(headings: Sequence[str], cells: Sequence[Sequence[str]], left: Sequence[str] = _LEFT) -> str:
+    rule = [" --- |" if heading in left else " ---: |" for heading in headings]
     lines = [f"| {' | '.join(headings)} |", f"|{''.join(rule)}"]
     lines += [f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |" for row in cells]
-    return "\n".join([*lines, "", notes])
+    return "\n".join(lines)
+
+
+def _plain(value: Any) -> Any:
+    """Return records as mappings, and numbers that JSON does not have as None."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return _plain(value._asdict())
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value

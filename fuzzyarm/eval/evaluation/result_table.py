@@ -12,14 +12,14 @@ from rich.text import Text
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.policies import resolve
-from fuzzyarm.policies.declared import HEADINGS, declared
+from fuzzyarm.eval.declarations import ROW, declared_cells
+from fuzzyarm.policies.declared import Declared
 
 __all__ = [
     "COLUMNS",
+    "DECLARED",
     "declared_rows",
     "markdown_table",
-    "print_declared",
     "print_passes",
     "print_results",
     "table_rows",
@@ -40,6 +40,8 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
 )
 """Heading, the metrics shown in one cell, and their format. Metrics of the motor side are left out: they do not say
 where the tip is."""
+DECLARED = (*ROW, "certificate")
+"""Headings of the table of what policies declare."""
 
 
 def table_rows(
@@ -101,23 +103,14 @@ def print_passes(rows: Sequence[dict[str, Any]], passes: int, console: Console) 
     print_table(table, console, dispensable=tuple(range(2, passes)))
 
 
-def declared_rows(names: Sequence[str], certificates: Mapping[str, str | None]) -> list[tuple[str, ...]]:
-    """Return policy, `declared.HEADINGS` and certificate of each policy, given certificates in words by label."""
-    rows = []
-    for name in names:
-        label, own = resolve(name).label, declared(name)
-        cells = own if own is not None else ("not declared",) * len(HEADINGS)
-        rows.append((label, *cells, "no" if certificates[label] is None else "rigid arm"))
-    return rows
-
-
-def print_declared(names: Sequence[str], certificates: Mapping[str, str | None], console: Console) -> None:
-    """Print what the policies declare, one below the other."""
-    lines = []
-    for label, *cells in declared_rows(names, certificates):
-        said = "; ".join(f"{what}: {cell}" for what, cell in zip((*HEADINGS, "certificate"), cells, strict=True))
-        lines.append(f"{label} declares: {said}")
-    print_paragraphs(console, lines)
+def declared_rows(
+    declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]
+) -> list[tuple[str, ...]]:
+    """Return the cells below `DECLARED` of each policy, given declarations and certificates in words by label."""
+    return [
+        (label, *declared_cells(own), "no" if certificates[label] is None else "rigid arm")
+        for label, own in declared.items()
+    ]
 
 
 def markdown_table(rows: Sequence[dict[str, Any]]) -> str:

@@ -8,8 +8,10 @@ from typing import Any
 
 from fuzzyarm.common.checks import instance, real, truth
 from fuzzyarm.common.documents import read_checked, record
+from fuzzyarm.eval.declarations import read_declarations
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig
 from fuzzyarm.policies import resolve
+from fuzzyarm.policies.declared import Declared
 
 __all__ = ["NAME", "Results", "read_results"]
 
@@ -28,6 +30,7 @@ class Results:
         rows: one for each episode: case, policy, seed, completed, reason, and finite numbers.
         certificates: by policy, in words; None without one.
         bounds: numbers of the certificates by policy; None in files made before they were stored.
+        declared: by policy, see `policies.declared`; in files made before it was stored, of known names alone.
         policy_files: digests by policy, see `PolicySpec.files`; None in files made before they were stored.
         versions: of fuzzyarm and its libraries.
         commit, processor: what else it was made with.
@@ -39,6 +42,7 @@ class Results:
     rows: list[dict[str, Any]]
     certificates: dict[str, str | None]
     bounds: dict[str, dict[str, Any] | None] | None
+    declared: dict[str, Declared | None]
     policy_files: dict[str, dict[str, str]] | None
     versions: dict[str, str | None]
     commit: str | None
@@ -70,6 +74,7 @@ class _Document:
     certificates: dict[str, str | None]
     results: list[dict[str, Any]]
     certified_bounds: dict[str, dict[str, float | str] | None] | None = None
+    declared: dict[str, dict[str, str] | None] | None = None
     policy_files: dict[str, dict[str, str]] | None = None
     command: str | None = None
     date: str = ""
@@ -92,6 +97,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Results:
         rows=rows,
         certificates={name: read.certificates[name] for name in labels},
         bounds=None if bounds is None else {name: bounds[name] for name in labels},
+        declared=read_declarations(read.declared, config.policies),
         policy_files=None if files is None else {name: files[name] for name in labels},
         versions={"fuzzyarm": read.versions["fuzzyarm"], **read.versions},
         commit=read.commit,

@@ -25,12 +25,14 @@ from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.envs.scenario.given_path import GivenPath
 from fuzzyarm.envs.scenario.named_paths import SHAPES
 from fuzzyarm.envs.scenario.reference import Reference
+from fuzzyarm.eval.declarations import declarations_of, written_declarations
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.passes import record_passes
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
+from fuzzyarm.policies.declared import Declared
 
 __all__ = ["SCHEMA", "Evaluation", "EvaluationConfig", "evaluate", "write_results"]
 
@@ -163,7 +165,8 @@ class EvaluationConfig:
 class Evaluation:
     """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with.
 
-    `certificates` are in words, `bounds` in numbers: `text` and `bounds` of `PolicyCertificate`.
+    `certificates` are in words, `bounds` in numbers: `text` and `bounds` of `PolicyCertificate`. `declared` says what
+    each policy was chosen for, knows, sees and remembers; None of one that does not say it.
     """
 
     config: EvaluationConfig
@@ -172,6 +175,7 @@ class Evaluation:
     certificates: dict[str, str | None]
     bounds: dict[str, dict[str, Any] | None]
     made_with: dict[str, Any]
+    declared: dict[str, Declared | None]
 
     @property
     def complete(self) -> bool:
@@ -198,6 +202,7 @@ class Evaluation:
             "rollouts_sha256": digest(self.rollouts),
             "certificates": self.certificates,
             "certified_bounds": self.bounds,
+            "declared": written_declarations(self.declared),
             "results": self.rows,
         }
 
@@ -211,6 +216,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     """
     specs = resolve_all(config.policies, run_code=True)
     policies = {label: _loaded(spec, config, label) for label, spec in specs.items()}
+    declarations = declarations_of(specs, policies, config.passes)
     reference: Any = config.reference()
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts, rows = [], []
@@ -241,7 +247,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         **current_provenance(),
         "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
-    return Evaluation(config, rollouts, rows, certificates, bounds, made_with)
+    return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations)
 
 
 def _row(run: Rollout, passes: Sequence[Rollout]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.evaluation.ranking import LOST
+from fuzzyarm.eval.episodes.metrics import is_lost
 
 __all__ = ["verdict"]
 
@@ -26,7 +26,7 @@ def verdict(
     """Return a line for each case, one about certificates and one about the next command.
 
     A case is won by the smallest rms tip error, over several seeds the smallest median, among the policies that never
-    lost the path: that followed the reference to its end in every episode, with the tip at most 100 mm off.
+    lost the path, see `metrics.is_lost`.
 
     Args:
         rows: of metrics, as in `Evaluation.rows`.
@@ -44,7 +44,7 @@ def verdict(
 
 def _won(rows: Sequence[Mapping[str, Any]], title: str) -> str:
     """Return who won a case, given its rows and title."""
-    lost = {row["policy"] for row in rows if not row["completed"] or row["tip_error_max_mm"] > LOST}
+    lost = {row["policy"] for row in rows if is_lost(row)}
     errors = {
         policy: median(row["tip_error_rms_mm"] for row in rows if row["policy"] == policy)
         for policy in dict.fromkeys(row["policy"] for row in rows)

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.evaluation.ranking import LOST, Standing
+from fuzzyarm.eval.episodes.metrics import LOST
+from fuzzyarm.eval.evaluation.ranking import Standing
 from fuzzyarm.eval.report.chart import digits
 
 __all__ = ["headline", "rule"]

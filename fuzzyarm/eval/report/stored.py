@@ -17,6 +17,7 @@ from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES
 from fuzzyarm.policies import resolve
+from fuzzyarm.policies.declared import Declared
 
 __all__ = ["StoredEvaluation", "read_evaluation"]
 
@@ -31,6 +32,7 @@ class StoredEvaluation:
     certificates: dict[str, str | None]
     bounds: dict[str, dict[str, Any] | None]
     made_with: dict[str, Any]
+    declared: dict[str, Declared | None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,6 +119,7 @@ def _joined(results: Results, rollouts: list[Rollout]) -> StoredEvaluation:
         results.certificates,
         bounds={name: _bounds(claimed) for name, claimed in results.bounds.items()},
         made_with=dataclasses.asdict(documents.record(provenance, _MadeWith)),
+        declared=results.declared,
     )
 
 

@@ -10,9 +10,9 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.evaluation.result_table import COLUMNS, declared_rows, table_rows
+from fuzzyarm.eval.evaluation.result_table import COLUMNS, DECLARED, declared_rows, table_rows
 from fuzzyarm.eval.report.chart import PALETTE, Axis, Errors, draw_chart, figure
-from fuzzyarm.policies.declared import HEADINGS
+from fuzzyarm.policies.declared import Declared
 
 __all__ = ["best", "declared_table", "error_charts", "finished", "metrics_table"]
 
@@ -103,11 +103,11 @@ def _table_body(title: str, group: Group, texts: dict[str, list[str]]) -> str:
     return "".join([*parts, "</tbody>"])
 
 
-def declared_table(names: Sequence[str], certificates: Mapping[str, str | None]) -> str:
-    """Return the table of what the policies declare, given their certificates in words by label."""
-    heads = "".join(f'<th scope="col">{heading}</th>' for heading in ("policy", *HEADINGS, "certificate"))
+def declared_table(declared: Mapping[str, Declared | None], certificates: Mapping[str, str | None]) -> str:
+    """Return the table of what the policies declare, given that and their certificates in words by label."""
+    heads = "".join(f'<th scope="col">{heading}</th>' for heading in DECLARED)
     rows = []
-    for label, *cells in declared_rows(names, certificates):
+    for label, *cells in declared_rows(declared, certificates):
         said = "".join(f'<td class="words">{escape(cell)}</td>' for cell in cells)
         rows.append(f'<tr><th scope="row">{escape(label)}</th>{said}</tr>')
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"

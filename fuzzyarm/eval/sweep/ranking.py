@@ -21,10 +21,12 @@ from typing import Any
 from fuzzyarm.common.checks import listed, real, whole
 from fuzzyarm.common.documents import DocumentError, read_checked, read_json
 from fuzzyarm.envs.scenario.cases import find_case
+from fuzzyarm.eval.declarations import read_declarations
 from fuzzyarm.eval.evaluation.ranking import Table, ranks_of, shown
 from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.sweep.run import SUMMARY
 from fuzzyarm.eval.sweep.store import SCHEMA
+from fuzzyarm.policies.declared import Declared
 
 __all__ = ["LEVEL", "PlantBoard", "PlantStanding", "is_sweep", "rank_sweeps"]
 
@@ -41,21 +43,23 @@ class PlantStanding:
         source: the file it is from.
         score: see the module [mm]; None if too many episodes ended early.
         cases: the 99 % quantile of each case [mm], by its name; None likewise.
-        lost: number of episodes that ended early.
+        ended_early: number of episodes that ended early.
         plants: number of plants in each case.
+        declared: what it declares, see `policies.declared`; None if it does not.
     """
 
     policy: str
     source: str
     score: Estimate | None
     cases: dict[str, float | None]
-    lost: int
+    ended_early: int
     plants: int
+    declared: Declared | None = None
 
     @property
     def order(self) -> tuple[int, float]:
         """Sort key, the best policy first."""
-        return (1, self.lost / self.plants) if self.score is None else (0, self.score.mean)
+        return (1, self.ended_early / self.plants) if self.score is None else (0, self.score.mean)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,22 +74,21 @@ class PlantBoard:
         cases = list(self.standings[0].cases)
         headings = ["rank", "policy", "score [mm]", *(f"99 % of plants, {case} [mm]" for case in cases)]
         headings += ["ended early", "plants", "from"]
-        ranks = ranks_of([standing.order for standing in self.standings])
         cells = [
             [
                 str(rank),
                 standing.policy,
-                "lost" if standing.score is None else shown(standing.score),
-                *("lost" if value is None else f"{value:#.3g}" for value in standing.cases.values()),
-                f"{standing.lost} of {standing.plants * len(cases)}",
+                "ended early" if standing.score is None else shown(standing.score),
+                *("ended early" if value is None else f"{value:#.3g}" for value in standing.cases.values()),
+                f"{standing.ended_early} of {standing.plants * len(cases)}",
                 str(standing.plants),
                 standing.source,
             ]
-            for rank, standing in zip(ranks, self.standings, strict=True)
+            for rank, standing in zip(ranks_of(self), self.standings, strict=True)
         ]
         notes = (
             "Score: largest of the cases' 99 % quantiles of the largest tip error over the plants, with an interval of "
-            f"95 %. Lost: more than 1 % of a case's episodes ended early; such policies rank last. All: "
+            f"95 %. Ended early: more than 1 % of a case's episodes did; such policies rank last. All: "
             f"{self.conditions}."
         )
         return Table(headings, cells, notes)
@@ -147,12 +150,14 @@ def _from_document(file: Path, document: dict[str, Any]) -> _Read:
     if not rows or [(row["policy"], row["case"]) for row in rows] != [(p, c) for p in policies for c in cases]:
         raise ValueError("its rows are not one for each policy in each case")
     standings = []
+    declared = read_declarations(document.get("declared"), config["policies"])
     for policy in map(str, policies):
         own = [row for row in rows if row["policy"] == policy]
         found = {row["case"]: _estimate(row["max_mm"][LEVEL]) for row in own}
-        lost = sum(whole("ended_early", row["ended_early"], low=0, high=plants) for row in own)
+        ended = sum(whole("ended_early", row["ended_early"], low=0, high=plants) for row in own)
         quantiles = {case: estimate.mean if estimate else None for case, estimate in found.items()}
-        standings.append(PlantStanding(policy, str(file), _largest(list(found.values())), quantiles, lost, plants))
+        score = _largest(list(found.values()))
+        standings.append(PlantStanding(policy, str(file), score, quantiles, ended, plants, declared[policy]))
     conditions = {
         "version of fuzzyarm": document["versions"]["fuzzyarm"],
         "cases": cases,

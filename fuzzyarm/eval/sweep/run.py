@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.eval.declarations import declarations_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.sweep.chunks import load_policies, run_missing
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -121,7 +122,7 @@ class Sweep:
 
         config, folder = self.store.config, self.store.folder
         results = self.store.load_all()
-        document = summarise(config, results)
+        document = summarise(config, results, declarations_of(self.store.specs, self.policies))
         write_atomically(folder / EPISODES, _compressed(results.arrays()))
         write_atomically(folder / TABLE, summary_csv(document["rows"]))
         write_atomically(folder / SUMMARY, json.dumps(document, indent=1) + "\n")

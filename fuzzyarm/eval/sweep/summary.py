@@ -17,16 +17,19 @@ from __future__ import annotations
 import datetime
 import functools
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
+from fuzzyarm.eval.declarations import read_declarations, written_declarations
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.quantities import NOISE
 from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.store import SCHEMA
+from fuzzyarm.policies.declared import Declared
 
 __all__ = ["QUANTILES", "quantile_ranks", "quantiles", "summarise", "worst"]
 
@@ -38,17 +41,20 @@ Number = float | None
 """A number of the summary; None stands for an error larger than any bound, or for a missing interval."""
 
 
-def summarise(config: SweepConfig, results: SweepResults) -> dict[str, Any]:
+def summarise(
+    config: SweepConfig, results: SweepResults, declared: Mapping[str, Declared | None] | None = None
+) -> dict[str, Any]:
     """Return the document that `fuzzyarm sweep --json` prints.
 
     Args:
         config: what was run.
         results: of all plants.
+        declared: what the policies declare, by label; None: what those of the package do.
 
     Returns:
-        Provenance, the configuration, and ``rows``: for each policy in each case ``success``, the quantiles of
-        ``max_mm`` and ``rms_mm`` by level, all as value and interval, and ``worst``. A value of None is larger than
-        any bound; an interval of a single plant is None.
+        Provenance, the configuration, the declarations, and ``rows``: for each policy in each case ``success``, the
+        quantiles of ``max_mm`` and ``rms_mm`` by level, all as value and interval, and ``worst``. A value of None is
+        larger than any bound; an interval of a single plant is None.
     """
     rows = []
     for p, policy in enumerate(config.labels):
@@ -61,6 +67,7 @@ def summarise(config: SweepConfig, results: SweepResults) -> dict[str, Any]:
         **current_provenance(),
         "config": config.to_dict(),
         "titles": config.titles,
+        "declared": written_declarations(read_declarations(None, config.policies) if declared is None else declared),
         "method": {
             "plants": config.total,
             "distribution": {name: list(value) for name, value in vars(config.drawn()).items()},

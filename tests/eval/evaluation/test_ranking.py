@@ -1,14 +1,20 @@
 """The leaderboard: scores by hand, ranks, and files that must not be mixed."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.given_path import GivenPath
+from fuzzyarm.eval.evaluation.conditions import EXEMPT, conditions_in_words, conditions_of
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
 from fuzzyarm.eval.evaluation.run import SCHEMA, EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.evaluation.statistics import estimate
+from fuzzyarm.policies.declared import Declared, declared
 
 CASES = ("nominal", "machining", "payload")
 
@@ -113,7 +119,42 @@ OTHERS = {
     "noise": (document(FINE, encoder_noise=[0.0, 0.0]), "encoder noise is (1e-05, 0.001) in the first and (0.0, 0.0)"),
     "period": (document(FINE, control_period=2e-3), "control period is 0.001 in the first and 0.002"),
     "arm": (document(FINE, parameters={"mass": [12.0, 9.0]}), "mass of the arm is [15.0, 9.0] in the first and [12.0"),
+    "passes": (document(FINE, passes=2), "passes is 1 in the first and 2 in the second"),
 }
+OTHER_FIELDS = {
+    "cases": ("nominal",),
+    "seeds": 2,
+    "encoder_noise": (1e-6, 1e-4),
+    "control_period": 2e-3,
+    "parameters": ArmParameters(mass=(12.0, 9.0)),
+    "robot": robot_named("ur5"),
+    "path": "square",
+    "points": GivenPath(((0.5, 0.5), (0.6, 0.5), (0.6, 0.6))),
+    "force": (10.0, 20.0),
+    "payload": 3.0,
+    "passes": 2,
+}
+"""A value of each field that is not the default, with noise."""
+
+
+def test_every_field_of_an_evaluation_is_a_condition_or_exempt():
+    assert {*OTHER_FIELDS, *EXEMPT} == {field.name for field in dataclasses.fields(EvaluationConfig)}
+    noisy = EvaluationConfig(encoder_noise=(1e-5, 1e-3))
+    usual, said = conditions_of(noisy), conditions_in_words(noisy)
+    for name, value in OTHER_FIELDS.items():
+        other = dataclasses.replace(noisy, **{name: value})
+        found = conditions_of(other)
+        assert [key for key in usual if found[key] != usual[key]], f"{name} is no condition"
+        assert name == "cases" or conditions_in_words(other) != said, f"{name} is not said"
+    other = dataclasses.replace(noisy, points=GivenPath(((0.5, 0.5), (0.6, 0.5), (0.6, 0.61))))
+    assert conditions_of(other) != conditions_of(dataclasses.replace(noisy, points=OTHER_FIELDS["points"]))
+
+
+def test_what_is_not_the_default_is_said():
+    config = EvaluationConfig(path="square", force=(100.0, 200.0), payload=3.0, passes=2)
+    usual, said = conditions_in_words(EvaluationConfig()), conditions_in_words(config)
+    assert usual == "control period 1 ms, 1 seed, no noise"
+    assert said == f"{usual}, path square, force 100 to 200 N, payload 3 kg, the last of 2 passes"
 
 
 @pytest.mark.parametrize(("other", "expected"), OTHERS.values(), ids=OTHERS)
@@ -175,3 +216,46 @@ def test_what_is_proven_of_the_tip_stands_beside_its_policy(write):
     assert {standing.policy: standing.tip for standing in board.standings} == {"a": "", "b": "tip within 1 mm"}
     lines = [line for line in markdown(board).splitlines() if "tip within 1 mm" in line]
     assert len(lines) == 1 and "| b |" in lines[0]
+
+
+def test_the_file_declares_and_not_the_name(write, capsys):
+    mine = dict(zip(Declared._fields, ("small|error", "cases", "nothing", "all", "one"), strict=True))
+    content = document({"mine": [[1.0]] * 3, "fuzzy-4": [[2.0]] * 3, "silent": [[3.0]] * 3})
+    content["declared"] = {"mine": mine, "fuzzy-4": mine | {"objective": "another"}, "silent": None}
+    path = write("a", content)
+    assert main(["leaderboard", str(path), "--declared", "--markdown"]) == 0
+    assert [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")][-5:] == [
+        "| policy | objective | tuned on | knows of the arm | sees | remembers |",
+        f"|{6 * ' --- |'}",
+        "| mine | small&#124;error | cases | nothing | all | one |",
+        "| fuzzy-4 | another | cases | nothing | all | one |",
+        f"| silent |{5 * ' not declared |'}",
+    ]
+    assert main(["leaderboard", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [one["declared"] for one in found["standings"]] == list(content["declared"].values())
+    assert [(one["rank"], one["policy"], one["score"]["mean"]) for one in found["standings"]] == [
+        (1, "mine", 2.0),
+        (2, "fuzzy-4", 4.0),
+        (3, "silent", 6.0),
+    ]
+    assert found["conditions"] == "fuzzyarm 0.1.0, control period 1 ms, 1 seed, encoder noise 1e-05 rad and 0.001 rad/s"
+    assert main(["leaderboard", str(path), "--json", "--markdown"]) == 2
+    assert "leave out one" in one_line_error(capsys)
+
+
+def test_an_older_file_declares_by_known_names_and_policies_of_one_name_are_told_apart(write, capsys):
+    mine = dict.fromkeys(Declared._fields, "other words")
+    old = write("old", document({"fuzzy-4": [[1.0]] * 3}))
+    new = write("new", document({"fuzzy-4": [[2.0]] * 3}) | {"declared": {"fuzzy-4": mine}})
+    assert main(["leaderboard", str(old), str(new), "--declared", "--markdown"]) == 0
+    lines = capsys.readouterr().out.splitlines()[-2:]
+    assert lines[0].startswith(f"| fuzzy-4 ({old}) | {declared('fuzzy-4').objective} |")
+    assert lines[1].startswith(f"| fuzzy-4 ({new}) | other words |")
+
+
+@pytest.mark.parametrize("wrong", [{}, {"a": {"objective": "o"}}, {"a": 3}])
+def test_a_damaged_declaration_is_one_line(write, capsys, wrong):
+    path = write("a", document(FINE) | {"declared": wrong})
+    assert main(["leaderboard", str(path)]) == 2
+    assert "declared" in one_line_error(capsys)

@@ -72,6 +72,7 @@ def robot_folder(tmp_path_factory):
         dict.fromkeys(POLICIES),
         dict.fromkeys(POLICIES),
         {"command": None, "date": "2026-01-01", **current_provenance(), "policy_files": {p: {} for p in POLICIES}},
+        dict.fromkeys(POLICIES),
     )
     folder = write(evaluation, tmp_path_factory.mktemp("robot") / "evaluation")
     assert main(["report", str(folder)]) == 0

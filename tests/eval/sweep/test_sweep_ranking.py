@@ -12,6 +12,7 @@ from fuzzyarm.eval.sweep.quantities import plant_record
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.summary import summarise
+from fuzzyarm.policies.declared import declared
 
 PLANTS = 200
 
@@ -59,7 +60,17 @@ def test_losing_more_than_one_in_a_hundred_ranks_last_and_losing_fewer_does_not(
     table = markdown(rank_sweeps([write("a", document(errors, completed)).parent]))
     ranks = [[cell.strip() for cell in line.split("|")[1:4]] for line in table.splitlines()[2:5]]
     assert [rank[:2] for rank in ranks] == [["1", "fuzzy-2"], ["2", "fuzzy-4"], ["3", "fuzzy-1"]]
-    assert ranks[2][2] == "lost" and "3 of 400" in table
+    assert ranks[2][2] == "ended early" and "3 of 400" in table and "lost" not in table.lower()
+
+
+def test_what_the_policies_declare_is_in_the_file_and_can_be_shown(write, capsys):
+    path = write("a", document(drawn(1)))
+    assert main(["leaderboard", str(path), "--declared"]) == 0
+    out = capsys.readouterr().out
+    assert declared("fuzzy-1").objective in out and "knows of the arm" in out
+    assert main(["leaderboard", str(path), "--json"]) == 0
+    (standing,) = json.loads(capsys.readouterr().out)["standings"]
+    assert standing["declared"] == declared("fuzzy-1")._asdict() and standing["rank"] == 1
 
 
 def test_sweeps_of_other_plants_are_ranked_together_and_of_another_distribution_are_not(write, capsys):

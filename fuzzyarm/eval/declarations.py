@@ -1,0 +1,77 @@
+"""What policies declare, see `policies.declared`, in files of results and as text; one form for all commands."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from fuzzyarm.common.console import print_table
+from fuzzyarm.common.console import table as new_table
+from fuzzyarm.policies import resolve
+from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
+from fuzzyarm.policies.spec import PolicySpec
+
+__all__ = ["ROW", "declarations_of", "declared_cells", "print_declared", "read_declarations", "written_declarations"]
+
+ROW = ("policy", *HEADINGS)
+"""Headings of `declared_cells` with the policy in front."""
+
+
+def declarations_of(
+    specs: Mapping[str, PolicySpec], policies: Mapping[str, Any], passes: int = 1
+) -> dict[str, Declared | None]:
+    """Return the declarations of policies by label, given what each refers to and the loaded policy; see `declared`."""
+    return {label: declared(spec, policies[label], passes) for label, spec in specs.items()}
+
+
+def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict[str, str] | None]:
+    """Return declarations as files of results hold them."""
+    return {label: None if own is None else own._asdict() for label, own in found.items()}
+
+
+def read_declarations(written: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Declared | None]:
+    """Return declarations by label out of a file of results; those of an older file by the names of its policies.
+
+    Args:
+        written: what `written_declarations` returned; None in an older file.
+        names: of the policies, as the file has them.
+
+    Raises:
+        ValueError: a policy is missing, or its declaration is none.
+    """
+    labels = {resolve(name).label: name for name in names}
+    if written is None:
+        return {label: declared_by_name(name) for label, name in labels.items()}
+    if set(written) != set(labels):
+        raise ValueError("declared is not of the policies that were run")
+    return {label: None if written[label] is None else stated(written[label]) for label in labels}
+
+
+def declared_cells(own: Declared | None) -> tuple[str, ...]:
+    """Return the cells of a declaration below `HEADINGS`."""
+    return ("not declared",) * len(HEADINGS) if own is None else own
+
+
+def print_declared(rows: Sequence[Sequence[str]], headings: Sequence[str], console: Console) -> None:
+    """Print rows of a table as a block for each: its first cell, and below it a line for each of the others.
+
+    Six columns of sentences would be a word wide on a terminal.
+
+    Args:
+        rows: of cells.
+        headings: of the columns.
+        console: where it is printed.
+    """
+    console.print()
+    table = new_table([headings[0], "declares"], left=(0, 1), console=console, fold=True)
+    table.columns[0].no_wrap = True
+    for policy, *cells in rows:
+        table.add_section()
+        table.add_row(Text(policy, style="bold"))
+        for heading, cell in zip(itertools.islice(headings, 1, None), cells, strict=True):
+            table.add_row(Text(f"  {heading}"), Text(cell))
+    print_table(table, console)
