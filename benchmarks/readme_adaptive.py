@@ -79,8 +79,8 @@ def adaptive_plants_table(document: dict[str, Any], sweeps: list[dict[str, Any]]
         rows.append([row["what"], CASES[row["case"]].title, str(row["plants"]), *cells, "", str(row["lost"])])
     return (
         f"{table(headings, rows, left=2)}\n\nLargest tip error of each plant; {', '.join(commands)}; the others have "
-        f"seed {document['seed']}. Beyond: the episode ended early or the tip was once that far off; lower rows show what "
-        f"is beyond {far:g} mm as {far:g}. {_made(document)}"
+        f"seed {document['seed']}. Beyond: the episode ended early or the tip was once that far off; lower rows show "
+        f"what is beyond {far:g} mm as {far:g}. {_made(document)}"
     )
 
 
@@ -104,8 +104,8 @@ def adaptive_margins_table(document: dict[str, Any]) -> str:
     frozen = document["frozen"]
     return (
         f"{table(headings, rows)}\n\nFrozen loop: spectral radius {frozen['radius']:.3f}; stable for a loop gain of "
-        f"{_stable_gains(frozen)}; radius {frozen['radius_gain_0.8']:.2f} at 0.8, {frozen['radius_gain_1.25']:.2f} at 1.25, "
-        f"{frozen['radius_half_a_sample_later']:.2f} half a sample later. {_made(document)}"
+        f"{_stable_gains(frozen)}; radius {frozen['radius_gain_0.8']:.2f} at 0.8, {frozen['radius_gain_1.25']:.2f} at "
+        f"1.25, {frozen['radius_half_a_sample_later']:.2f} half a sample later. {_made(document)}"
     )
 
 
