@@ -114,12 +114,15 @@ def adaptive_front_table(document: dict[str, Any]) -> str:
     first = document["front"][0]
     conditions = ", ".join(_condition(hard) for hard in first["adapting"])
     groups = [f"{group} arms [mm]" for group in first["mean_largest_error_mm"]]
-    headings = ["slower", "gains of a stable frozen loop", *groups, f"beyond: {conditions}"]
+    cases = [f"{CASES[case].title.partition(':')[0]}: max / rms [mm]" for case in first["cases"]]
+    headings = ["slower", "gains of a stable frozen loop", *groups, *cases, f"beyond: {conditions}"]
     rows = []
     for row in document["front"]:
         gains = _stable_gains(row["frozen"])
         errors = [f"{error:.2f}" for error in row["mean_largest_error_mm"].values()]
-        rows.append([f"× {row['slower']:g}", gains, *errors, ", ".join(str(hard["lost"]) for hard in row["adapting"])])
+        errors += [f"{case['max_mm']:.2f} / {case['rms_mm']:.2f}" for case in row["cases"].values()]
+        beyond = ", ".join(str(hard["lost"]) for hard in row["adapting"])
+        rows.append([f"× {row['slower']:g}", gains, *errors, beyond])
     episodes = len(document["adapting"][0]["lost"]) * document["adapting"][0]["of"]
     beyond = f"Beyond {document.get('lost_mm', _CAP):g} mm or ended early, of {episodes} episodes with each"
     return f"{table(headings, rows)}\n\n{beyond}. {_made(document)}"
