@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fuzzyarm.common.checks import array_of, real_entries
-from fuzzyarm.envs.observation import PARTS
+from fuzzyarm.common.checks import array_of, real_entries, shown
+from fuzzyarm.envs.observation import PARTS, Observation
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.compiled import kernel, without_kernels
 from fuzzyarm.envs.physics.equations import AnyArm
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
-__all__ = ["Policy", "Predictor", "Repeated", "limit"]
+__all__ = ["Policy", "Predictor", "Repeated", "checked_observation", "limit", "no_torque"]
 
 
 class Predictor(Protocol):
@@ -41,7 +41,12 @@ class Repeated(Predictor, Protocol):
     """A policy that learns from one pass over a path for the next; what it has learned is in its state."""
 
     def begin_pass(self, state: Any) -> Any:
-        """Return the state with which the next pass begins, from the last one of this pass."""
+        """Return the state with which the next pass begins, from the last one of this pass.
+
+        Raises:
+            TypeError: the state is not what `predict` returned.
+            ValueError: it has seen no sample.
+        """
         ...
 
 
@@ -125,6 +130,20 @@ class Policy(abc.ABC):
         """Return torques (..., n) [N m] within the robot's limits."""
         return np.asarray(np.clip(torque, -self._torque_limit, self._torque_limit))
 
+    def checked_state(self, state: Any) -> np.ndarray:
+        """Return a state (..., memory_size) that `predict` gave as an array.
+
+        Raises:
+            TypeError: it holds something else than real numbers.
+            ValueError: it has another shape.
+        """
+        array = array_of("state", state)
+        if array.dtype.kind not in "fiu":
+            raise TypeError(f"state = {shown(state)} must be an array (..., {self.memory_size}) of predict")
+        if array.shape[-1:] != (self.memory_size,):
+            raise ValueError(f"state has shape {array.shape}; allowed: (..., {self.memory_size}), as predict gives it")
+        return array
+
     def repeated(self) -> Repeated | None:
         """Return this policy for passes over one path again and again; None where it learns nothing from them."""
         return None
@@ -138,6 +157,9 @@ class Policy(abc.ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return motor torques [N m] and the next state.
 
+        `state` is never changed. A loop that gets a ValueError for a reading that is no number holds its last torques
+        and goes on with the same state at the next sample, as if that sample had not been.
+
         Args:
             observation: (5 n,) or (lanes, 5 n), as `FuzzyArmEnv` gives it.
             state: what the last call returned; None begins an episode.
@@ -149,17 +171,11 @@ class Policy(abc.ABC):
 
         Raises:
             TypeError: an argument holds something else than real numbers.
-            ValueError: an argument has a wrong shape.
+            ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
+                torque follows.
         """
-        seen = array_of("observation", observation)
-        real_entries("observation", seen)
-        single = seen.ndim == 1
-        size = PARTS * self.joints
-        if not (single or seen.ndim == 2) or seen.shape[-1] != size:
-            raise ValueError(f"observation has shape {seen.shape}; allowed: ({size},) or (lanes, {size})")
-        given = np.asarray(seen, dtype=np.float64, order="C")
-        batch = given[np.newaxis] if single else given
-        lanes = len(batch)
+        batch = checked_observation(observation, self.joints)
+        lanes, single = len(batch), np.ndim(observation) == 1
         if state is None:
             memory = np.zeros((lanes, self.memory_size))
         else:
@@ -167,7 +183,7 @@ class Policy(abc.ABC):
             real_entries("state", remembered)
             memory = np.array(remembered, dtype=np.float64, ndmin=2)
             if memory.shape != (lanes, self.memory_size):
-                allowed = (*given.shape[:-1], self.memory_size)
+                allowed = (*np.shape(observation)[:-1], self.memory_size)
                 raise ValueError(f"state has shape {np.shape(state)}; allowed: {allowed}")
             if episode_start is not None:
                 starts = np.atleast_1d(array_of("episode_start", episode_start))
@@ -177,10 +193,38 @@ class Policy(abc.ABC):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0
         action = np.empty((lanes, self.joints))
-        if not self.command(batch, memory, action) and np.isfinite(batch).all():
-            largest = np.abs(batch).max()
-            raise ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
+        if not self.command(batch, memory, action):
+            raise no_torque(batch)
         return (action[0], memory[0]) if single else (action, memory)
+
+
+def checked_observation(observation: Any, joints: int) -> np.ndarray:
+    """Return observations (5 n,) or (lanes, 5 n) of n joints as a contiguous batch (lanes, 5 n) of finite numbers.
+
+    Raises:
+        TypeError: it holds something else than real numbers.
+        ValueError: it has a wrong shape, or a number is not finite; the message says which.
+    """
+    seen = array_of("observation", observation)
+    real_entries("observation", seen)
+    size = PARTS * joints
+    if seen.ndim not in (1, 2) or seen.shape[-1] != size:
+        raise ValueError(f"observation has shape {seen.shape}; allowed: ({size},) or (lanes, {size})")
+    batch = np.array(seen, dtype=np.float64, order="C", ndmin=2, copy=None)
+    if not np.isfinite(batch).all():
+        lane, entry = (int(k) for k in np.argwhere(~np.isfinite(batch))[0])
+        place = f"observation[{entry}]" if seen.ndim == 1 else f"observation[{lane}, {entry}]"
+        part = f"{Observation._fields[entry // joints]} of joint {entry % joints + 1}"
+        raise ValueError(
+            f"{place} = {batch[lane, entry]}, {part}, is not finite; hold the last torques and keep the state"
+        )
+    return batch
+
+
+def no_torque(observation: np.ndarray) -> ValueError:
+    """Return the error of a law whose torques for observations (lanes, 5 n) are no numbers."""
+    largest = np.abs(observation).max()
+    return ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
 
 
 @kernel

@@ -1,8 +1,11 @@
-"""What a policy believes of the load while it acts, sample by sample: force at the tip and payload, with deviations.
+"""What a policy believes of load and arm while it acts, sample by sample, with deviations.
 
-A policy has beliefs if it has a method ``beliefs(state)`` that returns an object with the attributes ``force``,
-``force_deviation`` (..., axes) [N], ``payload`` and ``payload_deviation`` (...) [kg]. It may also have ``diverged``,
-whether the estimate is given up, and ``at_end``, by name whether an estimate stands at an end of its range.
+A policy has beliefs if it has a method ``beliefs(state)``. Of what that returns these attributes are kept, each of
+which may be missing, and each only with its standard deviation, ``force_deviation`` and so on: ``force`` (..., axes)
+[N], ``payload`` (...) [kg], ``offset`` (..., n) [N m], ``lateness`` (...) [s], and ``factors``, by name (..., n).
+
+It may also have ``diverged``, whether the estimate is given up; ``at_end``, by name whether an estimate stands at an
+end of its range; and ``other_path``, whether this pass has left the path of the pass before.
 """
 
 from __future__ import annotations
@@ -13,27 +16,40 @@ import numpy as np
 
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
-__all__ = ["NO_BELIEFS", "Believing", "belief_names"]
+__all__ = ["DEVIATION", "NO_BELIEFS", "Believing", "columns_of"]
 
 NO_BELIEFS = np.empty((0, 0))
 """Those of a policy that says nothing."""
+DEVIATION = "_deviation"
+"""Ending of the name of a standard deviation."""
+_KEPT = ("force", "payload", "offset", "lateness")
+_SINGLE = ("payload", "lateness")  # of the tip or the arm; the others are of axes or joints
 
 
-def belief_names(axes: int) -> tuple[str, ...]:
-    """Return the names of the numbers kept of each sample, for a tip in a space of 2 or 3 axes."""
-    forces = [f"force_{axis}" for axis in "xyz"[:axes]]
-    return (*forces, *(f"{force}_deviation" for force in forces), "payload", "payload_deviation")
+def columns_of(part: str, count: int) -> list[str]:
+    """Return the names of the `count` numbers of a part: ``payload``, ``force_x``, ``stiffness_1``, ..."""
+    if part in _SINGLE:
+        return [part]
+    return [f"{part}_{end}" for end in ("xyz"[:count] if part == "force" else range(1, count + 1))]
 
 
 class Believing:
-    """Notes what a policy believes after each of its calls of `predict`."""
+    """Notes what a policy believes after each of its calls of `predict`.
+
+    Attributes:
+        names: of the columns of `rows`, a deviation's with the ending `DEVIATION`; none before the first call, nor of a
+            policy that says nothing.
+    """
 
     def __init__(self, policy: Predictor) -> None:
         """Look for the policy's beliefs."""
+        self.names: tuple[str, ...] = ()
         self._beliefs = getattr(policy, "beliefs", None)
         self._rows: list[np.ndarray] = []
         self._diverged: int | None = None
-        self._at_end: list[str] = []
+        self._other_path: int | None = None
+        self._ends: dict[str, int] = {}  # the first sample of each estimate that stood at an end
+        self._at_last: list[str] = []
         self._policy = policy
 
     def around(self, policy: Predictor) -> Predictor:
@@ -51,28 +67,63 @@ class Believing:
         """Return what the policy returns, and note what it believes."""
         action, state = self._policy.predict(observation, state, episode_start, deterministic)
         if self._beliefs is not None:
-            found = self._beliefs(state)
-            parts = found.force, found.force_deviation, found.payload, found.payload_deviation
-            if self._diverged is None and np.any(getattr(found, "diverged", False)):
-                self._diverged = len(self._rows)
-            if self._diverged is None:
-                self._at_end = [name for name, ended in getattr(found, "at_end", {}).items() if np.any(ended)]
-            self._rows.append(np.concatenate([np.ravel(part) for part in parts]))
+            self._keep(self._beliefs(state))
         return action, state
 
     def note(self, control_period: float) -> str:
-        """Return in words that the policy's filter diverged, or what it believes at an end of its range; else nothing.
+        """Return in words: another path than before, estimates at an end of their range, divergence; or nothing.
 
-        `control_period` [s] gives the time.
+        `control_period` [s] gives the times.
         """
         said = []
+        if self._other_path is not None:
+            time = f"{self._other_path * control_period:.3f} s"
+            said.append(
+                f"its path differs from that of the pass before from {time} on, "
+                "and it no longer expects the forces of that"
+            )
         if self._diverged is not None:
             said.append(f"its filter diverged at {self._diverged * control_period:.3f} s, and its fallback acted since")
-        if self._at_end:
-            names = ", ".join(name.replace("_", " ") for name in self._at_end)
-            said.append(f"its estimate of {names} stood at the end of its range at last")
+        if self._ends:
+            ends = [
+                f"{name.replace('_', ' ')} (first at {sample * control_period:.3f} s"
+                f"{', and at last' if name in self._at_last else ''})"
+                for name, sample in self._ends.items()
+            ]
+            said.append(f"estimates that stood at an end of their range: {', '.join(ends)}")
         return "; ".join(said)
 
     def rows(self) -> np.ndarray:
-        """Return what was noted, (samples, names of `belief_names`); `NO_BELIEFS` of a policy that says nothing."""
-        return np.array(self._rows) if self._rows else NO_BELIEFS
+        """Return what was noted, (samples, `names`); `NO_BELIEFS` of a policy that says nothing.
+
+        A number that is not finite is nan, and every number from the sample on at which the filter diverged.
+        """
+        return np.array(self._rows) if self.names else NO_BELIEFS
+
+    def _keep(self, beliefs: Any) -> None:
+        """Keep the beliefs of the next sample."""
+        sample, parts = len(self._rows), _parts(beliefs)
+        if not self._rows:
+            columns = [columns_of(name, value.size) for name, value, _ in parts]
+            self.names = tuple(name for part in columns for name in (*part, *(one + DEVIATION for one in part)))
+        if self._other_path is None and np.any(getattr(beliefs, "other_path", False)):
+            self._other_path = sample
+        if self._diverged is None and np.any(getattr(beliefs, "diverged", False)):
+            self._diverged = sample
+        row = np.concatenate([np.empty(0), *(numbers for _, *both in parts for numbers in both)])
+        if self._diverged is None:
+            self._at_last = [name for name, ended in getattr(beliefs, "at_end", {}).items() if np.any(ended)]
+            for name in self._at_last:
+                self._ends.setdefault(name, sample)
+            row[~np.isfinite(row)] = np.nan
+        else:
+            row[:] = np.nan
+        self._rows.append(row)
+
+
+def _parts(beliefs: Any) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Return name, numbers and deviations of each part that is kept and there."""
+    deviations = getattr(beliefs, f"factors{DEVIATION}", {})
+    found = [(name, getattr(beliefs, name, None), getattr(beliefs, name + DEVIATION, None)) for name in _KEPT]
+    found += [(name, value, deviations.get(name)) for name, value in getattr(beliefs, "factors", {}).items()]
+    return [(name, np.ravel(a), np.ravel(b)) for name, a, b in found if a is not None and b is not None]

@@ -46,10 +46,11 @@ class Rollout:
         external_force: (n, 2) or (n, 3) [N].
         reward: (n,).
         domain_use: (n,), largest share of the joint box (25) in use, 1 at its border.
-        beliefs: (n, 2 axes + 2), what the policy believed when it acted, columns of `belief_names`; (0, 0) of a policy
-            that says nothing.
-        note: that the policy's filter diverged, or what it believed at an end of its range, in words; empty as a rule.
-            It stands in the rows of an evaluation and not in ``rollouts.npz``.
+        beliefs: (n, columns), what the policy believed when it acted, see `fuzzyarm.eval.episodes.beliefs`; nan where
+            that is nothing, (0, 0) of a policy that says nothing.
+        belief_names: of these columns: ``payload``, ``payload_deviation``, ``stiffness_1``, ...
+        note: that the policy's filter diverged, which of its estimates stood at an end of their range and since when,
+            and that its path was not that of the pass before, in words; empty as a rule.
     """
 
     policy: str
@@ -77,7 +78,13 @@ class Rollout:
     reward: np.ndarray
     domain_use: np.ndarray
     beliefs: np.ndarray = dataclasses.field(default_factory=lambda: NO_BELIEFS)
+    belief_names: tuple[str, ...] = ()
     note: str = ""
+
+    @property
+    def believed(self) -> dict[str, np.ndarray]:
+        """The columns of `beliefs` (n,) by name."""
+        return dict(zip(self.belief_names, self.beliefs.T, strict=True))
 
 
 SIGNALS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name in INFO)
@@ -107,12 +114,13 @@ class Signals:
         parameters: AnyArm,
         step_time: float = math.nan,
         beliefs: np.ndarray = NO_BELIEFS,
+        belief_names: tuple[str, ...] = (),
         note: str = "",
     ) -> Rollout:
         """Return the episode.
 
-        Arguments are the fields of `Rollout`, with its shapes (`beliefs`: (n, 2 axes + 2)), times [s]; `parameters` is
-        the arm, for its joints' limits.
+        Arguments are the fields of `Rollout`, with its shapes (`beliefs`: (n, columns)), times [s]; `parameters` is the
+        arm, for its joints' limits.
         """
         lane, last = self._lane, self._steps[-1]
         signals = {name: np.array([step.info[name] for step in self._steps])[:, lane] for name in SIGNALS}
@@ -131,6 +139,7 @@ class Signals:
             reward=np.array([step.reward for step in self._steps])[:, lane],
             domain_use=_domain_use(signals, parameters),
             beliefs=beliefs,
+            belief_names=belief_names,
             note=note,
             **signals,
         )
@@ -150,6 +159,7 @@ def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, cas
         parameters=env.parameters,
         step_time=timed.median,
         beliefs=believing.rows(),
+        belief_names=believing.names,
         note=believing.note(env.control_period),
     )
 

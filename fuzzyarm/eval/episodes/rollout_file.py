@@ -13,14 +13,14 @@ import numpy as np
 
 from fuzzyarm.common.array_files import read_arrays
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS, belief_names
+from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS
 from fuzzyarm.eval.episodes.rollout import Rollout
 
 __all__ = ["NAME", "digest", "read_rollouts", "write_rollouts"]
 
 NAME = "rollouts.npz"
 """Name of the file in an evaluation's folder."""
-_FIELDS = tuple(field.name for field in dataclasses.fields(Rollout) if field.name != "note")
+_FIELDS = tuple(field.name for field in dataclasses.fields(Rollout))
 _SINGLE = {
     "policy": "U",
     "case": "U",
@@ -29,6 +29,7 @@ _SINGLE = {
     "completed": "b",
     "reason": "U",
     "step_time": "f",
+    "note": "U",
 }
 _POINTS = ("tip", "tip_reference", "external_force")
 _LARGEST = 1e60  # whose powers are numbers
@@ -40,7 +41,7 @@ def digest(rollouts: Sequence[Rollout]) -> str:
     total = hashlib.sha256()
     for run in rollouts:
         for name in _FIELDS:
-            array = np.asarray(getattr(run, name))
+            array = _array(run, name)
             total.update(f"{name} {array.dtype} {array.shape} ".encode())
             total.update(array.tobytes())
     return total.hexdigest()
@@ -52,7 +53,7 @@ def write_rollouts(rollouts: Sequence[Rollout], folder: Path) -> Path:
     The array of field ``torque`` of the third rollout is called ``2.torque``; names and flags are arrays as well.
     """
     content = io.BytesIO()
-    arrays = {f"{k}.{name}": np.asarray(getattr(run, name)) for k, run in enumerate(rollouts) for name in _FIELDS}
+    arrays = {f"{k}.{name}": _array(run, name) for k, run in enumerate(rollouts) for name in _FIELDS}
     np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
     write_atomically(folder / NAME, content.getvalue())
     return folder / NAME
@@ -66,6 +67,9 @@ def read_rollouts(path: Path) -> list[Rollout]:
         OSError: it cannot be read.
     """
     arrays = read_arrays(path)
+    missing = [name for name in _FIELDS if f"0.{name}" not in arrays]
+    if arrays and missing:
+        raise ValueError(f"{path} is damaged, or of another version of fuzzyarm (its rollouts have no {missing[0]})")
     count = len(arrays) // len(_FIELDS)
     if set(arrays) != {f"{k}.{name}" for k in range(count) for name in _FIELDS}:
         raise ValueError(f"{path} is damaged (it does not hold the fields of {count} rollouts)")
@@ -75,19 +79,28 @@ def read_rollouts(path: Path) -> list[Rollout]:
         raise ValueError(f"{path} is damaged ({error})") from None
 
 
+def _array(run: Rollout, name: str) -> np.ndarray:
+    """Return a field as an array; names are texts, also where there are none."""
+    return np.asarray(getattr(run, name), dtype=np.str_ if name == "belief_names" else None)
+
+
 def _rollout(arrays: dict[str, np.ndarray]) -> Rollout:
     """Return a rollout whose fields are of the types and shapes that `Rollout` says; ValueError otherwise."""
     steps, joints = len(np.atleast_1d(arrays["time"])), arrays["torque"].shape[-1] if arrays["torque"].ndim else 0
     axes = arrays["tip"].shape[-1] if arrays["tip"].shape[-1:] in ((2,), (3,)) else 2
+    believed = len(set(arrays["belief_names"].ravel().tolist()))  # columns, whose names differ
     values: dict[str, Any] = {}
     for name, array in arrays.items():
         kind, row = _SINGLE.get(name, "f"), axes if name in _POINTS else joints
         shape: tuple[int, ...] = () if name in _SINGLE else (steps,) if name in _ONE_NUMBER else (steps, row)
         if name == "beliefs":
-            shape = NO_BELIEFS.shape if array.size == 0 else (steps, len(belief_names(axes)))
+            shape = (steps, believed) if believed else NO_BELIEFS.shape
+        elif name == "belief_names":
+            kind, shape = "U", (believed,)
         if array.dtype.kind != kind or array.shape != shape or steps == 0:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}; needed: {kind} of shape {shape}")
-        if kind == "f" and name != "step_time" and not (np.abs(array) <= _LARGEST).all():
+        unknown = np.isnan(array) if name == "beliefs" else False
+        if kind == "f" and name != "step_time" and not (unknown | (np.abs(array) <= _LARGEST)).all():
             raise ValueError(f"{name} is not finite, or beyond {_LARGEST:g}")
-        values[name] = array.item() if name in _SINGLE else array
+        values[name] = array.item() if name in _SINGLE else tuple(array.tolist()) if kind == "U" else array
     return Rollout(**values)

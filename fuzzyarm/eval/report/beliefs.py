@@ -1,72 +1,139 @@
-"""What policies believed of the load, beside the truth: a chart for each case and policy that says what it believes."""
+"""What policies believed, beside the truth: for each case and policy that says it the force over time, and a table."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from html import escape
 
 import numpy as np
 
 from fuzzyarm.envs.scenario.cases import CASES, Case
-from fuzzyarm.eval.episodes.beliefs import belief_names
+from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.eval.episodes.beliefs import DEVIATION
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.report.chart import figure
 
-__all__ = ["WARNING", "belief_charts"]
+__all__ = ["WARNING", "belief_figures"]
 
 WARNING = (
-    "Size of the force at the tip over the episode: the estimate, with a band of one standard deviation, and, thicker, "
-    "the truth. Masses and forces share a load: a part of a payload shows up as a force, and the other way round, so "
-    "neither is a measurement."
+    "Charts: size of the force at the tip over the episode, the estimate with a band of one standard deviation and, "
+    "thicker, the truth. Masses and forces share a load: a part of a payload shows up as a force, and the other way "
+    "round, so neither is a measurement. Tables: estimates with the standard deviation that the policy gives them; "
+    "stiffness, damping, friction, mass and motor inertia as factors of the arm that it knows. That is the arm that is "
+    "simulated, so the true factors are 1. What the motion does not excite stays near the first guess."
 )
-"""What has to be known to read the charts."""
+"""What has to be known to read them."""
 WIDTH, HEIGHT, LEFT, BOTTOM = 390, 150, 40, 24  # [px]: of the chart, and the margins of its labels
 POINTS = 300  # of a curve
+BAND = 90.0  # percentile of the upper edge of the band that the chart shows; where it is wider still, it is cut
+UNITS = {"payload": ("kg", 1.0), "offset": ("N m", 1.0), "lateness": ("ms", 1e3)}  # and the factor to it; else none
 
 
-def belief_charts(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
-    """Return a chart of every first episode of a policy with beliefs; an empty text if no policy has any.
+def belief_figures(rollouts: list[Rollout], cases: Mapping[str, Case] = CASES) -> str:
+    """Return a figure of every first episode of a policy with beliefs; an empty text if no policy has any.
 
-    `cases` by name, with the loads that were carried.
+    Below it stand the notes on all episodes of this policy in this case. `cases` by name, with the loads that were
+    carried.
     """
     seen: set[tuple[str, str]] = set()
-    charts = []
+    figures = []
     for run in rollouts:
         if run.beliefs.size and (run.case, run.policy) not in seen:
             seen.add((run.case, run.policy))
             case = cases[run.case]
-            charts.append(figure(f"{case.title}, {run.policy}", _chart(run, case.disturbance.payload.mass)))
-    return "".join(charts)
+            alike = [other for other in rollouts if (other.case, other.policy) == (run.case, run.policy)]
+            content = _chart(run) + _table(run, case.disturbance) + _notes(alike)
+            figures.append(figure(f"{case.title}, {run.policy}", content))
+    return "".join(figures)
 
 
-def _chart(run: Rollout, mass: float) -> str:
-    """Return the SVG of one episode under a payload [kg]."""
-    axes = run.external_force.shape[1]
-    column = dict(zip(belief_names(axes), run.beliefs.T, strict=True))
-    truth = np.linalg.norm(run.external_force, axis=1)
-    size = np.linalg.norm(run.beliefs[:, :axes], axis=1)
-    deviation = np.linalg.norm(run.beliefs[:, axes : 2 * axes], axis=1)
-    highest = max(float(truth.max()), float(size.max()), 1.0)
-    every = max(len(size) // POINTS, 1)
-    x = LEFT + (WIDTH - LEFT) * run.time / run.time[-1]
-
-    def y(force: np.ndarray) -> np.ndarray:
-        return np.asarray((HEIGHT - BOTTOM) * (1.0 - np.clip(force / highest, 0.0, 1.0)) + 2.0)
-
-    def curve(force: np.ndarray) -> str:
-        return "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x[::every], y(force)[::every], strict=True))
-
-    back = "L".join(reversed(curve(np.maximum(size - deviation, 0.0)).split("L")))
-    words = (
-        f"payload: {column['payload'][-1]:.1f} ± {column['payload_deviation'][-1]:.1f} kg believed, {mass:g} kg true"
+def _chart(run: Rollout) -> str:
+    """Return the SVG of the forces of an episode; an empty text where no force is believed."""
+    believed = run.believed
+    forces = [name for name in believed if re.fullmatch("force_[xyz]", name)]
+    size, deviation = (
+        np.linalg.norm([believed[name + ending] for name in forces], axis=0) if forces else np.array([np.nan])
+        for ending in ("", DEVIATION)
     )
+    known = np.flatnonzero(np.isfinite(size + deviation))
+    if not known.size:
+        return ""
+    truth, lower, upper = (
+        np.linalg.norm(run.external_force, axis=1),
+        np.maximum(size - deviation, 0.0),
+        size + deviation,
+    )
+    highest = max(1.0, truth.max(), size[known].max(), float(np.percentile(upper[known], BAND)))
+    thinned, samples = known[:: max(len(known) // POINTS, 1)], np.arange(0, len(truth), max(len(truth) // POINTS, 1))
+
+    def curve(force: np.ndarray, at: np.ndarray) -> str:
+        x = LEFT + (WIDTH - LEFT) * run.time[at] / run.time[-1]
+        y = (HEIGHT - BOTTOM) * (1.0 - np.clip(force[at] / highest, 0.0, 1.0)) + 2.0
+        return "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+
+    words = f"force at the tip, believed and true, over {run.time[-1]:.2f} s"
     return (
         f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}">'
         f"<title>{escape(words)}</title>"
         f'<text class="tick" x="18" y="12">{highest:.0f} N</text>'
         f'<text class="tick" x="18" y="{HEIGHT - BOTTOM + 4}">0</text>'
         f'<path class="grid" d="M{LEFT} {HEIGHT - BOTTOM + 2}H{WIDTH}"/>'
-        f'<g class="p0"><path class="belief-band" d="M{curve(size + deviation)}L{back}Z"/>'
-        f'<path class="belief" d="M{curve(size)}"/></g><path class="truth" d="M{curve(truth)}"/>'
+        f'<g class="p0"><path class="belief-band" d="M{curve(upper, thinned)}L{curve(lower, thinned[::-1])}Z"/>'
+        f'<path class="belief" d="M{curve(size, thinned)}"/></g><path class="truth" d="M{curve(truth, samples)}"/>'
         f'<text class="axis" x="{(LEFT + WIDTH) / 2}" y="{HEIGHT - 6}">{escape(words)}</text></svg>'
     )
+
+
+def _table(run: Rollout, loads: Disturbance) -> str:
+    """Return the table of what was believed at last, and of what is true under these loads; forces are in the chart."""
+    believed, joints = run.believed, run.torque.shape[1]
+    parts: dict[str, list[str]] = {}
+    for name in believed:
+        if not name.startswith("force_") and not name.endswith(DEVIATION):
+            parts.setdefault(re.sub(r"_\d+$", "", name), []).append(name)
+    known = np.flatnonzero(~np.isnan(run.beliefs).all(axis=1))
+    if not (parts and known.size):
+        return ""
+    order = sorted(parts, key=["payload", "lateness", "offset"].__contains__)
+    rows = []
+    for part, names in ((part, parts[part]) for part in order):
+        unit, factor = UNITS.get(part, ("", 1.0))
+        cells = [
+            _with_deviation(*(factor * believed[name + end][known[-1]] for end in ("", DEVIATION))) for name in names
+        ]
+        span = f' colspan="{joints}"' if len(cells) == 1 else ""
+        said = "".join(f"<td{span}>{cell}</td>" for cell in cells)
+        label = part.replace("_", " ") + (f" [{unit}]" if unit else "")
+        truth = _truth(part, loads, run.time[-1])
+        rows.append(f'<tr><th scope="row">{escape(label)}</th>{said}<td>{escape(truth)}</td></tr>')
+    heads = "".join(f'<th scope="col">joint {joint + 1}</th>' for joint in range(joints))
+    last = f"at {run.time[known[-1]]:.3f} s"
+    return (
+        f'<div class="scroll"><table class="believed"><thead><tr><th scope="col">{last}</th>{heads}'
+        f'<th scope="col">true</th></tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+    )
+
+
+def _truth(part: str, loads: Disturbance, time: float) -> str:
+    """Return the true value of a part at a time [s] of an episode under these loads, whose arm the policy knows."""
+    if part == "payload":
+        return f"{loads.payload.mass:g}"
+    if part == "offset" and loads.torque_bias is not None:
+        return ", ".join(f"{number:g}" for number in loads.torque_bias.at(np.array(time)))
+    return "0" if part in UNITS else "1"
+
+
+def _with_deviation(value: float, deviation: float) -> str:
+    """Return a number and its standard deviation, with two digits of that."""
+    if not (math.isfinite(value) and math.isfinite(deviation)):
+        return "none"
+    digits = min(max(1 - math.floor(math.log10(deviation)), 0), 4) if deviation > 0.0 else 4
+    return f"{round(value, digits) + 0.0:.{digits}f} ± {deviation:.{digits}f}"  # + 0.0: no minus before a zero
+
+
+def _notes(runs: list[Rollout]) -> str:
+    """Return the notes on episodes that differ in the seed, see `Rollout`; an empty text if there are none."""
+    said = [f"seed {run.seed}: {run.note}" if len(runs) > 1 else run.note for run in runs if run.note]
+    return f'<p class="note">{escape("; ".join(said))}.</p>' if said else ""

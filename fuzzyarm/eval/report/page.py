@@ -22,7 +22,7 @@ from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.ranking import standings_of
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.report.beliefs import WARNING, belief_charts
+from fuzzyarm.eval.report.beliefs import WARNING, belief_figures
 from fuzzyarm.eval.report.certificates import SCOPE, Observations, bound_charts, bound_note, statements
 from fuzzyarm.eval.report.headline import headline, rule
 from fuzzyarm.eval.report.observed import observe_policies
@@ -98,12 +98,12 @@ def _part(name: str) -> str:
 
 def _beliefs(stored: StoredEvaluation) -> str:
     """Return the section of what policies believed; an empty text if none says it."""
-    charts = belief_charts(stored.rollouts, {name: stored.config.case(name, None) for name in stored.config.cases})
-    if not charts:
+    figures = belief_figures(stored.rollouts, {name: stored.config.case(name, None) for name in stored.config.cases})
+    if not figures:
         return ""
     return (
-        '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of the load</h2>'
-        f'<div class="charts">{charts}</div><p class="note">{escape(WARNING)}</p></section>'
+        '<section aria-labelledby="beliefs"><h2 id="beliefs">What policies believed of load and arm</h2>'
+        f'<div class="charts">{figures}</div><p class="note">{escape(WARNING)}</p></section>'
     )
 
 

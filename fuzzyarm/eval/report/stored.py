@@ -137,3 +137,5 @@ def _check_row(run: Rollout, row: dict[str, Any]) -> None:
         both_real = isinstance(value, float) and isinstance(stored, float | int)
         if not (math.isclose(value, stored, rel_tol=1e-9) if both_real else value == stored):
             raise ValueError(f"{key} of {run.policy} in case {run.case} is {stored}, its rollout has {value}")
+    if row.get("note", "") != run.note:
+        raise ValueError(f"the note on {run.policy} in case {run.case} is not that of its rollout")

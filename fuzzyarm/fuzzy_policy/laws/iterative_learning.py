@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzyarm.envs.observation import PARTS
+from fuzzyarm.common.checks import shown
+from fuzzyarm.fuzzy_policy.policy import checked_observation, no_torque
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
@@ -64,29 +65,41 @@ class TorqueLearning:
 
         Args:
             observation: (numbers,) or (lanes, numbers), as the policy takes it.
-            state: None, or what the last call or `begin_pass` returned; it goes on in place.
+            state: None, or what the last call or `begin_pass` returned; it goes on in place, unless an error is raised.
             episode_start: ignored; a pass begins with its state.
             deterministic: ignored.
+
+        Raises:
+            TypeError: the observation holds something else than real numbers, or the state is none of these.
+            ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
+                torque follows.
         """
-        seen = np.array(observation, dtype=np.float64, ndmin=2)
-        if state is None:
-            state = _first(
-                np.zeros((len(seen), self.policy.memory_size)), np.empty((0, len(seen), seen.shape[1] // PARTS))
-            )
-        feedback, feedforward = self.policy.feedback_and_feedforward(seen, state.memory)
+        seen = checked_observation(observation, self.policy.joints)
+        lanes, own = len(seen), self.policy.memory_size
+        state = _first(np.zeros((lanes, own)), np.empty((0, lanes, self.policy.joints))) if state is None else state
+        memory = _checked(state).memory.copy()
+        if memory.shape != (lanes, own):
+            raise ValueError(f"state has a memory of shape {memory.shape}; needed: {(lanes, own)}")
+        feedback, feedforward = self.policy.feedback_and_feedforward(seen, memory)
         sample = min(len(state.added), len(state.learned) - 1)
         added = feedback if sample < 0 else feedback + state.learned[sample]
-        state.added.append(added)
         torque = self.policy.clipped(feedforward + added)
+        if np.isnan(torque).any():
+            raise no_torque(seen)
+        state.memory = memory
+        state.added.append(added)
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 
     def begin_pass(self, state: LearnedTorque) -> LearnedTorque:
         """Return the state with which the next pass over the same path begins.
 
+        It keeps the learned torques alone.
+
         Raises:
-            ValueError: the state has seen no sample.
+            TypeError: the state is not what `predict` returned.
+            ValueError: it has seen no sample.
         """
-        if not state.added:
+        if not _checked(state).added:
             raise ValueError("there is no pass to learn from: call predict along the path before begin_pass")
         from scipy.signal import butter, sosfiltfilt  # slow to import, and looks for torch
 
@@ -94,6 +107,13 @@ class TorqueLearning:
         added = np.array(state.added)
         learned = sosfiltfilt(sections, added, axis=0, padlen=min(len(added) - 1, PADDING))
         return _first(np.zeros_like(state.memory), learned)
+
+
+def _checked(state: LearnedTorque) -> LearnedTorque:
+    """Return a state, once it is one."""
+    if not isinstance(state, LearnedTorque):
+        raise TypeError(f"state = {shown(state)} must be the LearnedTorque that predict or begin_pass returned")
+    return state
 
 
 def _first(memory: np.ndarray, learned: np.ndarray) -> LearnedTorque:

@@ -167,8 +167,12 @@ class LearnedObserverPolicy(Policy):
         """Return what its adaptive observer believes at the next sample, from a state (..., memory_size) of `predict`.
 
         Where that one's filter has diverged, the elastic observer and the network act.
+
+        Raises:
+            TypeError: the state holds something else than real numbers.
+            ValueError: it has another shape.
         """
-        return self.adaptive.beliefs(np.asarray(state)[..., self.filter])
+        return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""

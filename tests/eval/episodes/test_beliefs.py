@@ -1,6 +1,7 @@
 """What a policy believes is kept with its rollout, in the file and on the report's page."""
 
 import dataclasses
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,12 +9,15 @@ import pytest
 
 from fuzzyarm.cli.evaluate import _remarkable
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.eval.episodes.beliefs import belief_names
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.scenario.disturbances import Disturbance, TorqueBias
+from fuzzyarm.eval.episodes.beliefs import Believing
 from fuzzyarm.eval.episodes.rollout import record_rollout
 from fuzzyarm.eval.episodes.rollout_file import read_rollouts, write_rollouts
 from fuzzyarm.eval.evaluation.results_file import _check_row
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, _row
-from fuzzyarm.eval.report.beliefs import belief_charts
+from fuzzyarm.eval.report.beliefs import belief_figures
+from fuzzyarm.eval.report.stored import _check_row as _check_stored
 from fuzzyarm.policies import load_policy
 
 
@@ -25,7 +29,7 @@ def runs():
 
 
 def test_estimated_force_follows_the_true_one(runs):
-    believed = dict(zip(belief_names(2), runs[0].beliefs.T, strict=True))
+    believed = runs[0].believed
     assert len(runs[0].beliefs) == len(runs[0].time)
     estimate = np.column_stack([believed["force_x"], believed["force_y"]])
     # The belief after sample k is that of the force at sample k, the record that of sample k + 1.
@@ -34,43 +38,115 @@ def test_estimated_force_follows_the_true_one(runs):
     assert np.all(believed["payload_deviation"] > 0.0)
 
 
+def test_every_estimate_is_kept_with_its_deviation_by_name():
+    policy = load_policy("adaptive-observer")
+    observation, _ = FuzzyArmEnv().reset(seed=0)
+    believing, state = Believing(policy), None
+    for _ in range(3):
+        _, state = believing.predict(observation + 1e-4, state)
+    found, kept = policy.beliefs(state), dict(zip(believing.names, believing.rows()[-1], strict=True))
+    assert believing.names[:4] == ("force_x", "force_y", "force_x_deviation", "force_y_deviation")
+    for name in ("payload", "lateness"):
+        assert kept.pop(name) == getattr(found, name)
+        assert kept.pop(f"{name}_deviation") == getattr(found, f"{name}_deviation") > 0.0
+    parts = {"offset": (found.offset, found.offset_deviation)}
+    parts |= {name: (found.factors[name], found.factors_deviation[name]) for name in found.factors}
+    assert set(parts) == {"offset", "stiffness", "damping", "friction", "mass", "motor_inertia"}
+    for name, (value, deviation) in parts.items():
+        for joint in range(2):
+            assert kept.pop(f"{name}_{joint + 1}") == value[joint]
+            assert kept.pop(f"{name}_{joint + 1}_deviation") == deviation[joint] > 0.0
+    assert all(name.startswith("force_") for name in kept) and len(kept) == 4
+
+
 def test_a_policy_without_beliefs_has_none(runs):
-    assert runs[1].beliefs.size == 0
+    assert runs[1].beliefs.size == 0 and runs[1].belief_names == () and runs[1].believed == {}
 
 
 def test_beliefs_come_back_from_the_file_and_are_checked(runs, tmp_path):
-    write_rollouts(runs, tmp_path)
-    first, second = read_rollouts(tmp_path / "rollouts.npz")
+    noted = dataclasses.replace(runs[0], note="its filter diverged at 0.002 s")
+    path = write_rollouts([noted, runs[1]], tmp_path)
+    first, second = read_rollouts(path)
     np.testing.assert_array_equal(first.beliefs, runs[0].beliefs)
-    assert second.beliefs.size == 0
+    assert first.belief_names == runs[0].belief_names and first.note == noted.note
+    assert second.beliefs.size == 0 and second.belief_names == () and second.note == ""
+    for damaged in (
+        {"belief_names": runs[0].belief_names[:-1]},
+        {"belief_names": (*runs[0].belief_names[:-1], "payload")},  # twice
+        {"beliefs": np.where(runs[0].beliefs == runs[0].beliefs[3, 2], np.inf, runs[0].beliefs)},
+    ):
+        with pytest.raises(ValueError, match=r"rollouts\.npz is damaged \(belief"):
+            read_rollouts(write_rollouts([dataclasses.replace(runs[0], **damaged)], tmp_path))
 
 
-def test_the_page_shows_a_chart_of_those_who_say_what_they_believe(runs):
-    drawn = belief_charts(runs)
-    assert drawn.count("<figure>") == 1 and "adaptive-observer" in drawn and "kg true" in drawn
-    assert belief_charts(runs[1:]) == ""
-    heavier = EvaluationConfig(payload=7.5).case("payload", None)
-    assert "7.5 kg true" in belief_charts(runs, {"machining": heavier})
+def test_a_file_from_before_beliefs_had_names_is_told(runs, tmp_path):
+    path = write_rollouts(runs[1:], tmp_path)
+    with np.load(path) as file:
+        older = {name: file[name] for name in file if name not in ("0.belief_names", "0.note")}
+    np.savez_compressed(path, **older)
+    with pytest.raises(ValueError, match=r"of another version of fuzzyarm \(its rollouts have no belief_names\)$"):
+        read_rollouts(path)
+
+
+def test_the_page_shows_what_is_believed_beside_the_truth(runs):
+    drawn = belief_figures(runs)
+    assert drawn.count("<figure>") == drawn.count('class="belief-band"') == 1 and "adaptive-observer" in drawn
+    assert belief_figures(runs[1:]) == ""
+    columns = "payload", "stiffness_1", "stiffness_2", "offset_1", "offset_2", "lateness"
+    values, deviations = (4.2, 1.04, 0.97, -1e-9, 0.3, 2e-3), (1.5, 0.02, 0.1, 2.0, 0.0, 5e-4)
+    names = tuple(name + end for name in columns for end in ("", "_deviation"))
+    numbers = np.tile([number for pair in zip(values, deviations, strict=True) for number in pair], (3, 1))
+    numbers[2] = np.nan  # the filter has diverged
+    run = dataclasses.replace(runs[0], beliefs=numbers, belief_names=names, note="a <note>")
+    pushed = dataclasses.replace(
+        EvaluationConfig(payload=7.5).case("payload", None),
+        disturbance=Disturbance(payload=Payload(7.5), torque_bias=TorqueBias((3.0, -1.0))),
+    )
+    drawn = belief_figures([run, dataclasses.replace(run, seed=1, note="")], {"machining": pushed})
+    rows = re.findall(r"<tr><th scope=.row.>(.*?)</th>(.*?)</tr>", drawn)
+    assert {label: re.findall(r"<td.*?>(.*?)</td>", cells) for label, cells in rows} == {
+        "payload [kg]": ["4.2 ± 1.5", "7.5"],
+        "stiffness": ["1.040 ± 0.020", "0.97 ± 0.10", "1"],
+        "offset [N m]": ["0.0 ± 2.0", "0.3000 ± 0.0000", "3, -1"],
+        "lateness [ms]": ["2.00 ± 0.50", "0"],
+    }
+    assert "at 0.002 s" in drawn and "seed 0: a &lt;note&gt;" in drawn and "seed 1" not in drawn
+    assert "<svg" not in drawn  # no force is believed
+
+
+@pytest.mark.parametrize("spread", [1.0, 30.0])
+def test_the_band_fits_into_the_chart_but_for_its_peaks(runs, spread):
+    """Estimate 10 N with 1 or 30 N, in one sample in fifty 1 kN: the axis ends at the band, not at the peak."""
+    samples = len(runs[0].time)
+    numbers = np.column_stack([np.full(samples, 10.0), np.full(samples, spread)])
+    numbers[::50, 1] = 1000.0
+    names = "force_x", "force_x_deviation"
+    quiet = np.zeros_like(runs[0].external_force)
+    drawn = belief_figures([dataclasses.replace(runs[0], external_force=quiet, beliefs=numbers, belief_names=names)])
+    assert f">{10.0 + spread:.0f} N<" in drawn
 
 
 class Diverging:
-    """A policy at rest whose filter diverges at the third sample, while an estimate stands at its end."""
+    """A policy at rest whose filter diverges at the sixth sample; before that an estimate stands at its end twice."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return np.zeros(2), 0 if state is None else state + 1
 
     def beliefs(self, state):
-        ends = {"payload": np.array(False), "joint_stiffness": np.array(state == 1)}
-        kept = np.zeros(2), np.zeros(2), np.array(0.0), np.array(1.0)
-        names = "force", "force_deviation", "payload", "payload_deviation"
-        return SimpleNamespace(**dict(zip(names, kept, strict=True)), diverged=np.array(state >= 2), at_end=ends)
+        ends = {"payload": np.array(state == 4), "joint_stiffness": np.array(state in (1, 3)), "mass": np.array(False)}
+        kept = np.zeros(2), np.zeros(2), np.array(state), np.array(np.inf if state == 2 else 1.0), np.zeros(2)
+        names = "force", "force_deviation", "payload", "payload_deviation", "offset"  # which has no deviation
+        return SimpleNamespace(
+            **dict(zip(names, kept, strict=True)), diverged=np.array(state >= 5), at_end=ends, other_path=state >= 3
+        )
 
 
-def test_a_diverged_filter_is_named_on_the_console_and_in_the_results(tmp_path):
+def test_what_has_to_be_known_is_on_the_console_in_the_results_in_the_file_and_on_the_page(tmp_path):
     run = record_rollout(FuzzyArmEnv(), Diverging(), policy_name="own", case="nominal", seed=0)
     said = (
-        "its filter diverged at 0.002 s, and its fallback acted since; "
-        "its estimate of joint stiffness stood at the end of its range at last"
+        "its path differs from that of the pass before from 0.003 s on, and it no longer expects the forces of that; "
+        "its filter diverged at 0.005 s, and its fallback acted since; estimates that stood at an end of their range: "
+        "joint stiffness (first at 0.001 s), payload (first at 0.004 s, and at last)"
     )
     assert run.note == said
     assert _remarkable([dataclasses.replace(run, completed=True)]) == [f"own in case nominal, seed 0: {said}"]
@@ -78,7 +154,18 @@ def test_a_diverged_filter_is_named_on_the_console_and_in_the_results(tmp_path):
     assert row["note"] == said
     _check_row(row, ("nominal", "own", 0))
     write_rollouts([run], tmp_path)
-    assert read_rollouts(tmp_path / "rollouts.npz")[0].note == ""
+    assert read_rollouts(tmp_path / "rollouts.npz")[0].note == said
+    _check_stored(run, row)
+    with pytest.raises(ValueError, match="the note on own in case nominal is not that of its rollout"):
+        _check_stored(run, row | {"note": "all is well"})
+    assert said in belief_figures([run])
+
+
+def test_a_filter_that_has_diverged_believes_nothing():
+    run = record_rollout(FuzzyArmEnv(), Diverging(), policy_name="own", case="nominal", seed=0)
+    assert "offset_1" not in run.believed
+    np.testing.assert_array_equal(run.believed["payload"][:7], [0.0, 1.0, 2.0, 3.0, 4.0, np.nan, np.nan])
+    np.testing.assert_array_equal(run.believed["payload_deviation"][:4], [1.0, 1.0, np.nan, 1.0])
 
 
 def test_estimates_within_their_range_are_not_named(runs):

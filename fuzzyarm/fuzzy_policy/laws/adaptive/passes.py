@@ -16,6 +16,9 @@ F_1(m) = F_1(m_0) + (m - m_0) G, and the passes go on with the payload whose for
 
 A force that stands for a payload swings with the accelerations of the tip, and so does one beside a payload that is not
 there. Later passes swing too little to tell.
+
+A pass that leaves the path of the pass before expects no force any more, since forces are known by sample, and not by
+place; payload, constants and lateness stay as they were taught. The pass after it begins with nothing learned.
 """
 
 from __future__ import annotations
@@ -26,7 +29,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzyarm.envs.observation import PARTS, observed
+from fuzzyarm.common.checks import shown
+from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
@@ -35,6 +39,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.smoother import smoother_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import unit_force
+from fuzzyarm.fuzzy_policy.policy import checked_observation, no_torque
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
@@ -103,42 +108,51 @@ class AdaptivePasses:
 
         Args:
             observation: (5 n,) or (lanes, 5 n).
-            state: None, or what the last call or `begin_pass` returned; it goes on in place.
+            state: None, or what the last call or `begin_pass` returned; it goes on in place, unless an error is raised.
             episode_start: ignored; a pass begins with its state.
             deterministic: ignored.
 
         Raises:
-            ValueError: an argument has a wrong shape.
+            TypeError: the observation holds something else than real numbers, or the state is none of these.
+            ValueError: an argument has a wrong shape; a number of the observation is not finite, or so large that no
+                torque follows.
         """
-        seen = np.array(observation, dtype=np.float64, ndmin=2)
-        lanes, size = len(seen), PARTS * self.policy.joints
-        if seen.ndim > 2 or seen.shape[1] != size:
-            raise ValueError(f"observation has shape {np.shape(observation)}; allowed: ({size},) or (lanes, {size})")
-        if state is None:
-            state = self._first(np.zeros((lanes, self.policy.memory_size)))
+        seen = checked_observation(observation, self.policy.joints)
+        lanes = len(seen)
+        state = self._first(np.zeros((lanes, self.policy.memory_size))) if state is None else self._checked(state)
         if len(state.memory) != lanes:
             raise ValueError(f"the state is that of {len(state.memory)} lanes, the observation has {lanes}")
         parts = observed(seen)
-        q, sample = parts.q_reference.copy(), len(state.references)
+        q, sample, other_path = parts.q_reference.copy(), len(state.references), state.other_path
         if sample < len(state.path):
-            state.other_path |= np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH
-        torque = np.empty((lanes, self.policy.joints))
-        self.policy.act_with(seen, state.memory, torque, _window(state, sample))
+            other_path = other_path | (np.abs(q - state.path[sample]).max(axis=1) > SAME_PATH)
+        torque, memory = np.empty((lanes, self.policy.joints)), state.memory.copy()
+        self.policy.act_with(seen, memory, torque, _window(state, sample, other_path))
+        if np.isnan(torque).any():
+            raise no_torque(seen)
         torque = self.policy.clipped(torque)
+        state.memory, state.other_path = memory, other_path
         state.references.append(q)
         state.measured.append(np.concatenate([parts.q_motor, parts.dq_motor], axis=1))
         state.commands.append(torque.copy())
         state.travels.append(travel_of(self.policy.arm, q, parts.dq_reference))
         if sample == 0:
-            state.early = state.memory.copy()
+            state.early = memory
         return (torque[0] if np.ndim(observation) == 1 else torque), state
 
     def begin_pass(self, state: PassState) -> PassState:
         """Return the state with which the next pass over the same path begins.
 
+        It keeps what the filter believes of the constants of the arm and of the lateness, the payload, and the force to
+        expect at each sample. Everything else begins anew: motors and links, what the force deviates from the expected
+        one, commands, noise. A lane whose filter has diverged, or that has left the path of the pass before, keeps
+        nothing.
+
         Raises:
-            ValueError: the state has seen no sample.
+            TypeError: the state is not what `predict` returned.
+            ValueError: it has seen no sample, or is that of another arm.
         """
+        state = self._checked(state)
         if not state.references:
             raise ValueError("there is no pass to learn from: call predict along the path before begin_pass")
         usable = (state.memory[:, FLAG.lost] == 0.0) & ~state.other_path
@@ -154,9 +168,24 @@ class AdaptivePasses:
         return dataclasses.replace(self._first(memory), expected=expected, path=path, passes=passes)
 
     def beliefs(self, state: PassState) -> Beliefs:
-        """Return what is believed after the last sample, the expected force included; of lanes, also of one."""
-        found = self.policy.beliefs(state.memory)
-        return dataclasses.replace(found, force=found.force + _window(state, len(state.references) - 1)[:, 0])
+        """Return what is believed after the last sample, the expected force included; of lanes, also of one.
+
+        Raises:
+            TypeError: the state is not what `predict` or `begin_pass` returned.
+            ValueError: it is that of another arm.
+        """
+        state = self._checked(state)
+        found, expected = self.policy.beliefs(state.memory), _window(state, len(state.references) - 1, state.other_path)
+        return dataclasses.replace(found, force=found.force + expected[:, 0], other_path=state.other_path.copy())
+
+    def _checked(self, state: PassState) -> PassState:
+        """Return a state, once it is one of this policy."""
+        if not isinstance(state, PassState):
+            raise TypeError(f"state = {shown(state)} must be the PassState that predict or begin_pass returned")
+        size, own = state.memory.shape[1], self.policy.memory_size
+        if size != own:
+            raise ValueError(f"state has a memory of {size} numbers; needed: {own}, that of this arm")
+        return state
 
     def _first(self, memory: np.ndarray) -> PassState:
         lanes = len(memory)
@@ -241,11 +270,14 @@ def _of_length(samples: int, force: np.ndarray) -> np.ndarray:
     return whole
 
 
-def _window(state: PassState, sample: int) -> np.ndarray:
-    """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, axes)."""
+def _window(state: PassState, sample: int, other_path: np.ndarray) -> np.ndarray:
+    """Return the expected force at this sample, at those before it and at the next one, (lanes, `KEPT` + 1, axes).
+
+    Lanes on another path (lanes,) expect none.
+    """
     window = np.zeros((len(state.memory), KEPT + 1, state.expected.shape[2]))
     last = len(state.expected) - 1
     if last >= 0:
         for place, k in enumerate((*range(sample, sample - KEPT, -1), sample + 1)):
-            window[:, place] = state.expected[min(max(k, 0), last)] * ~state.other_path[:, np.newaxis]
+            window[:, place] = state.expected[min(max(k, 0), last)] * ~other_path[:, np.newaxis]
     return window

@@ -77,6 +77,7 @@ class Beliefs:
         diverged: whether the filter has diverged and the fallback acts, (...).
         at_end: by part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no
             lateness, dry friction or damping counts as none.
+        other_path: whether this is a pass that has left the path of the pass before, see `passes`, (...).
     """
 
     force: np.ndarray
@@ -93,6 +94,7 @@ class Beliefs:
     surprise: np.ndarray
     diverged: np.ndarray
     at_end: dict[str, np.ndarray]
+    other_path: np.ndarray
 
 
 class AdaptiveObserverPolicy(Policy):
@@ -159,9 +161,18 @@ class AdaptiveObserverPolicy(Policy):
         return FrozenObserver(self, dry_friction=False)
 
     def beliefs(self, state: np.ndarray) -> Beliefs:
-        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave."""
+        """Return what is believed at the next sample, from a state (..., memory_size) that `predict` gave.
+
+        Raises:
+            TypeError: the state holds something else than real numbers.
+            ValueError: it has another shape.
+        """
+        return self.beliefs_of(self.checked_state(state)[..., : self.memory.noise.stop])
+
+    def beliefs_of(self, own: np.ndarray) -> Beliefs:
+        """Return what is believed at the next sample, from the filter's part (..., numbers) of a state."""
         part, belief, states = self.memory, self.belief, 4 * self.joints
-        own, forces = np.asarray(state)[..., : part.noise.stop], forces_in(belief)
+        forces = forces_in(belief)
         shape, size = own.shape[:-1], part.z.stop - part.z.start
         p, P = own[..., part.z][..., states:], own[..., part.P].reshape(*shape, size, size)
         covariance = P[..., states:, states:]
@@ -189,6 +200,7 @@ class AdaptiveObserverPolicy(Policy):
             surprise=own[..., FLAG.surprise],
             diverged=own[..., FLAG.lost] != 0.0,
             at_end={name: ends[..., part].any(axis=-1) for name, part in belief._asdict().items()},
+            other_path=np.zeros(shape, dtype=np.bool_),
         )
 
     def _arranged(self) -> Settings:

@@ -1,0 +1,122 @@
+"""Readings that are no numbers, and states that are none: refused in one line, and the state that there was goes on."""
+
+import copy
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from slow_twins import slow_but
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+
+ALL = ["fuzzy-4", "fuzzy-4-tip", "computed-torque", "elastic-observer", "adaptive-observer", "learned-observer"]
+SEEN = np.array([[0.3, 0.5, 0.0, 0.0, 0.3001, 0.5002, 0.1, -0.1, 0.2, 0.3]] * 2) + 1e-4 * np.arange(4)[:, None, None]
+ADAPTIVE = AdaptiveObserverPolicy()
+
+
+def torques(policy, between=lambda policy, state: None):
+    """Torques of two lanes at the samples of SEEN, with something in between."""
+    state, found = None, []
+    for seen in SEEN:
+        torque, state = policy.predict(seen, state)
+        found.append(torque)
+        between(policy, state)
+    return np.array(found)
+
+
+def refused(policy, state):
+    """Give every kind of bad sample, in every entry."""
+    for entry in range(10):
+        for number in (np.nan, np.inf, -np.inf):
+            bad = SEEN[0].copy()
+            bad[1, entry] = number
+            part = f"{Observation._fields[entry // 2]} of joint {entry % 2 + 1}"
+            said = f"observation[1, {entry}] = {number}, {part}, is not"
+            with pytest.raises(
+                ValueError, match=f"^{re.escape(said)} finite; hold the last torques and keep the state$"
+            ):
+                policy.predict(bad, state)
+
+
+@pytest.mark.parametrize("name", slow_but(["fuzzy-4-tip", "elastic-observer", "adaptive-observer"], ALL))
+def test_after_a_reading_that_is_no_number_the_state_goes_on_as_if_it_had_not_been(name):
+    policy = load_policy(name)
+    np.testing.assert_array_equal(torques(policy, refused), torques(policy))
+
+
+@pytest.mark.parametrize("policy", [ADAPTIVE, load_policy("fuzzy-4-tip")], ids=["adaptive", "iterative"])
+def test_so_does_a_pass_and_after_a_number_from_which_no_torque_follows(policy):
+    def both(repeated, state):
+        refused(repeated, state)
+        before = copy.deepcopy(state)
+        with pytest.raises(ValueError, match=r"^no finite torque follows from an observation with a number of size 1e"):
+            repeated.predict(np.full((2, 10), 1e300) * [[1.0], [-1.0]], state)
+        for name, value in vars(state).items():
+            np.testing.assert_array_equal(value, getattr(before, name))
+
+    np.testing.assert_array_equal(torques(policy.repeated(), both), torques(policy.repeated()))
+
+
+def test_a_single_observation_is_named_by_its_entry_alone():
+    with pytest.raises(ValueError, match=r"^observation\[3\] = nan, dq_motor of joint 2, is not finite"):
+        ADAPTIVE.predict(np.where(np.arange(10) == 3, np.nan, SEEN[0, 0]))
+
+
+SIZE = ADAPTIVE.memory_size
+PASSES, LEARNING = ADAPTIVE.repeated(), load_policy("fuzzy-4-tip").repeated()
+_, OF_LEARNING = LEARNING.predict(SEEN[0])
+_, OF_PASSES = PASSES.predict(SEEN[0])
+OTHER_ARM = dataclasses.replace(OF_PASSES, memory=np.zeros((2, 7)))
+WRONG = {
+    "beliefs of none": (ADAPTIVE.beliefs, None, TypeError, rf"state = None must be an array \(..., {SIZE}\)"),
+    "beliefs of texts": (ADAPTIVE.beliefs, ["a"], TypeError, r"state = \['a'\] must be an array"),
+    "beliefs of three numbers": (
+        ADAPTIVE.beliefs,
+        np.zeros(3),
+        ValueError,
+        rf"state has shape \(3,\); allowed: \(..., {SIZE}",
+    ),
+    "beliefs of a number": (ADAPTIVE.beliefs, 1.0, ValueError, r"state has shape \(\)"),
+    "beliefs in passes": (PASSES.beliefs, None, TypeError, "state = None must be the PassState"),
+    "no pass": (PASSES.begin_pass, None, TypeError, "state = None must be the PassState that predict or begin_pass"),
+    "plain array": (
+        PASSES.begin_pass,
+        np.zeros(3),
+        TypeError,
+        r"state = array\(\[0., 0., 0.\]\) must be the PassState",
+    ),
+    "another law's": (PASSES.begin_pass, OF_LEARNING, TypeError, "must be the PassState"),
+    "another arm's": (PASSES.begin_pass, OTHER_ARM, ValueError, f"state has a memory of 7 numbers; needed: {SIZE}"),
+    "predict": (lambda s: PASSES.predict(SEEN[0], s), np.zeros((2, SIZE)), TypeError, "must be the PassState"),
+    "predict, iterative": (lambda s: LEARNING.predict(SEEN[0], s), np.zeros(3), TypeError, "must be the LearnedTorque"),
+    "iterative": (LEARNING.begin_pass, None, TypeError, "state = None must be the LearnedTorque that predict"),
+    "iterative, one lane": (
+        lambda s: LEARNING.predict(SEEN[0, 0], s),
+        OF_LEARNING,
+        ValueError,
+        "state has a memory of",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG.values(), ids=WRONG)
+def test_what_is_no_state_is_refused_by_name(case):
+    use, state, kind, message = case
+    with pytest.raises(kind, match=f"^.*{message}") as caught:
+        use(state)
+    assert "\n" not in str(caught.value) and str(caught.value).startswith("state ")
+
+
+def test_beliefs_say_which_lanes_have_left_the_path_of_the_pass_before():
+    path = SEEN[:, :, 4:6].copy()
+    path[2, 1, 0] += 2e-6
+    begun = dataclasses.replace(PASSES._first(np.zeros((2, SIZE))), path=path, expected=np.ones((4, 2, 2)))
+    state, left = begun, []
+    for seen in SEEN:
+        _, state = PASSES.predict(seen, state)
+        left.append(PASSES.beliefs(state).other_path)
+    np.testing.assert_array_equal(left, [[False, False], [False, False], [False, True], [False, True]])
+    assert not ADAPTIVE.beliefs(state.memory).other_path.any()
