@@ -26,6 +26,7 @@ from readme_adaptive import (
     adaptive_passes_table,
     adaptive_plants_table,
     adaptive_robot_table,
+    adaptive_second_plant_table,
     adaptive_start_table,
 )
 from readme_arms import own_arm_tables, tuned_arms_table
@@ -92,6 +93,7 @@ SCRIPTS: dict[str, list[str]] = {
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
     "adaptive_noise": [],
+    "adaptive_plant": [],
     "own_arms": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
@@ -237,6 +239,7 @@ def sections() -> dict[str, str]:
         "adaptive-front": adaptive_front_table(stored["adaptive_margins"]),
         "adaptive-start": adaptive_start_table(stored["adaptive_start"]),
         "adaptive-noise": adaptive_noise_table(stored["adaptive_noise"]),
+        "adaptive-second-plant": adaptive_second_plant_table(stored["adaptive_plant"]),
         "adaptive-robot": adaptive_robot_table(_stored("adaptive_robot_ur5")),
         "own-arm": own_arm_tables(stored["own_arms"]),
         "own-arms": tuned_arms_table(stored["own_arms"]),

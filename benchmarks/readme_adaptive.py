@@ -18,6 +18,7 @@ __all__ = [
     "adaptive_passes_table",
     "adaptive_plants_table",
     "adaptive_robot_table",
+    "adaptive_second_plant_table",
     "adaptive_start_table",
 ]
 
@@ -193,6 +194,22 @@ def adaptive_robot_table(document: dict[str, Any]) -> str:
     return (
         f"{table(headings, rows, left=2)}\n\n`{document['robot']}`; noise: 1e-5 rad, 1e-3 rad/s; plants: masses, "
         f"rotors, stiffness, damping and friction drawn around the robot. {_made(document)}"
+    )
+
+
+def adaptive_second_plant_table(document: dict[str, Any]) -> str:
+    """Return the tip errors on the second plant, each beside that in the simulator."""
+    names = {"max_mm": "max [mm]", "max_but_ends_mm": "max but for 0.1 s at the ends [mm]", "rms_mm": "rms [mm]"}
+    headings = ["case", "policy", *(f"{name}: second plant / simulator" for name in names.values())]
+    rows = []
+    for case in dict.fromkeys(row["case"] for row in document["rows"]):
+        for row in document["rows"]:
+            if row["case"] == case:
+                errors = [f"{_text(row['plant'][name])} / {_text(row['simulator'][name])}" for name in names]
+                rows.append([CASES[case].title, row["policy"], *errors])
+    return (
+        f"{table(headings, rows, left=2)}\n\nRunge-Kutta steps of {1e6 * document['step_s']:g} µs, dry friction "
+        f"smoothed by tanh(v/{document['smoothing_rad_s']:g} rad/s). {_made(document)}"
     )
 
 

@@ -1,52 +1,83 @@
 """The opponents: the quadratic program without limits is the Riccati recursion; searches begin at what is shipped."""
 
-import importlib.util
+import importlib
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.hold import held
+from fuzzyarm.envs.physics.records import State, flat, in_list, reader
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.fuzzy_policy.known_arm import without_dry_friction
+from fuzzyarm.fuzzy_policy.known_arm import travel_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.laws.observer_gains import sampled_arm, state_part
 
 pytestmark = pytest.mark.slow  # scripts outside of the package
 
 
 def script(name):
-    path = Path(__file__).parents[2] / "benchmarks" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    """A script, which imports its neighbours."""
+    folder = str(Path(__file__).parents[2] / "benchmarks")
+    sys.path.insert(0, folder)
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(folder)
 
 
-def test_the_program_is_the_riccati_recursion_where_no_limit_binds_and_keeps_limits_where_they_do():
-    module = script("predictive")
-    law = module.Predictive(JointReference(), limits=True)
-    error, k = 1e-3 * np.random.default_rng(0).normal(size=module.STATES), 300
-    far = np.full((module.HORIZON, 2), 1e5)
-    expected = -law._K[k] @ error
-    np.testing.assert_allclose(law._program(k, k + module.HORIZON, error, -far, far), expected, rtol=1e-3, atol=1e-2)
+@pytest.fixture(scope="module")
+def plans():
+    return script("predictive_plan")
+
+
+def plan_from(plans, model, t):
+    return plans.plan_of(JointReference(), t, model, 0.0218, 1.57)
+
+
+def test_the_program_is_the_riccati_recursion_where_no_limit_binds_and_keeps_limits_where_they_do(plans):
+    begin, n = 0.3, plans.HORIZON
+    plan = plan_from(plans, plans.Model.of(0.0), begin + plans.PERIOD * np.arange(n))
+    error, optimum = 1e-3 * np.random.default_rng(0).normal(size=plans.STATES), plans.Optimum(limits=True)
+    far = np.full((n, 2), 1e5)
+    expected = -plan.K[0] @ error
+    np.testing.assert_allclose(optimum.program(plan, 0, n, error, -far, far), expected, rtol=1e-3, atol=1e-2)
     near = far.copy()
     near[0] = 0.5 * np.abs(expected)
-    bound = law._program(k, k + module.HORIZON, error, -near, near)
+    bound = optimum.program(plan, 0, n, error, -near, near)
     np.testing.assert_allclose(bound, np.clip(expected, -near[0], near[0]), rtol=1e-3)
 
 
-def test_the_linearisation_at_rest_is_the_sampled_arm_but_for_gravity():
+def test_the_linearisation_at_rest_is_the_sampled_arm_but_for_gravity(plans):
     """A and B of the observer's gains leave gravity's slope out; with it they differ by g'(q) T² / M, below 1e-3."""
-    module = script("predictive")
-    q = np.array([0.3, 1.2])
+    q, arm = np.array([0.3, 1.2]), arm_constants(plans.ARM)
     x = np.concatenate([q, q, np.zeros(4)])[np.newaxis]
-    A, B = module.linearised(x, np.zeros((1, 2)), 0.0)
-    physics = module.equations_of(module.ARM)
-    inertia = np.array(physics.mass_matrix(physics.PerJoint(*q), module.arm_constants(module.ARM)))
-    whole, push = sampled_arm(without_dry_friction(module.ARM), module.PERIOD, inertia)
+    A, B = plans.linearised(x, np.zeros((1, 2)), arm, np.zeros((1, 2)))
+    physics = equations_of(plans.ARM)
+    inertia = np.array(physics.mass_matrix(physics.PerJoint(*q), arm))
+    whole, push = sampled_arm(without_dry_friction(plans.ARM), plans.PERIOD, inertia)
     state = state_part(2)
     np.testing.assert_allclose(A[0][:4], whole[state, state][:4], atol=2e-4)
     np.testing.assert_allclose(B[0], push[state], rtol=0.02, atol=1e-7)
+
+
+def test_the_planned_motion_solves_the_equations_of_the_loaded_arm(plans):
+    """A sample of the arm without dry friction, from x_d under u_ff less that friction, ends at the next x_d."""
+    t = 0.4 + plans.PERIOD * np.arange(2)
+    loaded = plans.Model.of(5.0)
+    smooth = loaded.arm._replace(static1=0.0, static2=0.0, coulomb1=0.0, coulomb2=0.0)
+    force = np.array([3.0, -2.0])
+    x, u, _ = plans.motion(JointReference(), t, plans.Model(smooth, 40.0, force))
+    push = 40.0 * travel_of(plans.ARM, x[:, 2:4], x[:, 6:8]) + force
+    physics = equations_of(plans.ARM)
+    start = reader(State, in_list)(x[0], 0)
+    line = [*push.mean(axis=0), *(push[1] - push[0])]
+    end = held(physics, start, tuple(u[0]), line, smooth, plans.PERIOD / 50, 50)
+    np.testing.assert_allclose(flat(end)[:4], x[1, :4], rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(flat(end)[4:], x[1, 4:], rtol=0.0, atol=1e-4)
 
 
 def test_the_search_begins_at_what_is_shipped():
