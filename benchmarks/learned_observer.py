@@ -13,8 +13,9 @@ distributions `loads` and `all`, which no training has seen, each plant under al
 which a policy errs less than another, with a Wilson interval of 95 %. The other seeds meet the first `--others` of
 these plants. Of every seed: at how many of the percentiles 1 to 99 of a case its largest tip error is below that of
 `elastic-observer` over the same plants. The first `PUSHED` plants of `loads` also meet `PUSHES`: constant pushes, and
-forces across the motion. A robot is measured with its own cases, along its default course, beside the law with a
-network that is silent, and without pushes.
+forces across the motion; and all seeds follow the courses of `learned_tasks`, which no training has drawn, in Cases 2
+and 3 on the known arm. A robot is measured with its own cases, along its default course, beside the law with a network
+that is silent, and without pushes and other courses.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from learned_tasks import TASKS
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
@@ -37,6 +39,8 @@ from fuzzyarm.envs.physics.equations import PAPER, AnyArm, argument_of, chosen_a
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, Case, add_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.eval.episodes.loop import TipErrors, episodes
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import policy_margins
 from fuzzyarm.eval.sweep.config import SweepConfig
@@ -53,6 +57,7 @@ PERCENTILES = np.arange(1, 100) / 100
 DISTRIBUTIONS = "loads", "all"
 LEARNED, BASE, ADAPTIVE = "learned-observer", "elastic-observer", "adaptive-observer"
 SILENT = "without the network"
+COURSES = tuple(name for name in TASKS if name not in PAPER_CASES)
 SEED, CHUNK, BOUND = 500_000, 500, 20.0  # the first held-out seed; plants at once; mm
 PUSHED, PUSH = 200, 150.0  # plants; N, about the mean force of Case 2
 
@@ -197,6 +202,28 @@ def pushed(policies: dict[str, Any], arm: AnyArm) -> dict[str, Any]:
     }
 
 
+def on_courses(policy: Any) -> dict[str, Any]:
+    """Return largest and rms tip errors [mm] of the known arm on unseen courses in Cases 2 and 3, by course and case.
+
+    An episode that ended early has null.
+    """
+    lanes = [(name, case) for name in COURSES for case in PAPER_CASES[1:]]
+    envs = FuzzyArmVectorEnv(
+        len(lanes), [case for _, case in lanes], reference=[TASKS[name].reference for name, _ in lanes], threads=1
+    )
+    errors = TipErrors(len(lanes))
+    for step in episodes(envs, policy, envs.reset(seed=0)):
+        errors.add(step)
+    return {
+        f"{name}, {case}": {
+            "title": TASKS[name].title,
+            "largest_mm": float(1e3 * errors.largest[k]) if errors.completed[k] else None,
+            "rms_mm": float(1e3 * errors.rms[k]) if errors.completed[k] else None,
+        }
+        for k, (name, case) in enumerate(lanes)
+    }
+
+
 def print_document(document: dict[str, Any], console: Console) -> None:
     """Print the tables."""
     conditions = list(document["seeds"][0]["margins"]["spectral_radius"])
@@ -224,6 +251,8 @@ def print_document(document: dict[str, Any], console: Console) -> None:
                 cells = str(one["plants"]), *quantiles, str(row["lost"]), str(row["percentiles_below_elastic"])
                 table.add_row(f"{one['seed']}, {case}", *cells)
         console.print(table)
+    for name, by_course in document.get("courses", {}).items():
+        console.print(name, {key: (row["largest_mm"], row["rms_mm"]) for key, row in by_course.items()})
     for kind, by_policy in document.get("pushed", {}).get("kinds", {}).items():
         console.print(kind, *(f"{name}: {row}" for name, row in by_policy.items()), sep="\n")
 
@@ -270,6 +299,9 @@ def main() -> None:
             write_atomically(arguments.json, json.dumps(document, indent=1) + "\n")
 
     if not of_robot:
+        seeds = {f"seed {seed}": load_policy(folder) for seed, folder in sorted(folders.items())}
+        rivals = {name: policies[name] for name in (BASE, ADAPTIVE)}
+        document["courses"] = {name: on_courses(policy) for name, policy in (rivals | seeds).items()}
         document["pushed"] = {"plants": PUSHED, "size_N": PUSH, "kinds": pushed(policies, arm)}
         write()
     for name in DISTRIBUTIONS:
