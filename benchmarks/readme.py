@@ -41,7 +41,15 @@ from readme_design import (
     tip_gains_table,
     tip_gamma_table,
 )
-from readme_estimate import estimate_parts, estimate_robot, estimate_sweeps, estimate_tables
+from readme_estimate import (
+    estimate_front,
+    estimate_parts,
+    estimate_pushes,
+    estimate_robot,
+    estimate_seeds,
+    estimate_sweeps,
+    estimate_tables,
+)
 from readme_export import exported_table, misra_table
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
@@ -93,6 +101,7 @@ SCRIPTS: dict[str, list[str]] = {
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
     "adaptive_noise": [],
+    "estimate_front": ["--figure", str(FIGURES / "estimate_front.png")],
     "own_arms": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
@@ -210,6 +219,9 @@ def sections() -> dict[str, str]:
         "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
+        "estimate-seeds": estimate_seeds(stored["learned_observer"]),
+        "estimate-pushes": estimate_pushes(stored["learned_observer"]),
+        "estimate-front": estimate_front(stored["estimate_front"]),
         "estimate-parts": estimate_parts(stored["estimate_parts"]),
         "estimate-sweeps": estimate_sweeps([_stored(f"{name}_all") for name in ("elastic", "adaptive", "learned")]),
         "estimate-robot": estimate_robot(_stored("learned_observer_planar-3r")),
