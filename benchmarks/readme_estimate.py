@@ -117,8 +117,8 @@ def estimate_front(document: dict[str, Any]) -> str:
     return (
         f"{table(headings, rows)}\n\nMedians over {plants} development plants of `loads`, from seed "
         f"{document['first_plant_seed']} on, in Cases 1, 2 and 3, and rates in Cases 2 and 3; how many of {2 * plants} "
-        f"episodes of Cases 2 and 3 end early or err by more than {document['failed_above_mm']:g} mm; largest tip errors "
-        f"in Case 1 on plants {' and '.join(map(str, document['tail']['plants']))} of the sweep of `all` above. "
+        f"episodes of Cases 2 and 3 end early or err by more than {document['failed_above_mm']:g} mm; largest tip "
+        f"errors in Case 1 on plants {' and '.join(map(str, document['tail']['plants']))} of the sweep of `all` above. "
         f"`python benchmarks/estimate_front.py`; {made_with(document)}"
     )
 
