@@ -36,25 +36,26 @@ def estimate_tables(document: dict[str, Any]) -> str:
 
 def estimate_seeds(document: dict[str, Any]) -> str:
     """Return the largest tip errors of every seed over plants, with how many percentiles are below the observer's."""
-    headings = ["plants", "seed", "case", *_shares(document["quantiles"]), "lost"]
+    headings = ["plants of", "case", "policy", *_shares(document["quantiles"]), "lost"]
     headings += ["percentiles below `elastic-observer`, of 99"]
     rows = [
         [
-            f"{one['plants']} of `{name}`",
-            str(one["seed"]),
+            f"`{name}`",
             _CASES[case],
-            *map(_error, row["quantiles_mm"]),
-            str(row["lost"]),
-            str(row["percentiles_below_elastic"]),
+            _named(policy),
+            *map(_error, found[case]["quantiles_mm"]),
+            str(found[case]["lost"]),
+            "" if policy.endswith("observer") else str(found[case]["percentiles_below_elastic"]),
         ]
         for name, part in document["held_out"].items()
-        for one in part["seeds"]
-        for case, row in one["rows"].items()
+        for case in _CASES
+        for policy, found in part.items()
     ]
     return (
-        f"{table(headings, rows, left=3)}\n\nLargest tip errors [mm]; the percentiles 1 to 99 of a seed and of "
-        f"`elastic-observer` are over the same plants, from seed {document['first_held_out_seed']} on. "
-        f"`python benchmarks/learned_observer.py`; {made_with(document)}"
+        f"{table(headings, rows, left=3)}\n\nLargest tip errors [mm] over the first {document['plants']} of these "
+        f"plants, from seed {document['first_held_out_seed']} on, the same for all. `python benchmarks/estimate_seeds.py "
+        f"benchmarks/estimates/seed-* --plants {document['plants']} --pushed {document['pushed']['plants']}`; "
+        f"{made_with(document)}"
     )
 
 
@@ -80,7 +81,7 @@ def estimate_pushes(document: dict[str, Any]) -> str:
         f"Largest tip errors [mm] over the first {part['plants']} of the plants of `loads`: pushes from 0.3 to 0.9 s "
         f"in four directions, and forces to the left and to the right of the motion, of {part['size_N']:g} N times the "
         f"plant's factor, 0.5 to 1.5.\n\n{table(['course', 'case', *map(_named, policies)], courses, left=2)}\n\n"
-        f"Tip errors of the known arm, rms / largest [mm]. `python benchmarks/learned_observer.py`; "
+        f"Tip errors of the known arm, rms / largest [mm]. `python benchmarks/estimate_seeds.py` as above; "
         f"{made_with(document)}"
     )
 

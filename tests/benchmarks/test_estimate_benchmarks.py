@@ -11,7 +11,7 @@ from fuzzyarm import load_policy
 FOLDER = str(Path(__file__).parents[2] / "benchmarks")
 sys.path.insert(0, FOLDER)  # the scripts import their neighbours
 from estimate_front import Channel, with_share  # noqa: E402
-from learned_observer import LEARNED, Across, percentiles_below  # noqa: E402
+from estimate_seeds import LEARNED, Across, percentiles_below  # noqa: E402
 
 sys.path.remove(FOLDER)
 
