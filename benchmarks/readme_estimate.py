@@ -51,11 +51,12 @@ def estimate_seeds(document: dict[str, Any]) -> str:
         for case in _CASES
         for policy, found in part.items()
     ]
+    plants = document["plants"]
+    command = "python benchmarks/estimate_seeds.py benchmarks/estimates/seed-*"
     return (
-        f"{table(headings, rows, left=3)}\n\nLargest tip errors [mm] over the first {document['plants']} of these "
-        f"plants, from seed {document['first_held_out_seed']} on, the same for all. `python benchmarks/estimate_seeds.py "
-        f"benchmarks/estimates/seed-* --plants {document['plants']} --pushed {document['pushed']['plants']}`; "
-        f"{made_with(document)}"
+        f"{table(headings, rows, left=3)}\n\nLargest tip errors [mm] over the first {plants} of these plants, from "
+        f"seed {document['first_held_out_seed']} on, the same for all. `{command} --plants {plants} --pushed "
+        f"{document['pushed']['plants']}`; {made_with(document)}"
     )
 
 
