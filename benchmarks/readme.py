@@ -44,7 +44,9 @@ from readme_design import (
 from readme_estimate import (
     estimate_front,
     estimate_parts,
+    estimate_pushes,
     estimate_robot,
+    estimate_seeds,
     estimate_sweeps,
     estimate_tables,
 )
@@ -119,7 +121,7 @@ SCRIPTS: dict[str, list[str]] = {
 WRITTEN_OTHERWISE = (
     *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
     # of trainings, which are run by hand
-    *("learned_observer", "estimate_parts", "plant_gradients", "dataset_scores", "ppo_observer"),
+    *("learned_observer", "estimate_seeds", "estimate_parts", "plant_gradients", "dataset_scores", "ppo_observer"),
 )
 """Results that commands write, or benchmarks with options of their own."""
 
@@ -217,6 +219,8 @@ def sections() -> dict[str, str]:
         "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
+        "estimate-seeds": estimate_seeds(stored["estimate_seeds"]),
+        "estimate-pushes": estimate_pushes(stored["estimate_seeds"]),
         "estimate-front": estimate_front(stored["estimate_front"]),
         "estimate-parts": estimate_parts(stored["estimate_parts"]),
         "estimate-sweeps": estimate_sweeps([_stored(f"{name}_all") for name in ("elastic", "adaptive", "learned")]),
