@@ -43,7 +43,15 @@ from readme_design import (
     tip_gains_table,
     tip_gamma_table,
 )
-from readme_estimate import estimate_parts, estimate_robot, estimate_sweeps, estimate_tables
+from readme_estimate import (
+    estimate_front,
+    estimate_parts,
+    estimate_pushes,
+    estimate_robot,
+    estimate_seeds,
+    estimate_sweeps,
+    estimate_tables,
+)
 from readme_export import exported_table, misra_table
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
@@ -94,6 +102,7 @@ SCRIPTS: dict[str, list[str]] = {
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
     "adaptive_noise": [],
     "adaptive_plant": [],
+    "estimate_front": ["--figure", str(FIGURES / "estimate_front.png")],
     "own_arms": [],
     "complexity": ["--figure", str(FIGURES / "complexity.png")],
     "synthesis": ["--large"],
@@ -113,7 +122,7 @@ SCRIPTS: dict[str, list[str]] = {
 WRITTEN_OTHERWISE = (
     *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
     # of trainings, which are run by hand
-    *("learned_observer", "estimate_parts", "plant_gradients", "dataset_scores", "ppo_observer"),
+    *("learned_observer", "estimate_seeds", "estimate_parts", "plant_gradients", "dataset_scores", "ppo_observer"),
 )
 """Results that commands write, or benchmarks with options of their own."""
 
@@ -208,6 +217,9 @@ def sections() -> dict[str, str]:
         "comparison": comparison_table(stored["comparison"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
+        "estimate-seeds": estimate_seeds(stored["estimate_seeds"]),
+        "estimate-pushes": estimate_pushes(stored["estimate_seeds"]),
+        "estimate-front": estimate_front(stored["estimate_front"]),
         "estimate-parts": estimate_parts(stored["estimate_parts"]),
         "estimate-sweeps": estimate_sweeps([_stored(_swept_by(policy).stem) for policy in OBSERVERS]),
         "estimate-robot": estimate_robot(_stored("learned_observer_planar-3r")),

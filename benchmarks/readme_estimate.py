@@ -1,4 +1,4 @@
-"""The tables of the learned estimate: errors and margins of the seeds, plants, and what the parts of the law give."""
+"""The tables of the learned estimate: errors and margins of the seeds, plants, what the parts give, and the front."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
-__all__ = ["estimate_parts", "estimate_robot", "estimate_sweeps", "estimate_tables"]
+__all__ = [
+    "estimate_front",
+    "estimate_parts",
+    "estimate_pushes",
+    "estimate_robot",
+    "estimate_seeds",
+    "estimate_sweeps",
+    "estimate_tables",
+]
 
 _CASES = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}
 
@@ -24,6 +32,113 @@ def estimate_tables(document: dict[str, Any]) -> str:
         f"`python benchmarks/learned_observer.py`, trained by `fuzzyarm train estimate --seed 0` to `4` on the same "
         f"machine, shared with other work; plants from seed {document['first_held_out_seed']} on; {made_with(document)}"
     )
+
+
+def estimate_seeds(document: dict[str, Any]) -> str:
+    """Return the largest tip errors of every seed over plants, with how many percentiles are below the observer's."""
+    headings = ["plants of", "case", "policy", *_shares(document["quantiles"]), "lost"]
+    headings += ["percentiles below `elastic-observer`, of 99"]
+    rows = [
+        [
+            f"`{name}`",
+            _CASES[case],
+            _named(policy),
+            *map(_error, found[case]["quantiles_mm"]),
+            str(found[case]["lost"]),
+            "" if policy.endswith("observer") else str(found[case]["percentiles_below_elastic"]),
+        ]
+        for name, part in document["held_out"].items()
+        for case in _CASES
+        for policy, found in part.items()
+    ]
+    plants = document["plants"]
+    command = "python benchmarks/estimate_seeds.py benchmarks/estimates/seed-*"
+    return (
+        f"{table(headings, rows, left=3)}\n\nLargest tip errors [mm] over the first {plants} of these plants, from "
+        f"seed {document['first_held_out_seed']} on, the same for all. `{command} --plants {plants} --pushed "
+        f"{document['pushed']['plants']}`; {made_with(document)}"
+    )
+
+
+def estimate_pushes(document: dict[str, Any]) -> str:
+    """Return the table of constant pushes and forces across the motion, and that of other courses under the loads."""
+    part, quantiles = document["pushed"], document["quantiles"]
+    pushes = [
+        [kind, _named(name), *map(_error, row["quantiles_mm"]), str(row["lost"])]
+        for kind, by_policy in part["kinds"].items()
+        for name, row in by_policy.items()
+    ]
+    policies = document["courses"]
+    courses = [
+        [
+            row["title"].removeprefix("Case 1, "),
+            _CASES[key.partition(", ")[2]],
+            *(f"{_error(found[key]['rms_mm'], 3)} / {_error(found[key]['largest_mm'])}" for found in policies.values()),
+        ]
+        for key, row in next(iter(policies.values())).items()
+    ]
+    return (
+        f"{table(['force', 'policy', *_shares(quantiles), 'lost'], pushes, left=2)}\n\n"
+        f"Largest tip errors [mm] over the first {part['plants']} of the plants of `loads`: pushes from 0.3 to 0.9 s "
+        f"in four directions, and forces to the left and to the right of the motion, of {part['size_N']:g} N times the "
+        f"plant's factor, 0.5 to 1.5.\n\n{table(['course', 'case', *map(_named, policies)], courses, left=2)}\n\n"
+        f"Tip errors of the known arm, rms / largest [mm]. `python benchmarks/estimate_seeds.py` as above; "
+        f"{made_with(document)}"
+    )
+
+
+def estimate_front(document: dict[str, Any]) -> str:
+    """Return the table of the shares of the network: accuracy, calm of the torques, and failures by condition."""
+    late, factors = ({row[key]: None for row in _first(document)} for key in ("late", "factor"))
+    headings = ["share of the network", "largest tip error [mm]", "rms tip error [mm]"]
+    headings += [f"torque rate [N m/ms], {'on time' if not value else _late(value)}" for value in (0.0, 0.5, 1.0)]
+    headings += [f"failed, {_late(value)}" for value in late if value]
+    headings += [f"failed, torques × {value:g}" for value in factors if value != 1.0]
+    headings += ["two plants of `all` [mm]"]
+    rows = []
+    for name, found in document["policies"].items():
+        on_time = [row for row in found if not row["late"] and row["factor"] == 1.0]
+        rows.append(
+            [
+                _named(name),
+                *(" / ".join(f"{row[key][0]:.{digits}f}" for row in on_time) for key, digits in _ACCURACY),
+                *(
+                    " / ".join(
+                        f"{row['torque_rate']:.1f}"
+                        for row in found
+                        if row["late"] == value and row["factor"] == 1.0 and row["case"] != "nominal"
+                    )
+                    for value in (0.0, 0.5, 1.0)
+                ),
+                *(_failed(found, "late", value) for value in late if value),
+                *(_failed(found, "factor", value) for value in factors if value != 1.0),
+                " / ".join(_error(value, 1) for value in document["tail"]["largest_mm"][name]),
+            ]
+        )
+    plants = document["plants"]
+    return (
+        f"{table(headings, rows)}\n\nMedians over {plants} development plants of `loads`, from seed "
+        f"{document['first_plant_seed']} on, in Cases 1, 2 and 3, and rates in Cases 2 and 3; how many of {2 * plants} "
+        f"episodes of Cases 2 and 3 end early or err by more than {document['failed_above_mm']:g} mm; largest tip "
+        f"errors in Case 1 on plants {' and '.join(map(str, document['tail']['plants']))} of the sweep of `all` above. "
+        f"`python benchmarks/estimate_front.py`; {made_with(document)}"
+    )
+
+
+_ACCURACY = (("largest_mm", 2), ("rms_mm", 3))
+
+
+def _first(document: dict[str, Any]) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = next(iter(document["policies"].values()))
+    return rows
+
+
+def _late(samples: float) -> str:
+    return "half a sample late" if samples == 0.5 else f"{samples:g} sample{'s' * (samples != 1.0)} late"
+
+
+def _failed(rows: list[dict[str, Any]], key: str, value: float) -> str:
+    return str(sum(row["failed"] for row in rows if row[key] == value))
 
 
 def estimate_robot(document: dict[str, Any]) -> str:
@@ -134,7 +249,7 @@ def _seeds(document: dict[str, Any]) -> str:
 
 def _plants(part: dict[str, Any], quantiles: list[float]) -> str:
     rivals = ("elastic-observer", "adaptive-observer")
-    headings = ["policy", "case", *(f"{100 * share:g} %" for share in quantiles), "ended early"]
+    headings = ["policy", "case", *_shares(quantiles), "ended early"]
     headings += [f"better than `{rival}` [%]" for rival in rivals]
     rows = []
     for name, row in part["rows"].items():
@@ -143,12 +258,20 @@ def _plants(part: dict[str, Any], quantiles: list[float]) -> str:
             [
                 _named(policy),
                 _CASES[case],
-                *("ended early" if value is None else f"{value:.2f}" for value in row["quantiles_mm"]),
+                *map(_error, row["quantiles_mm"]),
                 str(row["lost"]),
                 *(_share(row["better_than"].get(rival)) for rival in rivals),
             ]
         )
     return table(headings, rows, left=2)
+
+
+def _shares(quantiles: list[float]) -> list[str]:
+    return ["worst" if share == 1.0 else f"{100 * share:g} %" for share in quantiles]
+
+
+def _error(value: float | None, digits: int = 2) -> str:
+    return "lost" if value is None else f"{value:.{digits}f}"
 
 
 def _share(better: dict[str, Any] | None) -> str:
