@@ -10,7 +10,8 @@ more than `CAP_MM` off ("lost" in the file), with lateness, a factor on the torq
 
 Front: the same weights with the regulator and the walks of the forces slowed down together, from those in use to four
 times slower. For each, the range of the frozen loop's gain, the mean over random arms (`adaptive_tuning`, another seed)
-of the largest tip error, the errors of Cases 2 and 3, and for how many plants that holds of the adapting loop at `HARD`.
+of the largest tip error, the errors of Cases 2 and 3, and, with adaptation, how many plants end early or are beyond
+`CAP_MM` at `HARD`.
 """
 
 from __future__ import annotations

@@ -85,11 +85,11 @@ def of_learned(folder: Path) -> Declared | None:
         OSError: a file cannot be read.
     """
     from fuzzyarm.learned_policy.bundle import PolicyBundle
-    from fuzzyarm.learned_policy.folder import OBSERVER, schema_of
+    from fuzzyarm.learned_policy.folder import is_observer
 
     if not folder.is_dir():
         return None
-    if schema_of(folder) == OBSERVER:
+    if is_observer(folder):
         return LEARNED_OBSERVER
     bundle = PolicyBundle.load(folder)
     training, base = bundle.training, bundle.action.base
