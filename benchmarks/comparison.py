@@ -38,7 +38,6 @@ from learned_tasks import assess
 from fuzzyarm import load_policy
 from fuzzyarm.common.console import progress
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.evaluation.statistics import LEVEL, estimate
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
@@ -89,7 +88,7 @@ def compare(plants: int, seed_plants: int, jobs: int | None) -> dict[str, Any]:
         "command": f"python benchmarks/comparison.py --plants {plants} --seed-plants {seed_plants}",
         **current_provenance(),
         "method": {"plants": plants, "seed_plants": seed_plants, "first_seed": SEED, "level": LEVEL},
-        "cases": {case: CASES[case].title for case in COMPARED_CASES},
+        "cases": COMPARED_CASES,
         "quantiles": list(QUANTILES),
         "rows": rows,
         "improvement": improvements(list(shipped), rms),

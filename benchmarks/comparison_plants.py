@@ -57,12 +57,8 @@ _UNSEEN = (
     Case("blows", "Blows", Disturbance(tip_force=Blows())),
     Case("turning", "A force that turns", Disturbance(tip_force=Turning())),
 )
-for _case in _UNSEEN:
-    if _case.name not in CASES:
-        add_case(_case)
-
-COMPARED_CASES: tuple[str, ...] = (*PAPER_CASES, *(case.name for case in _UNSEEN))
-"""The paper's cases, then the forces that no training has drawn."""
+COMPARED_CASES: dict[str, str] = {case.name: case.title for case in (*(CASES[name] for name in PAPER_CASES), *_UNSEEN)}
+"""The paper's cases, then the forces that no training has drawn: titles by name."""
 
 
 def errors_of(
@@ -76,7 +72,8 @@ def errors_of(
         jobs: processes; None: one per core.
         report: called with the number of plants that are done.
     """
-    config = SweepConfig(policies=("fuzzy-1",), cases=COMPARED_CASES, plants=plants, seed=SEED, chunk=CHUNK)
+    _register()
+    config = SweepConfig(policies=("fuzzy-1",), cases=tuple(COMPARED_CASES), plants=plants, seed=SEED, chunk=CHUNK)
     work, parts = functools.partial(_chunk, config, dict(policies)), {}
     for number, part in Engine(jobs=jobs).run(work, range(config.chunks)):
         parts[number] = part
@@ -87,4 +84,12 @@ def errors_of(
 
 
 def _chunk(config: SweepConfig, policies: dict[str, Any], number: int) -> SweepResults:
+    _register()  # in the process of a worker
     return run_plants(config, policies, config.members(number))
+
+
+def _register() -> None:
+    """Make the two forces known as cases, once."""
+    for case in _UNSEEN:
+        if case.name not in CASES:
+            add_case(case)

@@ -77,10 +77,6 @@ PUSHES = {
 }
 """Loads that are neither of the paper's, by kind and name; the plants of `loads` scale them by 0.5 to 1.5."""
 
-for _name, _load in (one for kind in PUSHES.values() for one in kind.items()):
-    if _name not in CASES:
-        add_case(Case(_name, _name, _load))
-
 
 def largest_over(policy: Policy, distribution: str, plants: int, cases: Sequence[str] = PAPER_CASES) -> np.ndarray:
     """Return the largest tip errors (cases, plants) [mm]; inf where an episode ended early."""
@@ -117,6 +113,9 @@ def beside(errors: np.ndarray, rival: np.ndarray) -> dict[str, Any]:
 
 def pushed(policies: Mapping[str, Policy], plants: int) -> dict[str, Any]:
     """Return the summary of each policy under each kind of push, all its directions together."""
+    for name, load in (one for kind in PUSHES.values() for one in kind.items()):
+        if name not in CASES:
+            add_case(Case(name, name, load))
     return {
         kind: {
             name: summary(largest_over(policy, "loads", plants, tuple(loads)).ravel())

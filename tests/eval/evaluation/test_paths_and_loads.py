@@ -31,8 +31,8 @@ def test_names_and_loads_are_words_of_the_command():
     [
         (["--path", "triangle"], "choose from: circle, lemniscate, line, square, or give a file"),
         (["--path", "missing.csv"], "missing.csv"),
-        (["--force", "3", "1"], "force = (3.0, 1.0) N must be a range (low, high)"),
-        (["--payload", "-1"], "payload = -1.0 kg is out of range"),
+        (["--force", "3", "1"], "--force (3.0, 1.0) N must be a range (low, high)"),
+        (["--payload", "-1"], "--payload -1.0 kg is out of range"),
     ],
 )
 def test_bad_usage_is_one_line(words, message, tmp_path, capsys):
