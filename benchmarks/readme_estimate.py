@@ -36,7 +36,7 @@ def estimate_tables(document: dict[str, Any]) -> str:
 
 def estimate_seeds(document: dict[str, Any]) -> str:
     """Return the largest tip errors of every seed over plants, with how many percentiles are below the observer's."""
-    headings = ["plants of", "case", "policy", *_shares(document["quantiles"]), "lost"]
+    headings = ["plants of", "case", "policy", *_shares(document["quantiles"]), "ended early"]
     headings += ["percentiles below `elastic-observer`, of 99"]
     rows = [
         [
@@ -271,7 +271,7 @@ def _shares(quantiles: list[float]) -> list[str]:
 
 
 def _error(value: float | None, digits: int = 2) -> str:
-    return "lost" if value is None else f"{value:.{digits}f}"
+    return "ended early" if value is None else f"{value:.{digits}f}"
 
 
 def _share(better: dict[str, Any] | None) -> str:
