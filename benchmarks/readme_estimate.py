@@ -78,7 +78,7 @@ def estimate_pushes(document: dict[str, Any]) -> str:
         for key, row in next(iter(policies.values())).items()
     ]
     return (
-        f"{table(['force', 'policy', *_shares(quantiles), 'lost'], pushes, left=2)}\n\n"
+        f"{table(['force', 'policy', *_shares(quantiles), 'ended early'], pushes, left=2)}\n\n"
         f"Largest tip errors [mm] over the first {part['plants']} of the plants of `loads`: pushes from 0.3 to 0.9 s "
         f"in four directions, and forces to the left and to the right of the motion, of {part['size_N']:g} N times the "
         f"plant's factor, 0.5 to 1.5.\n\n{table(['course', 'case', *map(_named, policies)], courses, left=2)}\n\n"
