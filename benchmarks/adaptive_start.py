@@ -6,10 +6,10 @@ Searched is a grid: the share of the regulator's gain with which an episode begi
 (`soft_start`), and how much a surprise adds to the variance of the factor that the arm's constants share
 (`scale_doubt`). The objective is that of `fuzzyarm.eval.tuning.adaptive_search`, the mean of the largest errors and a
 tenth of the worst, summed over three groups: the random loads and paths of its known arm; plants of ``plants`` without
-load whose motors are half too strong; and of ``all`` without load, each two periods late. The error of the known arm
-with noise is added. Whether the worst plant is at the cap is chance to a part, so that the best of a first round, and
-the best of those without a soft start, are measured again on more and other plants. Other seeds than those of any
-table; Cases 2 and 3 play no part.
+load whose motors give 1.5 times the torque; and of ``all`` without load, each two periods late. The error of the known
+arm with noise is added. Whether the worst plant is at the cap is partly chance, so the best of a first round, and the
+best of those without a soft start, are measured again on more and other plants. Other seeds than those of any table;
+Cases 2 and 3 play no part.
 """
 
 from __future__ import annotations
