@@ -67,47 +67,49 @@ def test_a_single_observation_is_named_by_its_entry_alone():
 
 SIZE = ADAPTIVE.memory_size
 PASSES, LEARNING = ADAPTIVE.repeated(), load_policy("fuzzy-4-tip").repeated()
-_, OF_LEARNING = LEARNING.predict(SEEN[0])
-_, OF_PASSES = PASSES.predict(SEEN[0])
-OTHER_ARM = dataclasses.replace(OF_PASSES, memory=np.zeros((2, 7)))
-WRONG = {
-    "beliefs of none": (ADAPTIVE.beliefs, None, TypeError, rf"state = None must be an array \(..., {SIZE}\)"),
-    "beliefs of texts": (ADAPTIVE.beliefs, ["a"], TypeError, r"state = \['a'\] must be an array"),
-    "beliefs of three numbers": (
-        ADAPTIVE.beliefs,
-        np.zeros(3),
-        ValueError,
-        rf"state has shape \(3,\); allowed: \(..., {SIZE}",
-    ),
-    "beliefs of a number": (ADAPTIVE.beliefs, 1.0, ValueError, r"state has shape \(\)"),
-    "beliefs in passes": (PASSES.beliefs, None, TypeError, "state = None must be the PassState"),
-    "no pass": (PASSES.begin_pass, None, TypeError, "state = None must be the PassState that predict or begin_pass"),
-    "plain array": (
-        PASSES.begin_pass,
-        np.zeros(3),
-        TypeError,
-        r"state = array\(\[0., 0., 0.\]\) must be the PassState",
-    ),
-    "another law's": (PASSES.begin_pass, OF_LEARNING, TypeError, "must be the PassState"),
-    "another arm's": (PASSES.begin_pass, OTHER_ARM, ValueError, f"state has a memory of 7 numbers; needed: {SIZE}"),
-    "predict": (lambda s: PASSES.predict(SEEN[0], s), np.zeros((2, SIZE)), TypeError, "must be the PassState"),
-    "predict, iterative": (lambda s: LEARNING.predict(SEEN[0], s), np.zeros(3), TypeError, "must be the LearnedTorque"),
-    "iterative": (LEARNING.begin_pass, None, TypeError, "state = None must be the LearnedTorque that predict"),
-    "iterative, one lane": (
-        lambda s: LEARNING.predict(SEEN[0, 0], s),
-        OF_LEARNING,
-        ValueError,
-        "state has a memory of",
-    ),
-}
 
 
-@pytest.mark.parametrize("case", WRONG.values(), ids=WRONG)
-def test_what_is_no_state_is_refused_by_name(case):
-    use, state, kind, message = case
-    with pytest.raises(kind, match=f"^.*{message}") as caught:
+@pytest.fixture(scope="module")
+def passes():
+    """Return a state of PASSES."""
+    return PASSES.predict(SEEN[0])[1]
+
+
+@pytest.fixture(scope="module")
+def learning():
+    """Return a state of LEARNING."""
+    return LEARNING.predict(SEEN[0])[1]
+
+
+def refused_state(use, state, kind, message):
+    """Expect an error of a kind, in one line that begins with the state and contains a message."""
+    with pytest.raises(kind, match=f"^state .*{message}") as caught:
         use(state)
-    assert "\n" not in str(caught.value) and str(caught.value).startswith("state ")
+    assert "\n" not in str(caught.value)
+
+
+def test_what_are_no_beliefs_is_refused_by_name():
+    shape = rf"must be an array \(..., {SIZE}\)"
+    refused_state(ADAPTIVE.beliefs, None, TypeError, f"= None {shape}")
+    refused_state(ADAPTIVE.beliefs, ["a"], TypeError, rf"= \['a'\] {shape}")
+    refused_state(ADAPTIVE.beliefs, np.zeros(3), ValueError, rf"has shape \(3,\); allowed: \(..., {SIZE}")
+    refused_state(ADAPTIVE.beliefs, 1.0, ValueError, r"has shape \(\)")
+    refused_state(PASSES.beliefs, None, TypeError, "= None must be the PassState")
+
+
+def test_what_is_no_state_of_a_pass_is_refused_by_name(passes, learning):
+    other_arm = dataclasses.replace(passes, memory=np.zeros((2, 7)))
+    refused_state(PASSES.begin_pass, None, TypeError, "= None must be the PassState that predict or begin_pass")
+    refused_state(PASSES.begin_pass, np.zeros(3), TypeError, r"= array\(\[0., 0., 0.\]\) must be the PassState")
+    refused_state(PASSES.begin_pass, learning, TypeError, "must be the PassState")
+    refused_state(PASSES.begin_pass, other_arm, ValueError, f"has a memory of 7 numbers; needed: {SIZE}")
+    refused_state(lambda state: PASSES.predict(SEEN[0], state), np.zeros((2, SIZE)), TypeError, "must be the PassState")
+
+
+def test_what_is_no_state_of_iterative_learning_is_refused_by_name(learning):
+    refused_state(lambda state: LEARNING.predict(SEEN[0], state), np.zeros(3), TypeError, "must be the LearnedTorque")
+    refused_state(LEARNING.begin_pass, None, TypeError, "= None must be the LearnedTorque that predict")
+    refused_state(lambda state: LEARNING.predict(SEEN[0, 0], state), learning, ValueError, "has a memory of")
 
 
 def test_beliefs_say_which_lanes_have_left_the_path_of_the_pass_before():
