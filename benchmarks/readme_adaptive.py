@@ -11,6 +11,7 @@ from fuzzyarm.envs.scenario.cases import CASES
 
 __all__ = [
     "adaptive_cases_table",
+    "adaptive_constants_table",
     "adaptive_front_table",
     "adaptive_margins_table",
     "adaptive_noise_table",
@@ -139,6 +140,25 @@ def _stable_gains(frozen: dict[str, Any]) -> str:
 def _condition(hard: dict[str, Any]) -> str:
     """Return in words what makes plants hard."""
     return f"late by {hard['late']} ms" if "late" in hard else f"torque x {hard['torque']:g}"
+
+
+def adaptive_constants_table(document: dict[str, Any]) -> str:
+    """Return the objective with each constant halved, as it is, and doubled."""
+    shipped, by_name = document["shipped"]["objective_mm"], dict[str, list[dict[str, Any]]]()
+    for row in document["variants"]:
+        by_name.setdefault(row["constant"], []).append(row)
+    headings = ["constant", "shipped", "half [mm]", "shipped [mm]", "double [mm]", "beyond: half, double"]
+    rows = []
+    for name, (half, double) in by_name.items():
+        lost = [str(sum(group["lost"] for group in row["groups"].values())) for row in (half, double)]
+        value = f"{half['value'] / half['factor']:g}"
+        costs = [f"{cost:.2f}" for cost in (half["objective_mm"], shipped, double["objective_mm"])]
+        rows.append([f"`{name}`", value, *costs, ", ".join(lost)])
+    arms = len(document["shipped"]["groups"]) * document["arms"]
+    return (
+        f"{table(headings, rows)}\n\nObjective over {arms} arms from seed {document['seed']} on; beyond {_CAP:g} mm or "
+        f"ended early, of as many. {_made(document)}"
+    )
 
 
 def adaptive_noise_table(document: dict[str, Any]) -> str:
