@@ -20,6 +20,7 @@ from typing import Any
 from readme_abuse import abuse_table
 from readme_adaptive import (
     adaptive_cases_table,
+    adaptive_constants_table,
     adaptive_front_table,
     adaptive_margins_table,
     adaptive_noise_table,
@@ -98,6 +99,7 @@ SCRIPTS: dict[str, list[str]] = {
     "observer_tuning": [],
     "adaptive_tuning": [],
     "adaptive_start": [],
+    "adaptive_constants": [],
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
     "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
     "adaptive_noise": [],
@@ -250,6 +252,7 @@ def sections() -> dict[str, str]:
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
         "adaptive-front": adaptive_front_table(stored["adaptive_margins"]),
         "adaptive-start": adaptive_start_table(stored["adaptive_start"]),
+        "adaptive-constants": adaptive_constants_table(stored["adaptive_constants"]),
         "adaptive-noise": adaptive_noise_table(stored["adaptive_noise"]),
         "adaptive-second-plant": adaptive_second_plant_table(stored["adaptive_plant"]),
         "adaptive-robot": adaptive_robot_table(_stored("adaptive_robot_ur5")),

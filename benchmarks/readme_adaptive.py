@@ -143,22 +143,28 @@ def _condition(hard: dict[str, Any]) -> str:
 
 
 def adaptive_constants_table(document: dict[str, Any]) -> str:
-    """Return the objective with each constant halved, as it is, and doubled."""
-    shipped, by_name = document["shipped"]["objective_mm"], dict[str, list[dict[str, Any]]]()
+    """Return the objective, and the error by noise in Case 1, with each constant halved, as it is, and doubled."""
+    shipped, by_name = document["shipped"], dict[str, list[dict[str, Any]]]()
     for row in document["variants"]:
         by_name.setdefault(row["constant"], []).append(row)
-    headings = ["constant", "shipped", "half [mm]", "shipped [mm]", "double [mm]", "beyond: half, double"]
+    headings = ["constant", "shipped", "objective: half [mm]", "shipped [mm]", "double [mm]"]
+    headings += ["Case 1 with noise: half [mm]", "shipped [mm]", "double [mm]"]
     rows = []
     for name, (half, double) in by_name.items():
-        lost = [str(sum(group["lost"] for group in row["groups"].values())) for row in (half, double)]
+        found = half, shipped, double
         value = f"{half['value'] / half['factor']:g}"
-        costs = [f"{cost:.2f}" for cost in (half["objective_mm"], shipped, double["objective_mm"])]
-        rows.append([f"`{name}`", value, *costs, ", ".join(lost)])
-    arms = len(document["shipped"]["groups"]) * document["arms"]
+        numbers = [f"{row[key]:{digits}}" for key, digits in _OF_CONSTANTS.items() for row in found]
+        rows.append([f"`{name}`", value, *numbers])
+    measured = [shipped, *document["variants"]]
+    beyond = sum(group["lost"] for row in measured for group in row["groups"].values())
+    arms = len(shipped["groups"]) * document["arms"]
     return (
-        f"{table(headings, rows)}\n\nObjective over {arms} arms from seed {document['seed']} on; beyond {_CAP:g} mm or "
-        f"ended early, of as many. {_made(document)}"
+        f"{table(headings, rows)}\n\nOver {arms} arms from seed {document['seed']} on; {beyond} of "
+        f"{len(measured) * arms:,} episodes were beyond {_CAP:g} mm or ended early. {_made(document)}"
     )
+
+
+_OF_CONSTANTS = {"objective_mm": ".2f", "noisy_nominal_mm": ".3f"}
 
 
 def adaptive_noise_table(document: dict[str, Any]) -> str:
