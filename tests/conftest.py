@@ -15,6 +15,7 @@ COMPILING = 1.4  # min more the first time
 
 # Files of tests, see `pytest_collection_modifyitems`.
 _COMPILING = "test_vector.py", "test_laws.py"
+_TOGETHER = ("tests/eval/paper/",)  # whose tests share what takes seconds to compute
 _PROOFS = (
     "test_theorems.py",
     "test_extreme_designs.py",
@@ -56,6 +57,19 @@ def pytest_collection_modifyitems(items) -> None:
     first = [_COMPILING[0], *_PROOFS[:1], _COMPILING[1], *_PROOFS[1:]]
     places = {name: place for place, name in enumerate(first)}
     items.sort(key=lambda item: places.get(item.path.name, len(first)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Hand out the tests by file, and those of a folder of `_TOGETHER` as if they were one file."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return next((folder for folder in _TOGETHER if file.startswith(folder)), file)
+
+    return Scheduling(config, log)
 
 
 @pytest.fixture
