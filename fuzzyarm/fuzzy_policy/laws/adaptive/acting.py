@@ -93,12 +93,12 @@ def _command_of(physics: Physics) -> Any:
             error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
         payload, angles = p[len(s.reopening)] / s.mass, m.references[0, 0]
         feedback_at(s.feedback, s.kept, s.cosine, s.points, angles, payload, room.index, room.weight, room.gain)
-        for k in range(LONGEST_LATENESS + 1, 0, -1):
-            m.commands[k] = m.commands[k - 1]
         share = gain_share(m, s)
         for j in range(joints):
             for i in range(len(error)):
                 torque[j] -= share * room.gain[j, i] * error[i]
+            for k in range(LONGEST_LATENESS + 1, 0, -1):
+                m.commands[k, j] = m.commands[k - 1, j]
             m.commands[0, j] = min(max(torque[j], -s.limit[j]), s.limit[j])
 
     return command
@@ -133,7 +133,10 @@ def _advance_of(physics: Physics) -> Any:
     def advance(m: Memory, s: Settings, room: Room, lateness: float) -> None:
         state, torque, line, numbers = room.one
         joints, offset = len(torque), len(m.z) - 1 - len(torque)
-        state[:, 0], numbers[:, 0] = m.z[: len(state)], room.numbers
+        for i in range(len(state)):
+            state[i, 0] = m.z[i]
+        for i in range(len(numbers)):
+            numbers[i, 0] = room.numbers[i]
         for i in range(len(line)):
             line[i, 0] = room.line[i]
             for j in range(len(s.reopening)):
@@ -148,7 +151,8 @@ def _advance_of(physics: Physics) -> Any:
                     torque[j, 0] = sent + m.z[offset + j]
                 hold(state, torque, line, numbers, s.substep, s.substeps)
         if rest > 0.0:
-            torque[:, 0] = m.commands[0] + m.z[offset : len(m.z) - 1]
+            for j in range(joints):
+                torque[j, 0] = m.commands[0, j] + m.z[offset + j]
             hold(state, torque, line, numbers, rest * s.substep, s.substeps)
 
     return advance

@@ -216,7 +216,8 @@ def _step(z: np.ndarray, P: np.ndarray, steps: np.ndarray, noise: np.ndarray, la
             F[i, 2 * joints + j] = (state[i, 1 + 2 * joints + j] - state[i, 1 + size + j]) / (2.0 * lanes.wide[j])
     for i in range(states):
         z[i] = state[i, 0]
-        G[i, :] = 0.0
+        for j in range(size):
+            G[i, j] = 0.0
         for k in range(size):
             slope = F[i, k]
             for j in range(size):
@@ -253,9 +254,12 @@ def _spread_out(
     joints, states, size, forces = len(torque), len(lanes.state), len(z), directions.shape[1]
     offset = size - 1 - joints
     for lane in range(lanes.state.shape[1]):
-        lanes.state[:, lane] = z[:states]
-        lanes.torque[:, lane] = torque + z[offset : size - 1]
-        lanes.numbers[:, lane] = numbers
+        for i in range(states):
+            lanes.state[i, lane] = z[i]
+        for j in range(joints):
+            lanes.torque[j, lane] = torque[j] + z[offset + j]
+        for i in range(len(numbers)):
+            lanes.numbers[i, lane] = numbers[i]
         for i in range(len(lanes.force)):
             total = line[i]
             for j in range(forces):

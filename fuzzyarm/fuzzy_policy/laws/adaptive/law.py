@@ -15,7 +15,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of, mean_torque
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, numbers_at, predict_of, read_noise
 from fuzzyarm.fuzzy_policy.laws.adaptive.forces import doubt_lateness, doubt_scale, note_moves, spread_out
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, ORDERS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.significance import significant
@@ -70,7 +70,8 @@ def steps_of(physics: Physics) -> tuple[Any, Any]:
     def estimate(
         lane: int, o: Observation, m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray
     ) -> None:
-        torque[:] = np.nan
+        for j in range(len(torque)):
+            torque[j] = np.nan
         if m.flags[FLAG.lost] == 0.0:
             begin(lane, o, m, s, room)
             _correct(m, s, room)
@@ -81,7 +82,10 @@ def steps_of(physics: Physics) -> tuple[Any, Any]:
     def predict(m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
         if m.flags[FLAG.lost] == 0.0:
             advance(m, s, room)
-            if not np.isfinite(np.sum(torque)):
+            total = 0.0
+            for j in range(len(torque)):
+                total += torque[j]
+            if not np.isfinite(total):
                 m.flags[FLAG.lost] = 1.0
 
     return estimate, predict
@@ -99,35 +103,42 @@ def begin_of(physics: Physics) -> Any:
     def begin(m: Memory, s: Settings, room: Room) -> None:
         joints = len(m.noise)
         states, forces = 4 * joints, len(s.reopening)
-        for k in range(1, KEPT):
-            m.references[k] = m.references[0]
         # What an earlier pass has taught is kept, but for the loads, which begin anew.
         if m.flags[FLAG.taught] != 0.0:
             _forget(m, s, states + forces)
         else:
             _forget(m, s, len(m.z))
         still, bent, link, force = room.joints[0], room.joints[1], m.z[joints : 2 * joints], room.travel[0]
-        still[:], force[:] = 0.0, 0.0
+        for i in range(len(force)):
+            force[i] = 0.0
         for j in range(joints):
+            still[j] = 0.0
             m.z[j] = link[j] = room.measured[j]
             m.z[2 * joints + j] = m.z[3 * joints + j] = room.measured[joints + j]
             m.noise[j] = s.variances[j]
-            m.read[:, j] = room.measured[j]
+            for part in range(len(m.read)):
+                m.read[part, j] = room.measured[j]
+            for k in range(1, KEPT):
+                for order in range(ORDERS):
+                    m.references[k, order, j] = m.references[0, order, j]
         for _ in range(STATICS_STEPS):
             link_torque(link, still, still, force, s.base, bent)
             for j in range(joints):
                 link[j] = room.measured[j] - bent[j] / drive(s.base, j).stiffness
         for k in range(len(m.commands)):
-            m.commands[k] = bent
+            for j in range(joints):
+                m.commands[k, j] = bent[j]
 
     @register_jitable
     def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> None:
         joints = len(m.noise)
-        room.measured[:joints], room.measured[joints:] = o.q_motor[lane], o.dq_motor[lane]
-        for k in range(KEPT - 1, 0, -1):
-            m.references[k] = m.references[k - 1]
-        m.references[0, 0], m.references[0, 1] = o.q_reference[lane], o.dq_reference[lane]
-        m.references[0, 2] = o.ddq_reference[lane]
+        for j in range(joints):
+            room.measured[j], room.measured[joints + j] = o.q_motor[lane, j], o.dq_motor[lane, j]
+            for k in range(KEPT - 1, 0, -1):
+                for order in range(ORDERS):
+                    m.references[k, order, j] = m.references[k - 1, order, j]
+            m.references[0, 0, j], m.references[0, 1, j] = o.q_reference[lane, j], o.dq_reference[lane, j]
+            m.references[0, 2, j] = o.ddq_reference[lane, j]
         if m.flags[FLAG.samples] == 0.0:
             begin(m, s, room)
         m.flags[FLAG.samples] = min(m.flags[FLAG.samples] + 1.0, ENOUGH)
@@ -139,12 +150,15 @@ def begin_of(physics: Physics) -> Any:
 def _forget(m: Memory, s: Settings, count: int) -> None:
     """Let the first `count` numbers of z be as uncertain as at the first sample, and those of p among them p_0."""
     states = len(m.z) - len(s.guess)
-    m.P[:count], m.P[:, :count] = 0.0, 0.0
+    for i in range(count):
+        for j in range(len(m.z)):
+            m.P[i, j] = m.P[j, i] = 0.0
     for i in range(count):
         m.P[i, i] = s.spread[i] * s.spread[i]
         for j in range(count):
             m.P[i, j] += s.shared[i] * s.shared[j]
-    m.z[states:count] = s.guess[: count - states]
+    for i in range(count - states):
+        m.z[states + i] = s.guess[i]
 
 
 @register_jitable
@@ -168,17 +182,21 @@ def _correct(m: Memory, s: Settings, room: Room) -> None:
         room.silent[joints + j] = room.silent[j] * ratio
         room.variances[j] = max(s.variances[j], MISTRUST * m.noise[j])
         room.variances[joints + j] = room.variances[j] * ratio
-    states = 4 * joints
-    before = room.moved
-    before[:] = m.z[states : states + forces]
+    states, before = 4 * joints, room.moved
+    for i in range(forces):
+        before[i] = m.z[states + i]
     surprise = correct(m.z, m.P, measured, room.variances, room.silent, s.cautious, s.gate, room.column)
     m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
     doubt_lateness(m, s, surprise)
     doubt_scale(m, s, surprise)
     note_moves(m, s, before)
     confine(m.z, m.P, s.low, s.high)
-    total = np.sum(m.z) + np.sum(m.P)
-    if not (m.flags[FLAG.surprise] < DIVERGED and np.isfinite(total)):
+    total_z = total_P = 0.0
+    for i in range(len(m.z)):
+        total_z += m.z[i]
+        for j in range(len(m.z)):
+            total_P += m.P[i, j]
+    if not (m.flags[FLAG.surprise] < DIVERGED and np.isfinite(total_z + total_P)):
         m.flags[FLAG.lost] = 1.0
 
 

@@ -33,7 +33,8 @@ def significant(m: Memory, s: Settings, room: Room) -> Memory:
     """Return the memory with x_a and l_a in place of x and l; everything but z is shared with `m`."""
     joints, loads, acted = len(m.noise), len(room.deviation), room.acted
     states, ratio, square = 4 * joints, 0.0, TINY
-    acted[:] = m.z
+    for i in range(len(acted)):
+        acted[i] = m.z[i]
     for j in range(joints):
         ratio = max(ratio, m.noise[j] / room.variances[j])
     for i in range(loads):
