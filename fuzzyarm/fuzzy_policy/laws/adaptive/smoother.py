@@ -22,7 +22,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import predict_with
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import predict_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 
@@ -62,7 +62,7 @@ def smoother_of(physics: Physics) -> Any:
         variances: of the measured numbers, (lanes, 2 n).
         settings: with the spread of s at the first sample, zero for the constants, and the walks of f.
     """
-    predict = predict_with(physics)
+    predict = predict_of(physics)
 
     @kernel_for(physics.digest)
     def smooth(
@@ -96,7 +96,7 @@ def smoother_of(physics: Physics) -> Any:
                 m.commands[0] = commands[k, lane]
                 later = min(k + 1, samples - 1)
                 _push(room, expected[k, lane], expected[later, lane], travels[k, lane], travels[later, lane])
-                predict(m, s, room)
+                predict(m, s, room, commands[k, lane])
                 notes.slopes[k] = room.lanes.jacobian
             _look_back(notes, forces[:, lane])
 
