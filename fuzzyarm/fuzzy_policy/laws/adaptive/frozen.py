@@ -118,7 +118,8 @@ def _law_of(physics: Physics) -> Any:
             take_in(lane, o, m, room)
             begin(m, settings, room)
             m.z[states] = 0.0
-            m.z[states + forces :] = settings.guess[forces:]
+            for i in range(forces, len(settings.guess)):
+                m.z[states + i] = settings.guess[i]
             nearest = 0
             for k in range(len(postures)):
                 if np.sum((postures[k] - o.q_reference[lane]) ** 2) < np.sum(
@@ -135,10 +136,16 @@ def _law_of(physics: Physics) -> Any:
                     m.z[at] += gain[i, k] * room.measured[k]
             act(m.z, m, settings, room, nothing, torque[lane])
             state, held, line, numbers = room.one
-            state[:, 0], numbers[:, 0], held[:, 0], line[:, 0] = m.z[:states], room.numbers, m.commands[0], 0.0
-            for i in range(forces - 1):
-                line[i, 0] = m.z[states + 1 + i]
+            for i in range(states):
+                state[i, 0] = m.z[i]
+            for i in range(len(numbers)):
+                numbers[i, 0] = room.numbers[i]
+            for j in range(joints):
+                held[j, 0] = m.commands[0, j]
+            for i in range(len(line)):
+                line[i, 0] = m.z[states + 1 + i] if i < forces - 1 else 0.0
             hold(state, held, line, numbers, settings.substep, settings.substeps)
-            m.z[:states] = state[:, 0]
+            for i in range(states):
+                m.z[i] = state[i, 0]
 
     return follow
