@@ -115,7 +115,7 @@ SCRIPTS: dict[str, list[str]] = {
     "tip_gamma": [],
     "tip_mutations": [],
     "predictive": [],
-    "comparison": ["--figure", str(FIGURES / "comparison.png")],
+    "comparison": ["--figure", str(FIGURES / "comparison.png"), "--pairs", str(FIGURES / "comparison_pairs.png")],
     "classical_on_reward": [],
     "training_speed": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
