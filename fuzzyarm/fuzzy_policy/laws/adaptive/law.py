@@ -69,6 +69,8 @@ def steps_of(physics: Physics) -> tuple[Any, Any, Any]:
 
     @register_jitable
     def correct_lane(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> None:
+        for i in range(len(room.acted)):  # of a diverged filter, too: in C both sides of a branch fill it
+            room.acted[i] = m.z[i]
         if m.flags[FLAG.lost] == 0.0:
             take_in(lane, o, m, room)
             begin(m, s, room)
@@ -116,7 +118,10 @@ def begin_of(physics: Physics) -> Any:
         joints = len(m.noise)
         still, bent, link, force = room.joints[0], room.joints[1], m.z[joints : 2 * joints], room.travel[0]
         if m.flags[FLAG.samples] == 1.0:
-            _forget(m, s, 4 * joints + len(s.reopening) if m.flags[FLAG.taught] != 0.0 else len(m.z))
+            if m.flags[FLAG.taught] != 0.0:
+                _forget(m, s, 4 * joints + len(s.reopening))
+            else:
+                _forget(m, s, len(m.z))
             for i in range(len(force)):
                 force[i] = 0.0
             for j in range(joints):
