@@ -170,9 +170,12 @@ def main() -> int:
     options = parser.parse_args()
     if options.plants < 1 or options.seed_plants < 1:
         parser.error("--plants and --seed-plants must be 1 or more")
-    if options.errors is not None:
-        options.errors.mkdir(parents=True, exist_ok=True)
-    document = compare(options.plants, options.seed_plants, options.jobs, options.errors)
+    try:
+        if options.errors is not None:
+            options.errors.mkdir(parents=True, exist_ok=True)
+        document = compare(options.plants, options.seed_plants, options.jobs, options.errors)
+    except (OSError, ValueError) as error:
+        parser.error(f"--errors: {error}" if isinstance(error, OSError) else str(error))
     if options.json:
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
     if options.figure:

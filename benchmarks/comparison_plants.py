@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import io
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -101,13 +102,20 @@ def errors_of(policy: Any, plants: int, jobs: int | None, report: Callable[[int]
 
 
 def kept(path: Path, plants: int) -> Errors | None:
-    """Return the errors of a file that `keep` wrote; None without one, or if it has other plants or cases."""
+    """Return the errors of a file that `keep` wrote; None without one, or if it has other plants or cases.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
     if not path.exists():
         return None
-    with np.load(path, allow_pickle=False) as stored:
-        if stored["first_seed"] != SEED or list(stored["cases"]) != list(COMPARED_CASES):
-            return None
-        errors = Errors(stored["rms_mm"], stored["largest_mm"], str(stored["commit"]) or None)
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
+            if stored["first_seed"] != SEED or list(stored["cases"]) != list(COMPARED_CASES):
+                return None
+            errors = Errors(stored["rms_mm"], stored["largest_mm"], str(stored["commit"]) or None)
+    except (EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is damaged; delete it, and its policy is measured again") from error
     return errors if errors.rms_mm.shape == (len(COMPARED_CASES), plants) else None
 
 

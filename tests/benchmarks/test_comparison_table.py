@@ -132,8 +132,14 @@ def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_pat
     assert found.commit is None
     assert np.array_equal(found.rms_mm, errors.rms_mm) and np.array_equal(found.largest_mm, errors.largest_mm)
     assert plants.kept(tmp_path / "a.npz", 2) is None
-    monkeypatch.setattr(plants, "SEED", plants.SEED + 1)
-    assert plants.kept(tmp_path / "a.npz", 3) is None
+    with monkeypatch.context() as patch:
+        patch.setattr(plants, "SEED", plants.SEED + 1)
+        assert plants.kept(tmp_path / "a.npz", 3) is None
+    content = (tmp_path / "a.npz").read_bytes()
+    for damaged in (content[:200], b"", b"no file of arrays"):
+        (tmp_path / "a.npz").write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"a\.npz is damaged; delete it"):
+            plants.kept(tmp_path / "a.npz", 3)
 
 
 def test_the_figure_of_the_pairs_has_a_share_for_each_and_its_rest_for_the_other_way_round(module):
