@@ -42,7 +42,7 @@ from fuzzyarm.envs.scenario.spline_reference import SplineReference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.learned_policy.estimate.units import scale_of
 
-__all__ = ["Courses", "TravelForce", "draw_courses"]
+__all__ = ["Courses", "TravelForce", "draw_courses", "draw_scenarios"]
 
 FAMILY = 256  # references of which lanes draw
 CIRCLES, RESTS = 0.25, 0.16  # share of lanes on the default reference and all but at rest
@@ -112,12 +112,36 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
     Raises:
         ValueError: the motors are too weak for these courses and loads.
     """
+    scenarios = draw_scenarios(arm, count, generator)
+    lanes = Lanes(
+        [arm],
+        scenarios,
+        count,
+        control_period=period,
+        substeps=default_substeps(period),
+        randomisation=find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm),
+        threads=1,
+    )
+    start = np.array([_rest(arm, one.reference) for one in scenarios])
+    start[generator.random(count) < 0.5] = np.nan
+    noise = NOISIEST * generator.random(count) * (generator.random(count) < 0.5)
+    little = np.exp(generator.uniform(math.log(LEAST), 0.0, count))
+    noise = np.where(generator.random(count) < 0.5, noise, little * noise)
+    carried = np.array([one.disturbance.payload.mass for one in scenarios])
+    return Courses(lanes, start, noise, generator.choice(LATENESS, count), carried)
+
+
+def draw_scenarios(arm: AnyArm, count: int, generator: np.random.Generator) -> list[Scenario]:
+    """Draw `count` courses with a payload and a force.
+
+    Raises:
+        ValueError: the motors are too weak for these courses and loads.
+    """
     family, scale, robot = _family(arm), scale_of(arm), robot_of(arm)
     usual, span, axes = default_reference(arm), freedom(robot).motion, equations_of(arm).axes
     scenarios: list[Scenario] = []
-    starts: list[np.ndarray] = []
     for _ in range(TRIES * count):
-        if len(starts) == count:
+        if len(scenarios) == count:
             break
         kind = generator.random()
         reference: Reference = usual
@@ -128,30 +152,13 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
         mass = scale.mass * generator.uniform(0.0, HEAVIEST) if generator.random() < 0.6 else 0.0
         force = _force(span, axes, reference.duration, scale.force, generator)
         load = Disturbance(tip_force=force, payload=Payload(mass))
-        if not _within_limits(robot, axes, reference, load):
-            continue
-        scenarios.append(Scenario(load, reference))
-        starts.append(_rest(arm, reference))
-    if len(starts) < count:
+        if _within_limits(robot, axes, reference, load):
+            scenarios.append(Scenario(load, reference))
+    if len(scenarios) < count:
         raise ValueError(
-            f"of {TRIES * count} courses and loads the motors bear only {len(starts)}; raise torque_limit of the arm"
+            f"of {TRIES * count} courses and loads the motors bear only {len(scenarios)}; raise torque_limit of the arm"
         )
-    lanes = Lanes(
-        [arm],
-        scenarios,
-        count,
-        control_period=period,
-        substeps=default_substeps(period),
-        randomisation=find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm),
-        threads=1,
-    )
-    start = np.array(starts)
-    start[generator.random(count) < 0.5] = np.nan
-    noise = NOISIEST * generator.random(count) * (generator.random(count) < 0.5)
-    little = np.exp(generator.uniform(math.log(LEAST), 0.0, count))
-    noise = np.where(generator.random(count) < 0.5, noise, little * noise)
-    carried = np.array([one.disturbance.payload.mass for one in scenarios])
-    return Courses(lanes, start, noise, generator.choice(LATENESS, count), carried)
+    return scenarios
 
 
 @functools.lru_cache(maxsize=1)
