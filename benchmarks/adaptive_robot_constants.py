@@ -28,9 +28,9 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.tuning.adaptive_search import CAP, NOISE, TAIL
 from fuzzyarm.rl_baselines.estimate.courses import draw_scenarios
 
-ROBOTS = ("planar-3r", "ur5", "panda")
-SHARES, SIGNIFICANT = (0.01, 0.03, 0.1, 1.0), (0.0, 1.25)
-SEED, COURSES, PASSES = 41, 16, 2
+ROBOTS = ("planar-3r", "ur5")
+SHARES, SIGNIFICANT = (0.03, 0.1, 1.0), (0.0, 1.25)
+SEED, COURSES, PASSES = 41, 10, 2
 
 
 def environments(robot: Robot, count: int) -> list[FuzzyArmEnv]:
