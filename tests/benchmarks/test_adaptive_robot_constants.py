@@ -1,0 +1,37 @@
+"""How `adaptive_robot_constants.py` weighs robots against each other."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def script():
+    """The script, which imports its neighbours."""
+    sys.path.insert(0, str(FOLDER))
+    try:
+        import adaptive_robot_constants
+    finally:
+        sys.path.remove(str(FOLDER))
+    return adaptive_robot_constants
+
+
+def rows(*objectives):
+    return [{"objective_mm": value} for value in objectives]
+
+
+def test_a_robot_that_errs_more_weighs_as_much_as_one_that_errs_less(script):
+    count = len(script.SHARES) * len(script.SIGNIFICANT)
+    calm, rough = [0.1] * count, [100.0] * count
+    calm[0], rough[1] = 0.05, 90.0
+    pairs = script.relative({"calm": rows(*calm), "rough": rows(*rough)})
+    assert [(pair["share"], pair["c"]) for pair in pairs[:3]] == [
+        (script.SHARES[0], script.SIGNIFICANT[0]),
+        (script.SHARES[0], script.SIGNIFICANT[1]),
+        (script.SHARES[1], script.SIGNIFICANT[0]),
+    ]
+    assert [pair["objective"] for pair in pairs[:2]] == pytest.approx([(1.0 + 10.0 / 9.0) / 2.0, 1.5])
+    assert min(pairs, key=lambda pair: pair["objective"]) is pairs[0]
