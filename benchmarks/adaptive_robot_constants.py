@@ -1,12 +1,13 @@
 """The two numbers of the adaptive observer that differ on a robot, chosen over random courses and loads.
 
-    python benchmarks/adaptive_robot_constants.py [ROBOT ...] [--json FILE] [--courses N]
+    python benchmarks/adaptive_robot_constants.py [ROBOT ...] [--json FILE] [--courses N] [--seed N] [--c C ...]
 
 The numbers are the largest share of a sample in the noise that is read, and the c from which on a load is significant.
 Each pair of `SHARES` and `SIGNIFICANT` meets every known robot on N courses with a payload and a force, drawn as those
 of `fuzzyarm train estimate` are (no case and none of their courses of the force among them), without and with encoder
 noise, in two passes over each course. The objective of a robot is the mean of all largest tip errors and a tenth of the
-worst, in the smallest of all pairs; the pair with the smallest mean over the robots is chosen. Twenty minutes.
+worst, in the smallest of all pairs; the pair with the smallest mean over the robots is chosen. Twenty minutes. `--c`
+keeps to fewer pairs, so that more courses, and of another seed, can be asked of those that are close.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ SHARES, SIGNIFICANT = (0.03, 0.1, 1.0), (0.0, 1.25)
 SEED, COURSES, PASSES = 41, 10, 2
 
 
-def environments(robot: Robot, count: int) -> list[FuzzyArmEnv]:
+def environments(robot: Robot, count: int, seed: int) -> list[FuzzyArmEnv]:
     """Return environments of the known robot, one for each course, without noise and then with it."""
-    drawn = draw_scenarios(robot, count, np.random.default_rng(SEED))
+    drawn = draw_scenarios(robot, count, np.random.default_rng(seed))
     return [
         FuzzyArmEnv(
             robot=robot,
@@ -62,11 +63,11 @@ def largest_errors(policy: Any, env: FuzzyArmEnv) -> list[float]:
     return errors
 
 
-def measure(robot: Robot, count: int) -> list[dict[str, Any]]:
+def measure(robot: Robot, count: int, seed: int, pairs: list[tuple[float, float]]) -> list[dict[str, Any]]:
     """Return the objective and its parts for every pair."""
     policy: Any = load_policy("adaptive-observer", robot=robot)
-    envs, rows = environments(robot, count), []
-    for share, significant in itertools.product(SHARES, SIGNIFICANT):
+    envs, rows = environments(robot, count, seed), []
+    for share, significant in pairs:
         policy.settings = policy.settings._replace(first_share=share, insignificant=significant**2)
         errors = np.array([largest_errors(policy, env) for env in envs]).reshape(2, count, PASSES)
         means = dict(zip(("without noise", "with noise"), errors.mean(axis=1).tolist(), strict=True))
@@ -80,14 +81,15 @@ def measure(robot: Robot, count: int) -> list[dict[str, Any]]:
 def relative(robots: dict[str, list[dict[str, Any]]]) -> list[dict[str, float]]:
     """Return every pair with the mean over the robots of its objective, in each robot's smallest."""
     smallest = {name: min(row["objective_mm"] for row in rows) for name, rows in robots.items()}
-    pairs = list(itertools.product(SHARES, SIGNIFICANT))
-    means = [
-        float(np.mean([rows[number]["objective_mm"] / smallest[name] for name, rows in robots.items()]))
-        for number in range(len(pairs))
-    ]
     return [
-        {"share": share, "c": significant, "objective": mean}
-        for (share, significant), mean in zip(pairs, means, strict=True)
+        {
+            "share": found[0]["share"],
+            "c": found[0]["c"],
+            "objective": float(
+                np.mean([row["objective_mm"] / smallest[name] for name, row in zip(robots, found, strict=True)])
+            ),
+        }
+        for found in zip(*robots.values(), strict=True)
     ]
 
 
@@ -98,14 +100,21 @@ def main() -> None:
     parser.add_argument("robots", nargs="*", default=ROBOTS, metavar="ROBOT", help=usual)
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
     parser.add_argument("--courses", type=int, default=COURSES, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=int, default=SEED, metavar="N", help="of the courses (default: %(default)s)")
+    parser.add_argument("--c", type=float, nargs="+", default=SIGNIFICANT, choices=SIGNIFICANT)
     options = parser.parse_args()
-    robots = {robot.name: measure(robot, options.courses) for robot in map(robot_named, options.robots)}
+    asked = list(itertools.product(SHARES, options.c))
+    known = map(robot_named, options.robots)
+    robots = {robot.name: measure(robot, options.courses, options.seed, asked) for robot in known}
     pairs = relative(robots)
     chosen = min(pairs, key=lambda pair: pair["objective"])
     print("chosen:", chosen)
     if options.json:
-        command = f"python benchmarks/adaptive_robot_constants.py {' '.join(robots)} --courses {options.courses}"
-        document = {"command": command, **current_provenance(), "seed": SEED, "courses": options.courses}
+        words = (
+            f"{' '.join(robots)} --courses {options.courses} --seed {options.seed} --c {' '.join(map(str, options.c))}"
+        )
+        command = f"python benchmarks/adaptive_robot_constants.py {words}"
+        document = {"command": command, **current_provenance(), "seed": options.seed, "courses": options.courses}
         document |= {"chosen": chosen, "pairs": pairs, "robots": robots}
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
 

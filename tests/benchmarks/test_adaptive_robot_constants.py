@@ -1,5 +1,6 @@
 """How `adaptive_robot_constants.py` weighs robots against each other."""
 
+import itertools
 import sys
 from pathlib import Path
 
@@ -19,15 +20,18 @@ def script():
     return adaptive_robot_constants
 
 
-def rows(*objectives):
-    return [{"objective_mm": value} for value in objectives]
+def rows(script, *objectives):
+    pairs = itertools.product(script.SHARES, script.SIGNIFICANT)
+    return [
+        {"share": share, "c": c, "objective_mm": value} for (share, c), value in zip(pairs, objectives, strict=True)
+    ]
 
 
 def test_a_robot_that_errs_more_weighs_as_much_as_one_that_errs_less(script):
     count = len(script.SHARES) * len(script.SIGNIFICANT)
     calm, rough = [0.1] * count, [100.0] * count
     calm[0], rough[1] = 0.05, 90.0
-    pairs = script.relative({"calm": rows(*calm), "rough": rows(*rough)})
+    pairs = script.relative({"calm": rows(script, *calm), "rough": rows(script, *rough)})
     assert [(pair["share"], pair["c"]) for pair in pairs[:3]] == [
         (script.SHARES[0], script.SIGNIFICANT[0]),
         (script.SHARES[0], script.SIGNIFICANT[1]),
