@@ -1,12 +1,12 @@
 """PPO beside the elastic observer, and what each of its settings is worth, one at a time.
 
-python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer knobs robust] [--figure FILE]
+python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer longer knobs robust] [--figure FILE]
 
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
 references; what was chosen was chosen by these), rms in the paper's three cases and rate of its torques, on time and
-half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`. Writes
-benchmarks/results/ppo_observer.json after every run.
+half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`. The group
+`longer` is `observer` with two and a half times the steps. Writes benchmarks/results/ppo_observer.json after every run.
 """
 
 from __future__ import annotations
@@ -59,6 +59,9 @@ _SHIFTED = {"gate": 0.0, "scale": (0.01, 0.02), "innovation_times": (), "smoothi
 
 RUNS: dict[str, dict[str, PPOConfig]] = {
     "observer": {f"seed {seed}": dataclasses.replace(_OBSERVER, seed=seed) for seed in range(5)},
+    "longer": {
+        f"seed {seed}": dataclasses.replace(_OBSERVER, seed=seed, total_timesteps=10_000_000) for seed in range(5)
+    },
     "knobs": {
         "as is": _SHORT,
         "value function sees the features alone": dataclasses.replace(_SHORT, asymmetric_critic=False),
@@ -194,6 +197,7 @@ def draw(document: dict[str, Any], path: Path) -> None:
         for axes, (case, title) in zip(upper, SHOWN.items(), strict=True):
             _curves(axes, document, "observer", case, ("elastic-observer", "learned-observer"))
             axes.set(title=f"preset observer: {title}", ylim=(0.0, None))
+            _curves(axes, document, "longer", case, (), color="#D55E00")
         upper[0].set(ylim=(0.0, 3.2))
         upper[0].legend(fontsize="small", loc="upper right")
         _curves(lower[0], document, "ppo-robust", "machining", ("fuzzy-4",))
@@ -205,15 +209,15 @@ def draw(document: dict[str, Any], path: Path) -> None:
     write_atomically(path, picture.getvalue())
 
 
-def _curves(axes: Axes, document: dict[str, Any], group: str, case: str, beside: tuple[str, ...]) -> None:
+def _curves(axes: Axes, document: dict[str, Any], group: str, case: str, beside: tuple[str, ...], **look: Any) -> None:
     """Draw the rms error of every seed of a group in a case, and those of other policies as lines across."""
     for name, dashes in zip(beside, ((0, (1, 2)), (0, (5, 2))), strict=False):
         base = document["references"][name]["cases"][case]["rms_mm"]
         axes.axhline(base, label=name, **{**BOUND, "linestyle": dashes})
     for number, run in enumerate(document["runs"][group].values()):
         steps = [row["steps"] / 1e6 for row in run["curve"]]
-        label = None if number else f"{len(document['runs'][group])} seeds"
-        axes.plot(steps, [row[case] for row in run["curve"]], label=label, **{**ONE_SEED, "linewidth": 1.4})
+        label = None if number else f"{len(document['runs'][group])} seeds, {run['steps'] / 1e6:.0f} million steps"
+        axes.plot(steps, [row[case] for row in run["curve"]], label=label, **{**ONE_SEED, "linewidth": 1.4, **look})
     axes.set(xlabel="environment steps [million]", ylabel="rms tip error [mm]")
 
 
@@ -246,14 +250,15 @@ def main() -> None:
     known = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {"runs": {}}
     if "references" not in known or "ppo-robust" not in known["runs"]:
         found = without_training()
-        known = {"runs": known["runs"] | found["runs"], "references": found["references"]}
+        known = {"runs": known["runs"] | found["runs"], "references": found["references"], **current_provenance()}
     for group in arguments.groups:
         for name, config in RUNS[group].items():
             folder = arguments.out / f"{group}-{name}".replace(" ", "-").replace(",", "").replace("'", "")
             row = {"steps": config.total_timesteps, "seed": config.seed, **trained(config, folder)}
+            row |= {"provenance": current_provenance()}
             known["runs"].setdefault(group, {})[name] = row
             print(group, name, {key: value for key, value in row.items() if key != "curve"}, flush=True)
-            content = {"command": "python benchmarks/ppo_observer.py", **known, **current_provenance()}
+            content = {"command": "python benchmarks/ppo_observer.py", **known}
             write_atomically(RESULT, json.dumps(content, indent=1) + "\n")
     if arguments.figure:
         draw(known, arguments.figure)

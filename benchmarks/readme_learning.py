@@ -80,24 +80,39 @@ def training_speed_table(document: dict[str, Any]) -> str:
 def observer_tables(document: dict[str, Any]) -> str:
     """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
     rows = [_measured(name if " " in name else f"`{name}`", row) for name, row in document["references"].items()]
-    titles = {"observer": "`observer`, {}", "knobs": "{}", "robust": "`robust`: {}", "ppo-robust": "`ppo-robust`, {}"}
+    titles = {
+        "observer": "`observer`, {}",
+        "longer": "`observer`, {}",
+        "knobs": "{}",
+        "robust": "`robust`: {}",
+        "ppo-robust": "`ppo-robust`, {}",
+    }
     parts = []
     for group, title in titles.items():
         runs = document["runs"][group]
         found = [_measured(title.format(name), run) for name, run in runs.items()]
         steps = sorted({run["steps"] for run in runs.values()})
+        others = {made_with(run["provenance"]) for run in runs.values() if "provenance" in run}
         known = f"**{group}**, {', '.join(f'{count / 1e6:g}' for count in steps)} million steps"
         parts.append(f"{known}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
-    curve = [
+        parts.extend(f"These: {words}" for words in sorted(others - {made_with(document)}))
+    return "\n\n".join(
         [
-            name,
-            *(f"{row['machining']:.2f} / {row['payload']:.2f}" for row in run["curve"]),
+            *parts,
+            *(_curves(document["runs"][group]) for group in ("observer", "longer")),
+            f"`{document['command']}`, one thread; {made_with(document)}",
         ]
-        for name, run in document["runs"]["observer"].items()
+    )
+
+
+def _curves(runs: dict[str, dict[str, Any]]) -> str:
+    """Return the errors of a group's seeds over the steps of the training."""
+    rows = [
+        [name, *(f"{row['machining']:.2f} / {row['payload']:.2f}" for row in run["curve"])]
+        for name, run in runs.items()
     ]
-    steps = [f"{row['steps'] / 1e6:.1f}" for row in next(iter(document["runs"]["observer"].values()))["curve"]]
-    curves = table(["rms [mm] in Case 2 / 3 after million steps", *steps], curve)
-    return "\n\n".join([*parts, curves, f"`{document['command']}`, one thread; {made_with(document)}"])
+    steps = [f"{row['steps'] / 1e6:.1f}" for row in next(iter(runs.values()))["curve"]]
+    return table(["rms [mm] in Case 2 / 3 after million steps", *steps], rows)
 
 
 _HEADINGS = (
