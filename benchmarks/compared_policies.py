@@ -26,7 +26,7 @@ class Compared:
         name: of the policy.
         knows: its model, in words.
         chosen_on: what its numbers were chosen or trained on, in words.
-        rules: of a fuzzy controller; None for other policies.
+        rules: of a fuzzy controller whose synthesis alone made it; None for other policies.
         learned: whether it was trained.
         seeds: folders of all its trainings, as a pattern below ``benchmarks``; none for a policy that is not learned.
     """
@@ -43,11 +43,20 @@ def _ppo(name: str, knows: str, chosen_on: str) -> Compared:
     return Compared(name, knows, chosen_on, learned=True, seeds=f"learned/{name}-[0-9]/policy")
 
 
+def _fuzzy(name: str, rules: int | None) -> tuple[Compared, Compared]:
+    """Return a fuzzy controller without and with the tip's feedforward."""
+    proven = "inequalities, proven"
+    return Compared(name, RIGID, proven, rules=rules), Compared(f"{name}-tip", ELASTIC, proven, rules=rules)
+
+
+_FUZZY = (
+    *(_fuzzy(f"fuzzy-{rules}", rules) for rules in (1, 2, 4, 8, 16, 32)),
+    _fuzzy("fuzzy-4-sampled", None),  # a search chose the factors of its gains
+)
 _ROWS = (
-    Compared("fuzzy-1", RIGID, "inequalities, proven", rules=1),
-    Compared("fuzzy-4", RIGID, "inequalities, proven", rules=4),
-    Compared("fuzzy-4-tip", ELASTIC, "inequalities, proven", rules=4),
+    *(without for without, _ in _FUZZY),
     Compared("computed-torque", RIGID, "margins"),
+    *(with_feedforward for _, with_feedforward in _FUZZY),
     Compared("computed-torque-tip", ELASTIC, "margins"),
     Compared("elastic-observer", ELASTIC, "random loads, within margins"),
     Compared("adaptive-observer", RANGES, "random plants and loads"),

@@ -1,6 +1,7 @@
 """Model-based and learned policies in one table and one figure: eight tasks, new plants, forces not trained on.
 
-    python benchmarks/comparison.py [--plants N] [--seed-plants N] [--jobs N] [--json FILE] [--figure FILE.png]
+    python benchmarks/comparison.py [--plants N] [--seed-plants N] [--jobs N] [--errors FOLDER] [--json FILE]
+                                    [--figure FILE.png] [--pairs FILE.png]
 
 The policies are those of `compared_policies`, the tasks those of `learned_tasks`. The plants are those of
 `comparison_plants`, in the paper's cases and under two forces that no training has drawn; each plant meets all
@@ -14,23 +15,26 @@ policy is one more than the number of policies whose interval lies wholly below 
 policies share a rank. The probability of improvement of one policy over another is the share of plants and cases in
 which its rms error is smaller, equal ones counting half, with a bootstrap interval over the plants.
 
-`comparison_figure.py` draws the figure from a stored result.
+With `--errors` each policy's errors are kept in a folder and taken from there by the next run with as many plants, so
+that a run can be interrupted, or a policy added, without measuring the others again; the result names the commit of
+each. Delete the files of a policy that has changed. `comparison_figure.py` draws the figures from a stored result.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from compared_policies import POLICIES
-from comparison_figure import draw_comparison
-from comparison_plants import COMPARED_CASES, SEED, errors_of
+from comparison_figure import draw_comparison, draw_pairs
+from comparison_plants import COMPARED_CASES, SEED, Errors, errors_of, keep, kept
 from comparison_statistics import improvements, ranks_of, score
 from learned_figures import png
 from learned_tasks import assess
@@ -42,46 +46,63 @@ from fuzzyarm.eval.evaluation.statistics import LEVEL, estimate
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 
-SCHEMA = "fuzzyarm-comparison/1"
+SCHEMA = "fuzzyarm-comparison/2"
 BENCHMARKS = Path(__file__).resolve().parent
 SEED_PLANTS = 1000
 
 
-def compare(plants: int, seed_plants: int, jobs: int | None) -> dict[str, Any]:
-    """Run everything and return the document."""
+def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None) -> dict[str, Any]:
+    """Run everything and return the document.
+
+    Args:
+        plants: for each shipped policy.
+        seed_plants: for each seed of a trained policy.
+        jobs: processes; None: one per core.
+        folder: of errors that a run before has measured, and where those of this one are kept; None: nowhere.
+    """
     shipped = {name: load_policy(name) for name in POLICIES}
     seeds = {name: _seeds(one.seeds) for name, one in POLICIES.items()}
+    runs = [(name, policy, plants) for name, policy in shipped.items()]
+    runs += [(f"{name}-{k}", policy, seed_plants) for name, group in seeds.items() for k, policy in enumerate(group)]
+    errors = {}
+    with progress("plants", sum(count for *_, count in runs)) as advance:
+        done = 0
+        for label, policy, count in runs:
+            errors[label] = _errors(
+                label, policy, count, jobs, folder, functools.partial(_report, advance, label, done)
+            )
+            done += count
+            advance(label, completed=done)
     tasks = {name: _tasks(name, policy, seeds[name]) for name, policy in shipped.items()}
-    of_seeds = {f"{name}/{k}": policy for name, group in seeds.items() for k, policy in enumerate(group)}
-    with progress("plants", plants + seed_plants) as advance:
-        rms, largest = errors_of(shipped, plants, jobs, lambda done: advance("shipped", completed=done))
-        by_seed, _ = errors_of(of_seeds, seed_plants, jobs, lambda done: advance("seeds", completed=plants + done))
     scores = {
         name: {
-            case: score(rms[p, c], [by_seed[k, c] for k, label in enumerate(of_seeds) if label.startswith(f"{name}/")])
+            case: score(errors[name].rms_mm[c], [errors[f"{name}-{k}"].rms_mm[c] for k in range(len(group))])
             for c, case in enumerate(COMPARED_CASES)
         }
-        for p, name in enumerate(shipped)
+        for name, group in seeds.items()
     }
     margins = {row["policy"]: row for row in measure_margins(MarginsConfig(policies=tuple(shipped)))["rows"]}
     ranks = {case: ranks_of({name: scores[name][case] for name in shipped}) for case in COMPARED_CASES}
     rows = [
         {
             "name": name,
-            "seeds": len(seeds[name]),
+            "seeds": len(group),
+            "commits": sorted(
+                {errors[label].commit or "" for label in (name, *(f"{name}-{k}" for k in range(len(group))))}
+            ),
             "tasks": tasks[name],
             "plants": {
                 case: {
                     "score_mm": scores[name][case],
                     "rank": ranks[case][name],
-                    "quantiles_mm": [_finite(v) for v in np.quantile(largest[p, c], QUANTILES, method="inverted_cdf")],
-                    "ended_early": int(np.isinf(largest[p, c]).sum()),
+                    "quantiles_mm": [_finite(v) for v in np.quantile(largest, QUANTILES, method="inverted_cdf")],
+                    "ended_early": int(np.isinf(largest).sum()),
                 }
-                for c, case in enumerate(COMPARED_CASES)
+                for case, largest in zip(COMPARED_CASES, errors[name].largest_mm, strict=True)
             },
             "spectral_radius": margins[name]["spectral_radius"],
         }
-        for p, name in enumerate(POLICIES)
+        for name, group in seeds.items()
     ]
     return {
         "schema": SCHEMA,
@@ -91,8 +112,25 @@ def compare(plants: int, seed_plants: int, jobs: int | None) -> dict[str, Any]:
         "cases": COMPARED_CASES,
         "quantiles": list(QUANTILES),
         "rows": rows,
-        "improvement": improvements(list(shipped), rms),
+        "improvement": improvements(list(shipped), np.stack([errors[name].rms_mm for name in shipped])),
     }
+
+
+def _errors(
+    label: str, policy: Any, plants: int, jobs: int | None, folder: Path | None, report: Callable[[int], None]
+) -> Errors:
+    """Return the errors of a policy, from the folder if they are there."""
+    path = None if folder is None else folder / f"{label}-{plants}.npz"
+    found = None if path is None else kept(path, plants)
+    if found is None:
+        found = errors_of(policy, plants, jobs, report)
+        if path is not None:
+            keep(path, found)
+    return found
+
+
+def _report(advance: Callable[..., None], label: str, before: int, done: int) -> None:
+    advance(label, completed=before + done)
 
 
 QUANTILES = (0.01, 0.5, 0.99)
@@ -125,16 +163,22 @@ def main() -> int:
     parser.add_argument("--plants", type=int, default=10_000, help="for each shipped policy (default: %(default)s)")
     parser.add_argument("--seed-plants", type=int, default=SEED_PLANTS, help="for each seed (default: %(default)s)")
     parser.add_argument("--jobs", type=int, help="processes (default: one per core)")
+    parser.add_argument("--errors", type=Path, metavar="FOLDER", help="keep errors here, and use those that are here")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw the figure")
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw the figure of the plants")
+    parser.add_argument("--pairs", type=Path, metavar="FILE.png", help="also draw the figure of the pairs")
     options = parser.parse_args()
     if options.plants < 1 or options.seed_plants < 1:
         parser.error("--plants and --seed-plants must be 1 or more")
-    document = compare(options.plants, options.seed_plants, options.jobs)
+    if options.errors is not None:
+        options.errors.mkdir(parents=True, exist_ok=True)
+    document = compare(options.plants, options.seed_plants, options.jobs, options.errors)
     if options.json:
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
     if options.figure:
         write_atomically(options.figure, png(lambda: draw_comparison(document)))
+    if options.pairs:
+        write_atomically(options.pairs, png(lambda: draw_pairs(document)))
     for row in document["rows"]:
         print(row["name"], {case: (found["score_mm"], found["rank"]) for case, found in row["plants"].items()})
     return 0

@@ -1,8 +1,8 @@
-"""The figure of `comparison.py`: each policy on new plants and under forces that no training has drawn.
+"""The figures of `comparison.py`: each policy on new plants and under forces that no training has drawn, and the pairs.
 
-    python benchmarks/comparison_figure.py [--json FILE] [--figure FILE.png]
+    python benchmarks/comparison_figure.py [--json FILE] [--figure FILE.png] [--pairs FILE.png]
 
-draws it from a stored result.
+draws them from a stored result.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from compared_policies import POLICIES
 from learned_figures import png
 from matplotlib.axes import Axes
@@ -22,17 +23,17 @@ from matplotlib.lines import Line2D
 
 from fuzzyarm.common.files import write_atomically
 
-__all__ = ["draw_comparison"]
+__all__ = ["draw_comparison", "draw_pairs"]
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULT, FIGURE = ROOT / "benchmarks" / "results" / "comparison.json", ROOT / "docs" / "figures" / "comparison.png"
+RESULT, FIGURES = ROOT / "benchmarks" / "results" / "comparison.json", ROOT / "docs" / "figures"
 MODEL_BASED, LEARNED = "#0072B2", "#D55E00"
 
 
 def draw_comparison(document: Mapping[str, Any]) -> Figure:
     """Return the figure: a panel for each case, a line for each policy."""
     rows, cases, method = document["rows"], document["cases"], document["method"]
-    figure = Figure(figsize=(11.0, 4.8))
+    figure = Figure(figsize=(11.0, 2.0 + 0.26 * len(rows)))
     panels = figure.subplots(1, len(cases), sharey=True)
     limits = _limits(rows)
     for axes, (case, title) in zip(panels, cases.items(), strict=True):
@@ -58,6 +59,28 @@ def draw_comparison(document: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def draw_pairs(document: Mapping[str, Any]) -> Figure:
+    """Return the figure of the probabilities of improvement [%]: of the row's policy over the column's."""
+    names = [row["name"] for row in document["rows"]]
+    shares = np.full((len(names), len(names)), np.nan)
+    for pair in document["improvement"]:
+        p, q = names.index(pair["policy"]), names.index(pair["over"])
+        shares[p, q], shares[q, p] = 100.0 * pair["probability"], 100.0 * (1.0 - pair["probability"])
+    size = 2.4 + 0.33 * len(names)
+    figure = Figure(figsize=(size, size))
+    axes = figure.subplots()
+    axes.imshow(shares, cmap="RdBu", vmin=-20.0, vmax=120.0)
+    axes.grid(visible=False)
+    for (p, q), share in np.ndenumerate(shares):
+        if p != q:
+            axes.text(q, p, f"{share:.0f}", ha="center", va="center", color="w" if abs(share - 50.0) > 45.0 else "k")
+    axes.set_xticks(range(len(names)), names, rotation=90)
+    axes.set_yticks(range(len(names)), names)
+    axes.xaxis.tick_top()
+    axes.set_xlabel("share [%] of plants and cases in which the policy of the row has the smaller rms error")
+    return figure
+
+
 def _draw(axes: Axes, place: int, found: Mapping[str, Any], color: str, limits: tuple[float, float]) -> None:
     """Draw a policy in a case; words stand where it has no mean."""
     score, (low, _, high) = found["score_mm"], found["quantiles_mm"]
@@ -80,13 +103,15 @@ def _limits(rows: list[Mapping[str, Any]]) -> tuple[float, float]:
 
 
 def main() -> int:
-    """Draw."""
+    """Draw both."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", default=RESULT)
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", default=FIGURE)
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", default=FIGURES / "comparison.png")
+    parser.add_argument("--pairs", type=Path, metavar="FILE.png", default=FIGURES / "comparison_pairs.png")
     options = parser.parse_args()
     document = json.loads(options.json.read_text(encoding="utf-8"))
     write_atomically(options.figure, png(lambda: draw_comparison(document)))
+    write_atomically(options.pairs, png(lambda: draw_pairs(document)))
     return 0
 
 

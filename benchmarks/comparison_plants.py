@@ -8,21 +8,39 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
-from typing import Any
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, Case, add_case
 from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.eval.sweep.results import SweepResults
 
-__all__ = ["CHUNK", "COMPARED_CASES", "SEED", "errors_of"]
+__all__ = ["CHUNK", "COMPARED_CASES", "SEED", "Errors", "errors_of", "keep", "kept"]
 
 SEED, CHUNK = 700_000, 250  # the first plant's; plants at once
+
+
+class Errors(NamedTuple):
+    """The errors of a policy.
+
+    Attributes:
+        rms_mm: rms tip errors (cases, plants) [mm]; inf where an episode ended early.
+        largest_mm: largest tip errors (cases, plants) [mm]; inf where an episode ended early.
+        commit: at which they were measured; None outside a checkout.
+    """
+
+    rms_mm: np.ndarray
+    largest_mm: np.ndarray
+    commit: str | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,31 +79,55 @@ COMPARED_CASES: dict[str, str] = {case.name: case.title for case in (*(CASES[nam
 """The paper's cases, then the forces that no training has drawn: titles by name."""
 
 
-def errors_of(
-    policies: Mapping[str, Any], plants: int, jobs: int | None, report: Callable[[int], None]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rms and the largest tip errors (policies, cases, plants) [mm]; inf where an episode ended early.
+def errors_of(policy: Any, plants: int, jobs: int | None, report: Callable[[int], None]) -> Errors:
+    """Run a policy on the plants and return its errors.
 
     Args:
-        policies: by label.
-        plants: how many.
+        policy: the policy.
+        plants: how many, from seed `SEED` on.
         jobs: processes; None: one per core.
         report: called with the number of plants that are done.
     """
     _register()
     config = SweepConfig(policies=("fuzzy-1",), cases=tuple(COMPARED_CASES), plants=plants, seed=SEED, chunk=CHUNK)
-    work, parts = functools.partial(_chunk, config, dict(policies)), {}
+    work, parts = functools.partial(_chunk, config, policy), {}
     for number, part in Engine(jobs=jobs).run(work, range(config.chunks)):
         parts[number] = part
         report(sum(len(one.plants) for one in parts.values()))
     found = SweepResults.joined([parts[number] for number in sorted(parts)])
-    lost = ~found.completed
-    return np.where(lost, np.inf, found.rms_mm), np.where(lost, np.inf, found.max_mm)
+    lost = ~found.completed[0]
+    rms, largest = (np.where(lost, np.inf, errors[0]) for errors in (found.rms_mm, found.max_mm))
+    return Errors(rms, largest, current_provenance()["commit"])
 
 
-def _chunk(config: SweepConfig, policies: dict[str, Any], number: int) -> SweepResults:
+def kept(path: Path, plants: int) -> Errors | None:
+    """Return the errors of a file that `keep` wrote; None without one, or if it has other plants or cases."""
+    if not path.exists():
+        return None
+    with np.load(path, allow_pickle=False) as stored:
+        if stored["first_seed"] != SEED or list(stored["cases"]) != list(COMPARED_CASES):
+            return None
+        errors = Errors(stored["rms_mm"], stored["largest_mm"], str(stored["commit"]) or None)
+    return errors if errors.rms_mm.shape == (len(COMPARED_CASES), plants) else None
+
+
+def keep(path: Path, errors: Errors) -> None:
+    """Write errors to a file, with what they were measured on."""
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        rms_mm=errors.rms_mm,
+        largest_mm=errors.largest_mm,
+        commit=errors.commit or "",
+        first_seed=SEED,
+        cases=list(COMPARED_CASES),
+    )
+    write_atomically(path, buffer.getvalue())
+
+
+def _chunk(config: SweepConfig, policy: Any, number: int) -> SweepResults:
     _register()  # in the process of a worker
-    return run_plants(config, policies, config.members(number))
+    return run_plants(config, {"compared": policy}, config.members(number))
 
 
 def _register() -> None:

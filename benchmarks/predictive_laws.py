@@ -143,7 +143,7 @@ def _sample() -> Callable[..., None]:
     From the second sample on it first predicts, with what was commanded at the last one. It fills `torque` (2,) [N m]
     with what `adaptive-observer` would command, and `room` with what it acts on.
     """
-    estimate, predict = steps_of(equations_of(ARM))
+    correct, act, predict = steps_of(equations_of(ARM))
 
     @njit(error_model="numpy")
     def sample(
@@ -158,6 +158,7 @@ def _sample() -> Callable[..., None]:
         if m.flags[FLAG.samples] > 0.0:
             m.commands[0] = commanded
             predict(m, s, room, commanded)
-        estimate(0, observed(observation), m, s, room, known, torque)
+        correct(0, observed(observation), m, s, room)
+        act(room.acted, m, s, room, known, torque)
 
     return sample

@@ -17,6 +17,7 @@ __all__ = [
     "adaptive_noise_table",
     "adaptive_passes_table",
     "adaptive_plants_table",
+    "adaptive_robot_constants_table",
     "adaptive_robot_table",
     "adaptive_second_plant_table",
     "adaptive_start_table",
@@ -161,6 +162,25 @@ def adaptive_constants_table(document: dict[str, Any]) -> str:
     return (
         f"{table(headings, rows)}\n\nOver {arms} arms from seed {document['seed']} on; {beyond} of "
         f"{len(measured) * arms:,} episodes were beyond {_CAP:g} mm or ended early. {_made(document)}"
+    )
+
+
+def adaptive_robot_constants_table(document: dict[str, Any]) -> str:
+    """Return what random loads on a robot say of its two own numbers."""
+    rows = [
+        [
+            f"{100.0 * row['share']:g} %",
+            f"{row['c']:g}",
+            *(" / ".join(f"{mean:.2f}" for mean in row["mean_mm"][noise]) for noise in ("without noise", "with noise")),
+            f"{row['worst_mm']:.1f}",
+            f"{row['objective_mm']:.2f}",
+        ]
+        for row in document["rows"]
+    ]
+    headings = ["largest share of a sample", "c", "mean of pass 1 / 2 [mm]", "the same with noise", "worst [mm]"]
+    return (
+        f"{table([*headings, 'objective [mm]'], rows)}\n\n{document['robot']}, {document['loads']} loads from seed "
+        f"{document['seed']} on; largest tip errors. {_made(document)}"
     )
 
 

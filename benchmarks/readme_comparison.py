@@ -1,4 +1,4 @@
-"""The table of the compared policies, from the stored result of `comparison.py`."""
+"""The table of the compared policies and a sentence on their pairs, from the stored result of `comparison.py`."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def comparison_table(document: dict[str, Any]) -> str:
         "median over seeds, or of the last synthesis with its proof, without the trials that chose their settings and "
         "without what a policy builds on; *not measured* where a search chose the numbers. Stable: in how many of the "
         f"eight conditions of [](../theory/margins.md) its local loop is stable.{_alone(document)}\n\n"
-        f"Probability that the policy of the row has a smaller rms error than that of the column [%], over plants and "
-        f"cases:\n\n{_improvements(document)}\n\n"
+        f"{_pairs(document['improvement'])}\n\n"
         f"`{document['command']}`, plants from seed {method['first_seed']} on; {made_with(document)}"
+        f"{_measured_at(document)}"
     )
 
 
@@ -80,22 +80,27 @@ def _score(found: dict[str, Any]) -> str:
     return f"{mean}, {low} to {high} ({found['rank']})"
 
 
-def _improvements(document: dict[str, Any]) -> str:
-    names = [row["name"] for row in document["rows"]]
-    known = {(row["policy"], row["over"]): (row["probability"], row["interval"]) for row in document["improvement"]}
-    known |= {(q, p): (1.0 - value, [1.0 - high, 1.0 - low]) for (p, q), (value, (low, high)) in known.items()}
-    rows = []
-    for one in names:
-        cells = [
-            "" if one == other else "{:.0f}, {:.0f} to {:.0f}".format(*(100.0 * v for v in _flat(known[one, other])))
-            for other in names
-        ]
-        rows.append([f"`{one}`", *cells])
-    return table(["", *(f"`{name}`" for name in names)], rows)
+def _pairs(improvement: list[dict[str, Any]]) -> str:
+    """Return how wide the intervals of the probabilities of improvement are, and which of them contain a half."""
+    widest = max(high - low for low, high in (pair["interval"] for pair in improvement))
+    equal = [pair for pair in improvement if pair["interval"][0] <= 0.5 <= pair["interval"][1]]
+    words = "; ".join(f"`{pair['policy']}` and `{pair['over']}`" for pair in equal)
+    return (
+        f"The probabilities of improvement in the second figure have intervals of 95 % over plants that are at most "
+        f"{100.0 * widest:.1f} percentage points wide. Of {len(improvement)} pairs "
+        + (
+            f"{len(equal)} have an interval that contains 50 %: {words}."
+            if equal
+            else "none has one that contains 50 %."
+        )
+    )
 
 
-def _flat(found: tuple[float, list[float]]) -> list[float]:
-    return [found[0], *found[1]]
+def _measured_at(document: dict[str, Any]) -> str:
+    """Return a sentence on the policies whose errors another commit measured than the one of the document."""
+    others = {row["name"]: row["commits"] for row in document["rows"] if row["commits"] != [document["commit"]]}
+    words = "; ".join(f"`{name}` at {', '.join(one[:10] for one in commits)}" for name, commits in others.items())
+    return f" Errors over plants measured at other commits: {words}." if others else ""
 
 
 def _digits(value: float, count: int) -> str:

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from fuzzyarm.common.console import print_table
 from fuzzyarm.common.console import table as new_table
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import HEADINGS, Declared, declared, declared_by_name, stated
 from fuzzyarm.policies.spec import PolicySpec
@@ -22,10 +23,10 @@ ROW = ("policy", *HEADINGS)
 
 
 def declarations_of(
-    specs: Mapping[str, PolicySpec], policies: Mapping[str, Any], passes: int = 1
+    specs: Mapping[str, PolicySpec], policies: Mapping[str, Any], arm: AnyArm, passes: int = 1
 ) -> dict[str, Declared | None]:
     """Return the declarations of policies by label, given what each refers to and the loaded policy; see `declared`."""
-    return {label: declared(spec, policies[label], passes) for label, spec in specs.items()}
+    return {label: declared(spec, policies[label], passes, arm) for label, spec in specs.items()}
 
 
 def written_declarations(found: Mapping[str, Declared | None]) -> dict[str, dict[str, str] | None]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.policies.declaration import ELASTIC, HEADINGS, INTEGRAL, LEARNED_OBSERVER, RIGID, SEES, Declared, stated
 from fuzzyarm.policies.registry import TIP, Kind
 from fuzzyarm.policies.spec import PolicySpec, resolve
@@ -55,13 +56,26 @@ _NAMED = {
 }
 
 
-def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1) -> Declared | None:
+# On a robot the laws take their numbers from those of Table 1: objective and tuned on; {} is the robot.
+_POSTURES = "random postures of {}; all else of the arm of Table 1"
+_ON_ROBOTS = {
+    "computed-torque": ("bandwidth of Table 1, lowered until there are margins", _POSTURES),
+    "elastic-observer": ("weights of Table 1, softened until there are margins", _POSTURES),
+    _ADAPTIVE: (
+        "weights of Table 1, softened until the regulator is stable",
+        f"{_POSTURES}; two numbers for all robots on passes of the UR5 in Case 2",
+    ),
+}
+
+
+def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1, arm: AnyArm | None = None) -> Declared | None:
     """Return what a policy declares; None of one that comes without a declaration.
 
     Args:
         name: its name, or what that refers to.
         policy: the policy as it was loaded; needed of the user's own code alone.
         passes: over the same path; with several, a policy that learns from them remembers those before.
+        arm: for which it was loaded; None: that of Table 1. Files and folders say for which arm they are.
 
     Raises:
         ValueError: the policy's file or folder is damaged.
@@ -71,6 +85,8 @@ def declared(name: str | PolicySpec, policy: Any = None, passes: int = 1) -> Dec
     own = _own(spec, policy)
     if own is None:
         return None
+    if spec.named and arm is not None:
+        own = _on(arm, spec.name.removesuffix(TIP), own)
     if spec.tip:
         own = own._replace(knows=ELASTIC, remembers=f"{own.remembers}; three samples of the reference")
     if passes > 1 and _learns_from_passes(spec, policy):
@@ -82,6 +98,18 @@ def declared_by_name(name: str) -> Declared | None:
     """Return what a policy of the package declares; None of any other. No file is read."""
     spec = resolve(name)
     return declared(spec) if spec.named else None
+
+
+def _on(arm: AnyArm, law: str, own: Declared) -> Declared:
+    """Return the declaration of a named law on an arm."""
+    from fuzzyarm.envs.physics.parameters import ArmParameters
+
+    if arm == ArmParameters():
+        return own
+    if isinstance(arm, ArmParameters) or law not in _ON_ROBOTS:
+        return own._replace(tuned_on=f"{own.tuned_on}; all of the arm of Table 1")
+    objective, tuned_on = _ON_ROBOTS[law]
+    return own._replace(objective=objective, tuned_on=tuned_on.format(arm.name))
 
 
 def _own(spec: PolicySpec, policy: Any) -> Declared | None:

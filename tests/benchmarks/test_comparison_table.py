@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fuzzyarm.policies.registry import NAMES
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 STORED = json.loads((BENCHMARKS / "results" / "comparison.json").read_text(encoding="utf-8"))
 
@@ -43,12 +45,16 @@ def test_scores_show_three_digits(module):
 def test_a_search_without_a_stored_time_is_not_measured(module):
     lines = module("readme_comparison").comparison_table(STORED).splitlines()
     unmeasured = [line.split("`")[1] for line in lines if " not measured " in line]
-    assert unmeasured == ["computed-torque", "computed-torque-tip", "elastic-observer", "adaptive-observer"]
+    assert unmeasured == [
+        *("fuzzy-4-sampled", "computed-torque", "fuzzy-4-sampled-tip", "computed-torque-tip"),
+        *("elastic-observer", "adaptive-observer"),
+    ]
 
 
 def test_what_a_policy_knows_includes_what_is_known_within_it_and_all_seeds_are_found(module):
     known = module("compared_policies").POLICIES
     assert list(known) == [row["name"] for row in STORED["rows"]]
+    assert set(known) == set(NAMES)
     assert known["learned-observer"].knows == known["adaptive-observer"].knows
     assert known["ppo-residual"].knows == known["fuzzy-4-tip"].knows
     for one in known.values():
@@ -62,24 +68,80 @@ def test_the_table_says_of_which_learned_policy_no_other_seed_ran(seeds, module)
     assert ("Of `learned-observer` the shipped seed alone ran." in text) == (seeds == 0)
 
 
-def test_a_run_takes_every_stored_seed_and_fills_table_and_figure(module, monkeypatch):
-    """With stand-ins for what takes long: the policies themselves, their episodes and their margins."""
-    script, loaded = module("comparison"), []
+@pytest.fixture
+def comparison(module, monkeypatch):
+    """Return the script with stand-ins for what takes long, and the labels of what it measured.
+
+    The stand-ins are for the policies themselves, their episodes and their margins: the k-th policy that is measured
+    has errors of k mm, and loses the first plant.
+    """
+    script, measured = module("comparison"), []
     task = {"task": "nominal", "tip_error_rms_mm": 1.0, "failed": None}
     tasks = [task | {"task": name} for name in STORED["rows"][0]["tasks"]]
     margins = [{"policy": row["name"], "spectral_radius": row["spectral_radius"]} for row in STORED["rows"]]
 
-    def errors_of(policies, plants, jobs, advance):
-        errors = np.ones((len(policies), len(script.COMPARED_CASES), plants)) + np.arange(len(policies))[:, None, None]
-        return errors, errors
+    def errors_of(policy, plants, jobs, report):
+        measured.append(policy)
+        errors = np.full((len(script.COMPARED_CASES), plants), float(len(measured)))
+        errors[:, 0] = np.inf
+        return script.Errors(errors, 2.0 * errors, COMMIT)
 
-    monkeypatch.setattr(script, "load_policy", lambda name: loaded.append(name))
+    monkeypatch.setattr(script, "load_policy", lambda name: name)
     monkeypatch.setattr(script, "assess", lambda policy, name, arm: tasks)
     monkeypatch.setattr(script, "measure_margins", lambda config: {"rows": margins})
     monkeypatch.setattr(script, "errors_of", errors_of)
-    document = json.loads(json.dumps(script.compare(4, 2, None)))
+    return script, measured
+
+
+COMMIT = "0123456789abcdef"
+
+
+def test_a_run_takes_every_stored_seed_and_fills_table_and_figures(comparison, module):
+    script, measured = comparison
+    document = json.loads(json.dumps(script.compare(8, 4, None, None)))
     seeds = {row["name"]: row["seeds"] for row in document["rows"]}
     assert seeds == {name: 5 if one.learned else 0 for name, one in script.POLICIES.items()}
-    assert len(loaded) == len(seeds) + sum(seeds.values())
-    assert "`learned-observer`, 5 seeds" in module("readme_comparison").comparison_table(document)
+    assert len(measured) == len(seeds) + sum(seeds.values())
+    assert {row["plants"]["blows"]["ended_early"] for row in document["rows"]} == {1}
+    text = module("readme_comparison").comparison_table(document)
+    assert "`learned-observer`, 5 seeds" in text
+    assert "measured at other commits" in text and "`fuzzy-1` at 0123456789;" in text
+    assert "other commits" not in module("readme_comparison").comparison_table(document | {"commit": COMMIT})
     module("comparison_figure").draw_comparison(document)
+
+
+def test_errors_that_a_folder_holds_are_not_measured_again(comparison, tmp_path):
+    script, measured = comparison
+    first = script.compare(8, 4, None, tmp_path)
+    runs = len(measured)
+    assert script.compare(8, 4, None, tmp_path)["rows"] == first["rows"]
+    assert len(measured) == runs  # nothing again
+    (tmp_path / "fuzzy-4-8.npz").unlink()
+    script.compare(8, 4, None, tmp_path)
+    assert measured[runs:] == ["fuzzy-4"]
+    script.compare(9, 4, None, tmp_path)  # other plants: all shipped policies, no seed
+    assert len(measured) == runs + 1 + len(script.POLICIES)
+
+
+def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path, monkeypatch):
+    plants = module("comparison_plants")
+    shape = len(plants.COMPARED_CASES), 3
+    errors = plants.Errors(np.arange(15.0).reshape(shape), np.full(shape, np.inf), None)
+    plants.keep(tmp_path / "a.npz", errors)
+    found = plants.kept(tmp_path / "a.npz", 3)
+    assert found.commit is None
+    assert np.array_equal(found.rms_mm, errors.rms_mm) and np.array_equal(found.largest_mm, errors.largest_mm)
+    assert plants.kept(tmp_path / "a.npz", 2) is None
+    monkeypatch.setattr(plants, "SEED", plants.SEED + 1)
+    assert plants.kept(tmp_path / "a.npz", 3) is None
+
+
+def test_the_figure_of_the_pairs_has_a_share_for_each_and_its_rest_for_the_other_way_round(module):
+    axes = module("comparison_figure").draw_pairs(STORED).axes[0]
+    shares = {text.get_position(): int(text.get_text()) for text in axes.texts}
+    names = [row["name"] for row in STORED["rows"]]
+    assert len(shares) == len(names) * (len(names) - 1)
+    for pair in STORED["improvement"]:
+        p, q = names.index(pair["policy"]), names.index(pair["over"])
+        assert shares[q, p] == round(100.0 * pair["probability"])
+        assert shares[p, q] == round(100.0 * (1.0 - pair["probability"]))

@@ -27,7 +27,7 @@ from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.learned_policy.folder import BundleError
 
 ARM, PERIOD, HIDDEN, MODULATION, JOINTS, AXES = ArmParameters(), 1e-3, 7, 3, 2, 2
-ESTIMATE, PREDICT = steps_of(two_joints())  # called as they are: not compiled
+CORRECT, ACT, PREDICT = steps_of(two_joints())  # called as they are: not compiled
 
 
 def network(seed=0):
@@ -135,7 +135,8 @@ class Oracle:
             self.predicted = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
         m, room, u_a = remembered(self.filter, 2, len(self.settings.guess), 3), room_for(self.settings), np.empty(2)
         innovation = (o[:4] - m.z[[0, 1, 4, 5]]) * (m.flags[FLAG.samples] > 0)
-        ESTIMATE(0, observed(o[np.newaxis]), m, self.settings, room, np.zeros((KEPT + 1, 2)), u_a)
+        CORRECT(0, observed(o[np.newaxis]), m, self.settings, room)
+        ACT(room.acted, m, self.settings, room, np.zeros((KEPT + 1, 2)), u_a)
         slow, estimate, u = self.correct(o, desired[0], feedforward[0])
         (belief, trust), gap = self.beliefs(m), u_a - u
         share = self.residual((innovation, slow), estimate[8:], gap, belief, self.context(o, feedforward[0], trust))

@@ -39,6 +39,20 @@ def test_a_tip_policy_knows_the_elastic_arm_and_its_law_does_not():
     assert tip.tuned_on == law.tuned_on
 
 
+@pytest.mark.parametrize("name", ["computed-torque-tip", "elastic-observer", "adaptive-observer"])
+def test_on_another_arm_a_named_law_says_on_which_arm_its_numbers_were_chosen(name):
+    of_table, lighter = declared(name), ArmParameters(mass=(12.0, 8.0))
+    assert declared(name, arm=ArmParameters()) == of_table
+    assert declared(name, arm=lighter) == of_table._replace(tuned_on=f"{of_table.tuned_on}; all of the arm of Table 1")
+    own = declared(name, arm=robot_named("ur5"))
+    assert "ur5" in own.tuned_on and own[2:] == of_table[2:]
+    assert own.objective.split(", ")[0] in ("bandwidth of Table 1", "weights of Table 1")
+
+
+def test_a_file_says_itself_for_which_arm_it_is():
+    assert declared(str(CONTROLLER), arm=robot_named("ur5")) == declared(str(CONTROLLER))
+
+
 def test_what_adaptive_observer_was_tuned_on_names_the_circle():
     assert "paper's circle without load" in declared("adaptive-observer").tuned_on
 

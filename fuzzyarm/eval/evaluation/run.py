@@ -216,7 +216,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
     """
     specs = resolve_all(config.policies, run_code=True)
     policies = {label: _loaded(spec, config, label) for label, spec in specs.items()}
-    declarations = declarations_of(specs, policies, config.passes)
+    declarations = declarations_of(specs, policies, config.arm, config.passes)
     reference: Any = config.reference()
     noise = EncoderNoise(*config.encoder_noise) if any(config.encoder_noise) else None
     rollouts, rows = [], []

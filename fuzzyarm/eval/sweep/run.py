@@ -122,7 +122,7 @@ class Sweep:
 
         config, folder = self.store.config, self.store.folder
         results = self.store.load_all()
-        document = summarise(config, results, declarations_of(self.store.specs, self.policies))
+        document = summarise(config, results, declarations_of(self.store.specs, self.policies, config.arm))
         write_atomically(folder / EPISODES, _compressed(results.arrays()))
         write_atomically(folder / TABLE, summary_csv(document["rows"]))
         write_atomically(folder / SUMMARY, json.dumps(document, indent=1) + "\n")

@@ -141,7 +141,8 @@ def place_in_schedule(
     q: np.ndarray, kept: np.ndarray, cosine: bool, points: int, index: np.ndarray, weight: np.ndarray
 ) -> None:
     """Fill the numbers (2^k,) of the points around angles q (n,) [rad], and their weights (2^k,), which add up to 1."""
-    index[:], weight[:] = 0, 1.0
+    for corner in range(len(index)):
+        index[corner], weight[corner] = 0, 1.0
     for number in range(len(kept)):
         if cosine:
             place = 0.5 * (sine_cosine(q[kept[number]])[1] + 1.0) * (points - 1)

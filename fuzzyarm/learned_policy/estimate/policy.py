@@ -201,7 +201,7 @@ def _law_of(physics: Physics) -> Any:
     arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
     begin, correct, act = begin_of(physics), correct_of(joints), act_of(joints)
     estimated, predict, (heard, respond) = estimated_of(joints), predict_of(physics), residual_of(joints, physics.axes)
-    estimate_adaptive, predict_adaptive = steps_of(physics)
+    correct_adaptive, act_adaptive, predict_adaptive = steps_of(physics)
     see_innovation, see_unexplained, see_beliefs, see_context = signals_of(physics)
 
     @kernel_for(physics.digest)
@@ -232,7 +232,8 @@ def _law_of(physics: Physics) -> Any:
             z, c, h = seen[lane, at_z], seen[lane, at_c], memory[lane, first_hidden:]
             see_context(lane, o, torque[lane], k.torque_limit, k.turns, arm, k.units, c)
             see_innovation(lane, o, m, k.units, innovation, z)
-            estimate_adaptive(lane, o, m, settings, room, known, adaptive)
+            correct_adaptive(lane, o, m, settings, room)
+            act_adaptive(room.acted, m, settings, room, known, adaptive)
             place_in_schedule(o.q_motor[lane], k.kept, k.cosine, k.points, index, weight)
             correct(lane, o, predicted, k.observer, index, weight, innovation)
             act(lane, o, target, predicted, k.stiffness, k.feedback, index, weight, error, torque)

@@ -22,7 +22,7 @@ from fuzzyarm.envs.physics.records import columns, flat, in_list, reader, size
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
@@ -109,8 +109,8 @@ def _act_on_truth_of(physics: Physics) -> Any:
         room, o = room_for(s), observed(observation)
         for lane in range(len(observation)):
             m = remembered(memory[lane], joints, len(s.guess), len(s.reopening))
-            begin(lane, o, m, s, room)
-            m.z[:] = truth[lane]
-            act(m, s, room, known[lane], torque[lane])
+            take_in(lane, o, m, room)
+            begin(m, s, room)
+            act(truth[lane], m, s, room, known[lane], torque[lane])
 
     return act_on_truth

@@ -12,7 +12,7 @@ from fuzzyarm.envs.physics.elementwise import select
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, dry_friction
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, LONGEST_LATENESS, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at, gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
@@ -22,16 +22,21 @@ __all__ = ["act_of", "mean_torque"]
 
 @functools.cache
 def act_of(physics: Physics) -> Any:
-    """Return the compiled ``act(m, s, room, known, torque)``; `known` (`KEPT` + 1, axes) as `law_of` has it.
+    """Return the compiled ``act(z, m, s, room, known, torque)``; `known` (`KEPT` + 1, axes) as `law_of` has it.
 
-    It fills the torque (n,) [N m] for z, not clipped, and what of it the next step needs.
+    It fills the torque (n,) [N m] for z, not clipped, and what of it the next step needs; nan for a filter that has
+    diverged.
     """
-    desire, command = _desire_of(physics), _command_of(physics)
+    desire, advance, command = _desire_of(physics), _advance_of(physics), _command_of(physics)
 
     @register_jitable
-    def act(m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray) -> None:
-        desire(m, s, room, known)
-        command(m, s, room, torque)
+    def act(z: np.ndarray, m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray) -> None:
+        for j in range(len(torque)):
+            torque[j] = np.nan
+        if m.flags[FLAG.lost] == 0.0:
+            desire(z, m, s, room, known)
+            advance(z, m, s, room)
+            command(z, m, s, room, torque)
 
     return act
 
@@ -42,9 +47,9 @@ def _desire_of(physics: Physics) -> Any:
     _, link_torque, tip_direction, _ = arm_functions(physics)
 
     @register_jitable
-    def desire(m: Memory, s: Settings, room: Room, known: np.ndarray) -> None:
+    def desire(z: np.ndarray, m: Memory, s: Settings, room: Room, known: np.ndarray) -> None:
         joints, axes, period = len(m.noise), known.shape[1], s.substep * s.substeps
-        p = m.z[4 * joints :]
+        p = z[4 * joints :]
         numbers_at(p, s.guess, s.base, s.slopes, room.numbers)
         force, next_q, next_dq = room.column[:axes], room.joints[0], room.joints[1]
         for k in range(KEPT):
@@ -69,16 +74,14 @@ def _desire_of(physics: Physics) -> Any:
 @functools.cache
 def _command_of(physics: Physics) -> Any:
     """Return what fills the torque that the motors shall apply when it reaches them."""
-    advance, drive = _advance_of(physics), arm_functions(physics).drive
+    drive = arm_functions(physics).drive
 
     @register_jitable
-    def command(m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
+    def command(z: np.ndarray, m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
         joints, period = len(m.noise), s.substep * s.substeps
-        p = m.z[4 * joints :]
+        p, state = z[4 * joints :], room.one[0]
         lateness = p[len(p) - 1]
         later, error = lateness * period, room.error
-        advance(m, s, room, lateness)
-        state = room.one[0]
         for j in range(joints):
             q, dq, ddq = m.references[0, 0, j], m.references[0, 1, j], m.references[0, 2, j]
             motor = drive(room.numbers, j)
@@ -93,12 +96,12 @@ def _command_of(physics: Physics) -> Any:
             error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
         payload, angles = p[len(s.reopening)] / s.mass, m.references[0, 0]
         feedback_at(s.feedback, s.kept, s.cosine, s.points, angles, payload, room.index, room.weight, room.gain)
-        for k in range(LONGEST_LATENESS + 1, 0, -1):
-            m.commands[k] = m.commands[k - 1]
         share = gain_share(m, s)
         for j in range(joints):
             for i in range(len(error)):
                 torque[j] -= share * room.gain[j, i] * error[i]
+            for k in range(LONGEST_LATENESS + 1, 0, -1):
+                m.commands[k, j] = m.commands[k - 1, j]
             m.commands[0, j] = min(max(torque[j], -s.limit[j]), s.limit[j])
 
     return command
@@ -130,14 +133,17 @@ def _advance_of(physics: Physics) -> Any:
     hold = arm_functions(physics).hold
 
     @register_jitable
-    def advance(m: Memory, s: Settings, room: Room, lateness: float) -> None:
+    def advance(z: np.ndarray, m: Memory, s: Settings, room: Room) -> None:
         state, torque, line, numbers = room.one
-        joints, offset = len(torque), len(m.z) - 1 - len(torque)
-        state[:, 0], numbers[:, 0] = m.z[: len(state)], room.numbers
+        joints, offset, lateness = len(torque), len(z) - 1 - len(torque), z[len(z) - 1]
+        for i in range(len(state)):
+            state[i, 0] = z[i]
+        for i in range(len(numbers)):
+            numbers[i, 0] = room.numbers[i]
         for i in range(len(line)):
             line[i, 0] = room.line[i]
             for j in range(len(s.reopening)):
-                line[i, 0] += room.directions[i, j] * m.z[len(state) + j]
+                line[i, 0] += room.directions[i, j] * z[len(state) + j]
         whole = int(lateness)
         rest = lateness - whole
         for step in range(LONGEST_LATENESS):
@@ -145,10 +151,11 @@ def _advance_of(physics: Physics) -> Any:
                 for j in range(joints):
                     sent = (1.0 - rest) * _sent(m.commands, whole - step - 1, j)
                     sent += rest * _sent(m.commands, whole - step, j)
-                    torque[j, 0] = sent + m.z[offset + j]
+                    torque[j, 0] = sent + z[offset + j]
                 hold(state, torque, line, numbers, s.substep, s.substeps)
         if rest > 0.0:
-            torque[:, 0] = m.commands[0] + m.z[offset : len(m.z) - 1]
+            for j in range(joints):
+                torque[j, 0] = m.commands[0, j] + z[offset + j]
             hold(state, torque, line, numbers, rest * s.substep, s.substeps)
 
     return advance

@@ -19,16 +19,12 @@ update of Schmidt's filter: entry (i, j) shrinks by 1 - (1 - λ_i)(1 - λ_j) of 
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-
-__all__ = ["Lanes", "confine", "correct", "lanes_of", "numbers_at", "predict_of", "read_noise"]
+__all__ = ["Lanes", "confine", "correct", "fill_lanes", "lanes_of", "numbers_at", "read_noise", "step"]
 
 TINY = 1e-300
 CHANGE = 6.0  # variance of e - e_last in `read_noise`, in variances of the angles' noise
@@ -159,82 +155,8 @@ def confine(z: np.ndarray, P: np.ndarray, low: np.ndarray, high: np.ndarray) -> 
         z[first + j] = min(max(z[first + j], low[j]), high[j])
 
 
-@functools.cache
-def predict_of(physics: Physics) -> Any:
-    """Return the compiled function that advances z and P of a lane over a control period of `substeps` sub-steps h [s].
-
-    Its arguments:
-        z: x and p, with the lateness last.
-        P: covariance of its error.
-        torque: what the motors apply [N m], (n,).
-        torque_slope: its derivative in the lateness.
-        line: the force line of what is known of the tip force, (rows,).
-        directions: that of each unit force, (rows, forces).
-        numbers: of the arm of p.
-        slopes: S.
-        steps: of the differences, one for each number of z but the lateness.
-        noise: diagonal of Q.
-        h: sub-step [s].
-        substeps: in a control period.
-        lanes: room, see `lanes_of`.
-    """
-    hold = arm_functions(physics).hold
-
-    @register_jitable
-    def predict(
-        z: np.ndarray,
-        P: np.ndarray,
-        torque: np.ndarray,
-        torque_slope: np.ndarray,
-        line: np.ndarray,
-        directions: np.ndarray,
-        numbers: np.ndarray,
-        slopes: np.ndarray,
-        steps: np.ndarray,
-        noise: np.ndarray,
-        h: float,
-        substeps: int,
-        lanes: Lanes,
-    ) -> None:
-        _spread_out(z, P, torque, torque_slope, line, directions, numbers, slopes, steps, lanes)
-        hold(lanes.state, lanes.torque, lanes.force, lanes.numbers, h, substeps)
-        _step(z, P, steps, noise, lanes)
-
-    return predict
-
-
 @register_jitable
-def _step(z: np.ndarray, P: np.ndarray, steps: np.ndarray, noise: np.ndarray, lanes: Lanes) -> None:
-    """Fill F from what became of the lanes, and step z and P."""
-    state, F, G = lanes.state, lanes.jacobian, lanes.product
-    joints, states, size = len(lanes.wide), len(state), len(z)
-    for i in range(states):
-        for j in range(size - 1):
-            F[i, j] = (state[i, 1 + j] - state[i, 0]) / steps[j]
-        F[i, size - 1] = state[i, size] - state[i, 0]
-        for j in range(joints):
-            F[i, 2 * joints + j] = (state[i, 1 + 2 * joints + j] - state[i, 1 + size + j]) / (2.0 * lanes.wide[j])
-    for i in range(states):
-        z[i] = state[i, 0]
-        G[i, :] = 0.0
-        for k in range(size):
-            slope = F[i, k]
-            for j in range(size):
-                G[i, j] += slope * P[k, j]
-    for i in range(states):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(size):
-                total += G[i, k] * F[j, k]
-            P[i, j] = P[j, i] = total
-        for j in range(states, size):
-            P[i, j] = P[j, i] = G[i, j]
-    for i in range(size):
-        P[i, i] += noise[i]
-
-
-@register_jitable
-def _spread_out(
+def fill_lanes(
     z: np.ndarray,
     P: np.ndarray,
     torque: np.ndarray,
@@ -249,13 +171,28 @@ def _spread_out(
     """Fill the lanes: 0 the estimate, 1 + j with number j of z a step ahead, then motor velocities a step behind.
 
     Motor velocities take a standard deviation as their step: a joint that sticks has a slope of zero nearby.
+
+    Args:
+        z: x and p, with the lateness last.
+        P: covariance of its error.
+        torque: what the motors apply [N m], (n,).
+        torque_slope: its derivative in the lateness.
+        line: the force line of what is known of the tip force, (rows,).
+        directions: that of each unit force, (rows, forces).
+        numbers: of the arm of p.
+        slopes: S.
+        steps: of the differences, one for each number of z but the lateness.
+        lanes: room, see `lanes_of`.
     """
     joints, states, size, forces = len(torque), len(lanes.state), len(z), directions.shape[1]
     offset = size - 1 - joints
     for lane in range(lanes.state.shape[1]):
-        lanes.state[:, lane] = z[:states]
-        lanes.torque[:, lane] = torque + z[offset : size - 1]
-        lanes.numbers[:, lane] = numbers
+        for i in range(states):
+            lanes.state[i, lane] = z[i]
+        for j in range(joints):
+            lanes.torque[j, lane] = torque[j] + z[offset + j]
+        for i in range(len(numbers)):
+            lanes.numbers[i, lane] = numbers[i]
         for i in range(len(lanes.force)):
             total = line[i]
             for j in range(forces):
@@ -279,3 +216,34 @@ def _spread_out(
     for j in range(joints):
         lanes.torque[j, size] += torque_slope[j]
         lanes.torque[j, 1 + offset + j] += steps[offset + j]
+
+
+@register_jitable
+def step(z: np.ndarray, P: np.ndarray, steps: np.ndarray, noise: np.ndarray, lanes: Lanes) -> None:
+    """Fill F from what became of the lanes in a control period, and step z and P; `noise` is the diagonal of Q."""
+    state, F, G = lanes.state, lanes.jacobian, lanes.product
+    joints, states, size = len(lanes.wide), len(state), len(z)
+    for i in range(states):
+        for j in range(size - 1):
+            F[i, j] = (state[i, 1 + j] - state[i, 0]) / steps[j]
+        F[i, size - 1] = state[i, size] - state[i, 0]
+        for j in range(joints):
+            F[i, 2 * joints + j] = (state[i, 1 + 2 * joints + j] - state[i, 1 + size + j]) / (2.0 * lanes.wide[j])
+    for i in range(states):
+        z[i] = state[i, 0]
+        for j in range(size):
+            G[i, j] = 0.0
+        for k in range(size):
+            slope = F[i, k]
+            for j in range(size):
+                G[i, j] += slope * P[k, j]
+    for i in range(states):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(size):
+                total += G[i, k] * F[j, k]
+            P[i, j] = P[j, i] = total
+        for j in range(states, size):
+            P[i, j] = P[j, i] = G[i, j]
+    for i in range(size):
+        P[i, i] += noise[i]

@@ -28,7 +28,7 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of, without_dry
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
@@ -115,9 +115,11 @@ def _law_of(physics: Physics) -> Any:
         nothing = np.zeros((KEPT + 1, forces - 1))
         for lane in range(len(observation)):
             m = remembered(memory[lane], joints, len(settings.guess), forces)
-            begin(lane, o, m, settings, room)
+            take_in(lane, o, m, room)
+            begin(m, settings, room)
             m.z[states] = 0.0
-            m.z[states + forces :] = settings.guess[forces:]
+            for i in range(forces, len(settings.guess)):
+                m.z[states + i] = settings.guess[i]
             nearest = 0
             for k in range(len(postures)):
                 if np.sum((postures[k] - o.q_reference[lane]) ** 2) < np.sum(
@@ -132,12 +134,18 @@ def _law_of(physics: Physics) -> Any:
                 at = i if i < states else i + 1  # the force along the path is part of the free one
                 for k in range(2 * joints):
                     m.z[at] += gain[i, k] * room.measured[k]
-            act(m, settings, room, nothing, torque[lane])
+            act(m.z, m, settings, room, nothing, torque[lane])
             state, held, line, numbers = room.one
-            state[:, 0], numbers[:, 0], held[:, 0], line[:, 0] = m.z[:states], room.numbers, m.commands[0], 0.0
-            for i in range(forces - 1):
-                line[i, 0] = m.z[states + 1 + i]
+            for i in range(states):
+                state[i, 0] = m.z[i]
+            for i in range(len(numbers)):
+                numbers[i, 0] = room.numbers[i]
+            for j in range(joints):
+                held[j, 0] = m.commands[0, j]
+            for i in range(len(line)):
+                line[i, 0] = m.z[states + 1 + i] if i < forces - 1 else 0.0
             hold(state, held, line, numbers, settings.substep, settings.substeps)
-            m.z[:states] = state[:, 0]
+            for i in range(states):
+                m.z[i] = state[i, 0]
 
     return follow

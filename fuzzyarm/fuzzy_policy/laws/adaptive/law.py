@@ -13,14 +13,14 @@ from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of, mean_torque
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, numbers_at, predict_of, read_noise
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, fill_lanes, numbers_at, read_noise, step
 from fuzzyarm.fuzzy_policy.laws.adaptive.forces import doubt_lateness, doubt_scale, note_moves, spread_out
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, Memory, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, ORDERS, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.significance import significant
 
-__all__ = ["MISTRUST", "NOISE_SHARE", "begin_of", "law_of", "predict_with", "steps_of"]
+__all__ = ["MISTRUST", "NOISE_SHARE", "begin_of", "law_of", "predict_of", "steps_of", "take_in"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
@@ -37,7 +37,7 @@ def law_of(physics: Physics) -> Any:
     `known` (lanes, `KEPT` + 1, axes) is a tip force [N] known beforehand, which the estimated one adds to: at this
     sample, at those before it, and at the next one.
     """
-    estimate, predict = steps_of(physics)
+    correct, act, predict = steps_of(physics)
 
     @kernel_for(physics.digest)
     def estimate_and_act(
@@ -48,103 +48,116 @@ def law_of(physics: Physics) -> Any:
         room, o = room_for(s), observed(observation)
         for lane in range(len(observation)):
             m = remembered(memory[lane], joints, len(s.guess), len(s.reopening))
-            estimate(lane, o, m, s, room, known[lane], torque[lane])
+            correct(lane, o, m, s, room)
+            act(room.acted, m, s, room, known[lane], torque[lane])
             predict(m, s, room, torque[lane])
 
     return estimate_and_act
 
 
 @functools.cache
-def steps_of(physics: Physics) -> tuple[Any, Any]:
-    """Return the two compiled halves of a lane's sample, before and after its torque is known.
+def steps_of(physics: Physics) -> tuple[Any, Any, Any]:
+    """Return the three compiled steps of a lane's sample; nothing moves in a filter that has diverged.
 
-        ``estimate(lane, o, m, s, room, known, torque)`` corrects, and fills `torque` (n,) [N m] with what the law asks
-        for; nan where the filter has diverged.
+        ``correct(lane, o, m, s, room)`` corrects, and finds the z on which the law acts.
+        ``act(room.acted, m, s, room, known, torque)`` fills `torque` (n,) [N m] with what the law asks for.
         ``predict(m, s, room, torque)`` predicts the next sample; the filter diverges where `torque` is no number.
 
-    Between them ``m.commands[0]`` (n,) may be set to the torque [N m] that is commanded instead.
+    After `act`, ``m.commands[0]`` (n,) may be set to the torque [N m] that is commanded instead.
     """
-    begin, act, advance = begin_of(physics), act_of(physics), predict_with(physics)
+    begin = begin_of(physics)
 
     @register_jitable
-    def estimate(
-        lane: int, o: Observation, m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray
-    ) -> None:
-        torque[:] = np.nan
+    def correct_lane(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> None:
+        for i in range(len(room.acted)):  # of a diverged filter, too: in C both sides of a branch fill it
+            room.acted[i] = m.z[i]
         if m.flags[FLAG.lost] == 0.0:
-            begin(lane, o, m, s, room)
-            _correct(m, s, room)
-            if m.flags[FLAG.lost] == 0.0:
-                act(significant(m, s, room), s, room, known, torque)
-
-    @register_jitable
-    def predict(m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
-        if m.flags[FLAG.lost] == 0.0:
-            advance(m, s, room)
-            if not np.isfinite(np.sum(torque)):
+            take_in(lane, o, m, room)
+            begin(m, s, room)
+            _note_noise(m, s, room)
+            for i in range(len(room.moved)):
+                room.moved[i] = m.z[4 * len(m.noise) + i]
+            surprise = correct(m.z, m.P, room.measured, room.variances, room.silent, s.cautious, s.gate, room.column)
+            m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
+            doubt_lateness(m, s, surprise)
+            doubt_scale(m, s, surprise)
+            note_moves(m, s, room.moved)
+            confine(m.z, m.P, s.low, s.high)
+            if not (m.flags[FLAG.surprise] < DIVERGED and _finite(m.z, m.P)):
                 m.flags[FLAG.lost] = 1.0
+            significant(m, s, room)
 
-    return estimate, predict
+    return correct_lane, act_of(physics), predict_of(physics)
+
+
+@register_jitable
+def take_in(lane: int, o: Observation, m: Memory, room: Room) -> None:
+    """Take in what is measured and asked for in a lane, and count the sample."""
+    joints = len(m.noise)
+    for j in range(joints):
+        room.measured[j], room.measured[joints + j] = o.q_motor[lane, j], o.dq_motor[lane, j]
+        for k in range(KEPT - 1, 0, -1):
+            for order in range(ORDERS):
+                m.references[k, order, j] = m.references[k - 1, order, j]
+        m.references[0, 0, j], m.references[0, 1, j] = o.q_reference[lane, j], o.dq_reference[lane, j]
+        m.references[0, 2, j] = o.ddq_reference[lane, j]
+    m.flags[FLAG.samples] = min(m.flags[FLAG.samples] + 1.0, ENOUGH)
 
 
 @functools.cache
 def begin_of(physics: Physics) -> Any:
-    """Return the compiled function that takes in what is measured and asked for, and begins with the first sample.
+    """Return the compiled ``begin(m, s, room)`` that fills the first z and P, if what was taken in is the first sample.
 
-    The first z and P: K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0.
+    K_t (θ - q) = g(q) for the measured θ, links as fast as motors, p_0. What an earlier pass has taught is kept, but
+    for the loads, which begin anew.
     """
     _, link_torque, _, drive = arm_functions(physics)
 
     @register_jitable
     def begin(m: Memory, s: Settings, room: Room) -> None:
         joints = len(m.noise)
-        states, forces = 4 * joints, len(s.reopening)
-        for k in range(1, KEPT):
-            m.references[k] = m.references[0]
-        # What an earlier pass has taught is kept, but for the loads, which begin anew.
-        if m.flags[FLAG.taught] != 0.0:
-            _forget(m, s, states + forces)
-        else:
-            _forget(m, s, len(m.z))
         still, bent, link, force = room.joints[0], room.joints[1], m.z[joints : 2 * joints], room.travel[0]
-        still[:], force[:] = 0.0, 0.0
-        for j in range(joints):
-            m.z[j] = link[j] = room.measured[j]
-            m.z[2 * joints + j] = m.z[3 * joints + j] = room.measured[joints + j]
-            m.noise[j] = s.variances[j]
-            m.read[:, j] = room.measured[j]
-        for _ in range(STATICS_STEPS):
-            link_torque(link, still, still, force, s.base, bent)
+        if m.flags[FLAG.samples] == 1.0:
+            if m.flags[FLAG.taught] != 0.0:
+                _forget(m, s, 4 * joints + len(s.reopening))
+            else:
+                _forget(m, s, len(m.z))
+            for i in range(len(force)):
+                force[i] = 0.0
             for j in range(joints):
-                link[j] = room.measured[j] - bent[j] / drive(s.base, j).stiffness
-        for k in range(len(m.commands)):
-            m.commands[k] = bent
+                still[j] = 0.0
+                m.z[j] = link[j] = room.measured[j]
+                m.z[2 * joints + j] = m.z[3 * joints + j] = room.measured[joints + j]
+                m.noise[j] = s.variances[j]
+                for part in range(len(m.read)):
+                    m.read[part, j] = room.measured[j]
+                for k in range(1, KEPT):
+                    for order in range(ORDERS):
+                        m.references[k, order, j] = m.references[0, order, j]
+            for _ in range(STATICS_STEPS):
+                link_torque(link, still, still, force, s.base, bent)
+                for j in range(joints):
+                    link[j] = room.measured[j] - bent[j] / drive(s.base, j).stiffness
+            for k in range(len(m.commands)):
+                for j in range(joints):
+                    m.commands[k, j] = bent[j]
 
-    @register_jitable
-    def begin_or_follow(lane: int, o: Observation, m: Memory, s: Settings, room: Room) -> None:
-        joints = len(m.noise)
-        room.measured[:joints], room.measured[joints:] = o.q_motor[lane], o.dq_motor[lane]
-        for k in range(KEPT - 1, 0, -1):
-            m.references[k] = m.references[k - 1]
-        m.references[0, 0], m.references[0, 1] = o.q_reference[lane], o.dq_reference[lane]
-        m.references[0, 2] = o.ddq_reference[lane]
-        if m.flags[FLAG.samples] == 0.0:
-            begin(m, s, room)
-        m.flags[FLAG.samples] = min(m.flags[FLAG.samples] + 1.0, ENOUGH)
-
-    return begin_or_follow
+    return begin
 
 
 @register_jitable
 def _forget(m: Memory, s: Settings, count: int) -> None:
     """Let the first `count` numbers of z be as uncertain as at the first sample, and those of p among them p_0."""
     states = len(m.z) - len(s.guess)
-    m.P[:count], m.P[:, :count] = 0.0, 0.0
+    for i in range(count):
+        for j in range(len(m.z)):
+            m.P[i, j] = m.P[j, i] = 0.0
     for i in range(count):
         m.P[i, i] = s.spread[i] * s.spread[i]
         for j in range(count):
             m.P[i, j] += s.shared[i] * s.shared[j]
-    m.z[states:count] = s.guess[: count - states]
+    for i in range(count - states):
+        m.z[states + i] = s.guess[i]
 
 
 @register_jitable
@@ -157,62 +170,59 @@ def _noise_share(samples: float, first: float) -> float:
 
 
 @register_jitable
-def _correct(m: Memory, s: Settings, room: Room) -> None:
-    """Correct z by what is measured, and note how well that fitted."""
-    joints, measured, forces = len(m.noise), room.measured, len(s.reopening)
-    share = _noise_share(m.flags[FLAG.samples], s.first_share)
-    read_noise(measured, m.read, m.noise, share, s.substep * s.substeps)
+def _note_noise(m: Memory, s: Settings, room: Room) -> None:
+    """Read the noise of what is measured, and fill what variances it has and how much of it teaches nothing."""
+    joints, share = len(m.noise), _noise_share(m.flags[FLAG.samples], s.first_share)
+    read_noise(room.measured, m.read, m.noise, share, s.substep * s.substeps)
     for j in range(joints):
         ratio = s.variances[joints + j] / s.variances[j]
         room.silent[j] = s.dead_zone * m.noise[j]
         room.silent[joints + j] = room.silent[j] * ratio
         room.variances[j] = max(s.variances[j], MISTRUST * m.noise[j])
         room.variances[joints + j] = room.variances[j] * ratio
-    states = 4 * joints
-    before = room.moved
-    before[:] = m.z[states : states + forces]
-    surprise = correct(m.z, m.P, measured, room.variances, room.silent, s.cautious, s.gate, room.column)
-    m.flags[FLAG.surprise] += SURPRISE_SHARE * (surprise - m.flags[FLAG.surprise])
-    doubt_lateness(m, s, surprise)
-    doubt_scale(m, s, surprise)
-    note_moves(m, s, before)
-    confine(m.z, m.P, s.low, s.high)
-    total = np.sum(m.z) + np.sum(m.P)
-    if not (m.flags[FLAG.surprise] < DIVERGED and np.isfinite(total)):
-        m.flags[FLAG.lost] = 1.0
+
+
+@register_jitable
+def _finite(z: np.ndarray, P: np.ndarray) -> bool:
+    """Return whether the sum of all numbers is finite."""
+    total_z = total_P = 0.0
+    for i in range(len(z)):
+        total_z += z[i]
+        for j in range(len(z)):
+            total_P += P[i, j]
+    finite: bool = np.isfinite(total_z + total_P)
+    return finite
 
 
 @functools.cache
-def predict_with(physics: Physics) -> Any:
-    """Return the compiled step of z and P to the next sample, under the commands that reach the motors until then."""
-    step = predict_of(physics)
+def predict_of(physics: Physics) -> Any:
+    """Return the compiled step of z and P to the next sample, see `steps_of`.
+
+    The motors apply the commands that reach them until then.
+    """
+    hold = arm_functions(physics).hold
 
     @register_jitable
-    def predict(m: Memory, s: Settings, room: Room) -> None:
+    def predict(m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
         joints, size = len(m.noise), len(m.z)
-        numbers_at(m.z[4 * joints :], s.guess, s.base, s.slopes, room.numbers)
-        lateness, wide = m.z[size - 1], np.sqrt(max(m.P[size - 1, size - 1], 0.0))
-        early, late = max(lateness - wide, 0.0), min(lateness + wide, float(LONGEST_LATENESS))
-        applied, slope = room.joints[0], room.joints[1]
-        for j in range(joints):
-            applied[j] = mean_torque(m.commands, lateness, j)
-            change = mean_torque(m.commands, late, j) - mean_torque(m.commands, early, j)
-            slope[j] = change / max(late - early, 1e-9)
-        step(
-            m.z,
-            m.P,
-            applied,
-            slope,
-            room.line,
-            room.directions,
-            room.numbers,
-            s.slopes,
-            s.steps,
-            s.noise,
-            s.substep,
-            s.substeps,
-            room.lanes,
-        )
-        spread_out(m, s)
+        if m.flags[FLAG.lost] == 0.0:
+            numbers_at(m.z[4 * joints :], s.guess, s.base, s.slopes, room.numbers)
+            lateness, wide = m.z[size - 1], np.sqrt(max(m.P[size - 1, size - 1], 0.0))
+            early, late = max(lateness - wide, 0.0), min(lateness + wide, float(LONGEST_LATENESS))
+            applied, slope = room.joints[0], room.joints[1]
+            total = 0.0
+            for j in range(joints):
+                applied[j] = mean_torque(m.commands, lateness, j)
+                change = mean_torque(m.commands, late, j) - mean_torque(m.commands, early, j)
+                slope[j] = change / max(late - early, 1e-9)
+                total += torque[j]
+            fill_lanes(
+                m.z, m.P, applied, slope, room.line, room.directions, room.numbers, s.slopes, s.steps, room.lanes
+            )
+            hold(room.lanes.state, room.lanes.torque, room.lanes.force, room.lanes.numbers, s.substep, s.substeps)
+            step(m.z, m.P, s.steps, s.noise, room.lanes)
+            spread_out(m, s)
+            if not np.isfinite(total):
+                m.flags[FLAG.lost] = 1.0
 
     return predict

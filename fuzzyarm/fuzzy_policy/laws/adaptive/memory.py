@@ -10,13 +10,15 @@ from numba.extending import register_jitable
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import Belief, forces_in
 
-__all__ = ["ENOUGH", "FLAG", "KEPT", "LONGEST_LATENESS", "Flags", "Memory", "layout", "remembered"]
+__all__ = ["ENOUGH", "FLAG", "KEPT", "LONGEST_LATENESS", "ORDERS", "Flags", "Memory", "layout", "remembered"]
 
 LONGEST_LATENESS = 3
 """Longest time from a command to the motors that the filter considers [control periods]."""
 KEPT = 5
 """References kept, the present one included: the derivatives of the joint torque are differences of four of them, and
 the feedforward's change takes one more."""
+ORDERS = 3
+"""Of a reference: q_d, q̇_d and q̈_d."""
 ENOUGH = 1e6
 """Samples that are counted."""
 READ = 3  # numbers of a joint kept of the last sample, see `read_noise`
@@ -53,7 +55,7 @@ class Memory(NamedTuple):
         z: prediction of (x, p) for this sample, (N,).
         P: its covariance, (N, N).
         commands: torques commanded [N m], newest first, (`LONGEST_LATENESS` + 2, n).
-        references: q_d, q̇_d, q̈_d, newest first, (`KEPT`, 3, n).
+        references: q_d, q̇_d, q̈_d, newest first, (`KEPT`, `ORDERS`, n).
         read: what `read_noise` keeps of the last sample, (3, n).
         moves: mean of the corrections of each force [N], then that of their square [N²], (forces + 1,).
         noise: variance of the noise of the measured angles [rad²], (n,).
@@ -78,7 +80,7 @@ def layout(joints: int, belief: Belief) -> Memory:
             size,
             size * size,
             (LONGEST_LATENESS + 2) * joints,
-            KEPT * 3 * joints,
+            KEPT * ORDERS * joints,
             READ * joints,
             forces_in(belief) + 1,
             joints,
@@ -101,7 +103,7 @@ def remembered(memory: np.ndarray, joints: int, beliefs: int, forces: int) -> Me
     covariance = z + size
     commands = covariance + size * size
     references = commands + (LONGEST_LATENESS + 2) * joints
-    read = references + KEPT * 3 * joints
+    read = references + KEPT * ORDERS * joints
     moves = read + READ * joints
     noise = moves + forces + 1
     return Memory(
@@ -109,7 +111,7 @@ def remembered(memory: np.ndarray, joints: int, beliefs: int, forces: int) -> Me
         memory[z:covariance],
         memory[covariance:commands].reshape((size, size)),
         memory[commands:references].reshape((LONGEST_LATENESS + 2, joints)),
-        memory[references:read].reshape((KEPT, 3, joints)),
+        memory[references:read].reshape((KEPT, ORDERS, joints)),
         memory[read:moves].reshape((READ, joints)),
         memory[moves:noise],
         memory[noise : noise + joints],

@@ -29,11 +29,12 @@ ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplai
 
 
 @register_jitable
-def significant(m: Memory, s: Settings, room: Room) -> Memory:
-    """Return the memory with x_a and l_a in place of x and l; everything but z is shared with `m`."""
+def significant(m: Memory, s: Settings, room: Room) -> None:
+    """Fill `acted` of the room with z, and x_a and l_a in place of x and l."""
     joints, loads, acted = len(m.noise), len(room.deviation), room.acted
     states, ratio, square = 4 * joints, 0.0, TINY
-    acted[:] = m.z
+    for i in range(len(acted)):
+        acted[i] = m.z[i]
     for j in range(joints):
         ratio = max(ratio, m.noise[j] / room.variances[j])
     for i in range(loads):
@@ -48,7 +49,6 @@ def significant(m: Memory, s: Settings, room: Room) -> Memory:
             acted[i] -= (1.0 - kept) * m.P[i, states + k] * room.deviation[k]
     for i in range(loads):
         acted[states + i] = s.guess[i] + kept * acted[states + i]
-    return Memory(m.flags, acted, m.P, m.commands, m.references, m.read, m.moves, m.noise)
 
 
 @register_jitable

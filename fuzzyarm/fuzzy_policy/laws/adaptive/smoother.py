@@ -22,7 +22,7 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.fuzzy_policy.laws.adaptive.law import predict_with
+from fuzzyarm.fuzzy_policy.laws.adaptive.law import predict_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 
@@ -62,7 +62,7 @@ def smoother_of(physics: Physics) -> Any:
         variances: of the measured numbers, (lanes, 2 n).
         settings: with the spread of s at the first sample, zero for the constants, and the walks of f.
     """
-    predict = predict_with(physics)
+    predict = predict_of(physics)
 
     @kernel_for(physics.digest)
     def smooth(
@@ -81,23 +81,28 @@ def smoother_of(physics: Physics) -> Any:
         for lane in range(measured.shape[1]):
             m = remembered(memory[lane], joints, len(s.guess), count)
             m.flags[FLAG.calm] = 0.0
-            m.z[4 * joints : 4 * joints + count] = 0.0
-            m.P[:] = 0.0
+            for i in range(count):
+                m.z[4 * joints + i] = 0.0
             for i in range(len(s.spread)):
+                for k in range(len(s.spread)):
+                    m.P[i, k] = 0.0
                 m.P[i, i] = s.spread[i] * s.spread[i]
             for j in range(joints):
                 m.z[j] = measured[0, lane, j]
                 m.z[2 * joints + j] = m.z[3 * joints + j] = measured[0, lane, joints + j]
             for k in range(samples):
                 _correct(m, measured[k, lane], variances[lane], notes, k)
-                for back in range(len(m.commands) - 1, 0, -1):
-                    if k > 0:  # the memory has that of the first sample
-                        m.commands[back] = m.commands[back - 1]
-                m.commands[0] = commands[k, lane]
+                for j in range(joints):
+                    for back in range(len(m.commands) - 1, 0, -1):
+                        if k > 0:  # the memory has that of the first sample
+                            m.commands[back, j] = m.commands[back - 1, j]
+                    m.commands[0, j] = commands[k, lane, j]
                 later = min(k + 1, samples - 1)
                 _push(room, expected[k, lane], expected[later, lane], travels[k, lane], travels[later, lane])
-                predict(m, s, room)
-                notes.slopes[k] = room.lanes.jacobian
+                predict(m, s, room, commands[k, lane])
+                for i in range(4 * joints):
+                    for j in range(len(s.spread)):
+                        notes.slopes[k, i, j] = room.lanes.jacobian[i, j]
             _look_back(notes, forces[:, lane])
 
     return smooth
@@ -123,11 +128,13 @@ def _correct(m: Memory, measured: np.ndarray, variances: np.ndarray, notes: Note
     states, joints = used - forces, numbers // 2
     for i in range(forces):
         notes.forces[k, i] = m.z[states + i]
-        notes.rows[k, i] = m.P[states + i, :used]
+        for other in range(used):
+            notes.rows[k, i, other] = m.P[states + i, other]
     for j in range(numbers):
         at = j if j < joints else joints + j  # θ and θ̇ in x
         column, innovation, spread = notes.columns[k, j], measured[j] - m.z[at], m.P[at, at] + variances[j]
-        column[:] = m.P[at, :used]
+        for i in range(used):
+            column[i] = m.P[at, i]
         notes.innovations[k, j], notes.spreads[k, j] = innovation, spread
         for i in range(used):
             factor = column[i] / spread
@@ -159,7 +166,8 @@ def _look_back(notes: Notes, forces: np.ndarray) -> None:
                 before[i] = adjoint[i] if i >= states else 0.0
                 for other in range(states):
                     before[i] += notes.slopes[k, other, i] * adjoint[other]
-            adjoint[:] = before
+            for i in range(used):
+                adjoint[i] = before[i]
         for j in range(numbers - 1, -1, -1):
             at = j if j < joints else joints + j
             total = notes.innovations[k, j]

@@ -21,13 +21,8 @@ STATES, SIZE = 8, 8 + BELIEFS
 MEASURED = [0, 1, 4, 5]
 NO_GATE, NOTHING_SILENT = 1e300, np.zeros(4)
 
-correct, confine, predict, lanes_of = (
-    njit(parts.correct),
-    njit(parts.confine),
-    njit(parts.predict_of(two_joints())),
-    njit(parts.lanes_of),
-)
-read_noise = njit(parts.read_noise)
+correct, confine, lanes_of = njit(parts.correct), njit(parts.confine), njit(parts.lanes_of)
+fill_lanes, filter_step, read_noise = njit(parts.fill_lanes), njit(parts.step), njit(parts.read_noise)
 
 
 def covariance(rng, scale=1.0):
@@ -173,7 +168,9 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
     found, left = z.copy(), P.copy()
     constants = base + slopes @ (z[STATES:] - first_guess(ARM))
     lanes = lanes_of(2, SIZE, len(base), 4)
-    predict(found, left, torque, slope, np.zeros(4), directions, constants, slopes, steps, noise, 2e-4, 5, lanes)
+    fill_lanes(found, left, torque, slope, np.zeros(4), directions, constants, slopes, steps, lanes)
+    hold(lanes.state, lanes.torque, lanes.force, lanes.numbers, 2e-4, 5)
+    filter_step(found, left, steps, noise, lanes)
     np.testing.assert_array_equal(found[:STATES], moved(z, torque, directions, base, slopes))
     np.testing.assert_array_equal(found[STATES:], z[STATES:])
     np.testing.assert_allclose(left, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
