@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from typing import Any
 
 from readme_markdown import made_with, table
@@ -79,22 +80,21 @@ def training_speed_table(document: dict[str, Any]) -> str:
 
 def observer_tables(document: dict[str, Any]) -> str:
     """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
-    rows = [_measured(name if " " in name else f"`{name}`", row) for name, row in document["references"].items()]
-    titles = {
-        "observer": "`observer`, {}",
-        "longer": "`observer`, {}",
-        "knobs": "{}",
-        "robust": "`robust`: {}",
-        "ppo-robust": "`ppo-robust`, {}",
-    }
+    rows = [_measured(f"`{name}`", [row]) for name, row in document["references"].items()]
     parts = []
-    for group, title in titles.items():
-        runs = document["runs"][group]
-        found = [_measured(title.format(name), run) for name, run in runs.items()]
-        steps = sorted({run["steps"] for run in runs.values()})
-        others = {made_with(run["provenance"]) for run in runs.values() if "provenance" in run}
-        known = f"**{group}**, {', '.join(f'{count / 1e6:g}' for count in steps)} million steps"
-        parts.append(f"{known}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
+    for group in ("observer", "longer", "knobs", "robust", "ppo-robust"):
+        runs, known = document["runs"][group], "`ppo-robust`" if group == "ppo-robust" else "`observer`"
+        settings = list(dict.fromkeys(run["setting"] for run in runs))
+        if len(settings) == 1:
+            found = [_measured(f"{known}, seed {run['seed']}", [run]) for run in runs]
+        else:
+            found = [_measured(name, [run for run in runs if run["setting"] == name]) for name in settings]
+        steps = sorted({run["steps"] for run in runs})
+        title = f"**{group}**, {', '.join(f'{count / 1e6:g}' for count in steps)} million steps"
+        if len(settings) > 1:
+            title += f", medians and ranges of seeds {', '.join(map(str, sorted({run['seed'] for run in runs})))}"
+        parts.append(f"{title}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
+        others = {made_with(run["provenance"]) for run in runs if "provenance" in run}
         parts.extend(f"These: {words}" for words in sorted(others - {made_with(document)}))
     return "\n\n".join(
         [
@@ -105,13 +105,13 @@ def observer_tables(document: dict[str, Any]) -> str:
     )
 
 
-def _curves(runs: dict[str, dict[str, Any]]) -> str:
+def _curves(runs: list[dict[str, Any]]) -> str:
     """Return the errors of a group's seeds over the steps of the training."""
     rows = [
-        [name, *(f"{row['machining']:.2f} / {row['payload']:.2f}" for row in run["curve"])]
-        for name, run in runs.items()
+        [f"seed {run['seed']}", *(f"{row['machining']:.2f} / {row['payload']:.2f}" for row in run["curve"])]
+        for run in runs
     ]
-    steps = [f"{row['steps'] / 1e6:.1f}" for row in next(iter(runs.values()))["curve"]]
+    steps = [f"{row['steps'] / 1e6:.1f}" for row in runs[0]["curve"]]
     return table(["rms [mm] in Case 2 / 3 after million steps", *steps], rows)
 
 
@@ -128,17 +128,33 @@ _HEADINGS = (
 )
 
 
-def _measured(name: str, row: dict[str, Any]) -> list[str]:
-    seen, cases, late = row["development"], row["cases"].values(), row.get("late", {}).values()
-    radii = ["-" if radius is None else f"{radius:.3f}" for radius in row["radius"].values()]
+def _measured(name: str, runs: list[dict[str, Any]]) -> list[str]:
+    """Return a row: the values of one run, or medians and ranges of several."""
+    seen = [run["development"] for run in runs]
     return [
         name,
-        f"{seen['median_mm']:.2f} / {seen['mean_mm']:.2f} / {seen['p99_mm']:.1f}",
-        str(seen["lost"]),
-        " / ".join(f"{case['rms_mm']:.2g}" for case in cases),
-        " / ".join(f"{case['rms_mm']:.2g}" for case in late),
-        " / ".join(f"{case['torque_rate']:.2f}" for case in cases),
-        " / ".join(f"{case['torque_rate']:.3g}" for case in late),
-        " / ".join(radii),
-        f"{row['cpu_time_s']:.0f}" if "cpu_time_s" in row else "",
+        " / ".join(
+            _range([row[key] for row in seen], form)
+            for key, form in (("median_mm", ".2f"), ("mean_mm", ".2f"), ("p99_mm", ".1f"))
+        ),
+        _range([row["lost"] for row in seen], "g"),
+        *(_in_cases(runs, at, "rms_mm", ".2g") for at in ("cases", "late")),
+        *(_in_cases(runs, at, "torque_rate", form) for at, form in (("cases", ".2f"), ("late", ".3g"))),
+        " / ".join(_range([run["radius"][delay] for run in runs], ".3f") for delay in runs[0]["radius"]),
+        _range([run.get("cpu_time_s") for run in runs], ".0f"),
     ]
+
+
+def _in_cases(runs: list[dict[str, Any]], at: str, key: str, form: str) -> str:
+    return " / ".join(_range([run[at][case][key] for run in runs], form) for case in runs[0].get(at, {}))
+
+
+def _range(values: list[float | None], form: str) -> str:
+    """Return one value, or median and range; a dash if a value is missing."""
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
+        return "-"
+    if len(known) == 1:
+        return format(known[0], form)
+    middle, least, largest = (format(value, form) for value in (statistics.median(known), min(known), max(known)))
+    return f"{middle} ({least} to {largest})"
