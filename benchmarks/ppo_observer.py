@@ -1,13 +1,14 @@
 """PPO beside the elastic observer, and what each of its settings is worth, one at a time.
 
-python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer longer knobs robust] [--figure FILE]
+python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer longer calm knobs robust] [--figure FILE]
 
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
 references; what was chosen was chosen by these), rms in the paper's three cases and rate of its torques, on time and
 half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`. The group
-`longer` is `observer` with two and a half times the steps. Five seeds of each; those of `knobs` and `robust`, by which
-settings are compared, are none of the others. Writes benchmarks/results/ppo_observer.json after every run.
+`longer` is `observer` with two and a half times the steps, `calm` is `observer` without the innovation among the
+features. Five seeds of each; those of `knobs` and `robust`, by which settings are compared, are none of the others.
+Writes benchmarks/results/ppo_observer.json after every run.
 """
 
 from __future__ import annotations
@@ -63,6 +64,7 @@ _SHIFTED = {"gate": 0.0, "scale": (0.01, 0.02), "innovation_times": (), "smoothi
 RUNS: dict[str, dict[str, PPOConfig]] = {
     "observer": {"as is": _OBSERVER},
     "longer": {"as is": dataclasses.replace(_OBSERVER, total_timesteps=10_000_000)},
+    "calm": {"no innovation among the features": dataclasses.replace(_OBSERVER, innovation_times=())},
     "knobs": {
         "as is": _SHORT,
         "value function sees the features alone": dataclasses.replace(_SHORT, asymmetric_critic=False),
@@ -82,7 +84,13 @@ RUNS: dict[str, dict[str, PPOConfig]] = {
     },
 }
 """Settings by group and by what is changed."""
-SEEDS = {"observer": range(5), "longer": range(5), "knobs": range(100, 105), "robust": range(100, 105)}
+SEEDS = {
+    "observer": range(5),
+    "longer": range(5),
+    "calm": range(5),
+    "knobs": range(100, 105),
+    "robust": range(100, 105),
+}
 
 
 def development(policy: Policy) -> dict[str, float]:

@@ -82,7 +82,7 @@ def observer_tables(document: dict[str, Any]) -> str:
     """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
     rows = [_measured(f"`{name}`", [row]) for name, row in document["references"].items()]
     parts = []
-    for group in ("observer", "longer", "knobs", "robust", "ppo-robust"):
+    for group in ("observer", "longer", "calm", "knobs", "robust", "ppo-robust"):
         runs, known = document["runs"][group], "`ppo-robust`" if group == "ppo-robust" else "`observer`"
         settings = list(dict.fromkeys(run["setting"] for run in runs))
         if len(settings) == 1:
@@ -91,6 +91,8 @@ def observer_tables(document: dict[str, Any]) -> str:
             found = [_measured(name, [run for run in runs if run["setting"] == name]) for name in settings]
         steps = sorted({run["steps"] for run in runs})
         title = f"**{group}**, {', '.join(f'{count / 1e6:g}' for count in steps)} million steps"
+        if settings != ["as is"] and len(settings) == 1:
+            title += f", {settings[0]}"
         if len(settings) > 1:
             title += f", medians and ranges of seeds {', '.join(map(str, sorted({run['seed'] for run in runs})))}"
         parts.append(f"{title}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
