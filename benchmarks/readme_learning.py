@@ -78,12 +78,15 @@ def training_speed_table(document: dict[str, Any]) -> str:
     )
 
 
+_KNOWN = {"ppo-robust": "`ppo-robust`", "smooth": "`robust`"}  # by group: the name of its policies
+
+
 def observer_tables(document: dict[str, Any]) -> str:
     """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
     rows = [_measured(f"`{name}`", [row]) for name, row in document["references"].items()]
     parts = []
-    for group in ("observer", "longer", "calm", "knobs", "robust", "ppo-robust"):
-        runs, known = document["runs"][group], "`ppo-robust`" if group == "ppo-robust" else "`observer`"
+    for group in ("observer", "longer", "calm", "knobs", "robust", "smooth", "ppo-robust"):
+        runs, known = document["runs"][group], _KNOWN.get(group, "`observer`")
         settings = list(dict.fromkeys(run["setting"] for run in runs))
         if len(settings) == 1:
             found = [_measured(f"{known}, seed {run['seed']}", [run]) for run in runs]
