@@ -1,12 +1,15 @@
 """PPO beside the elastic observer, and what each of its settings is worth, one at a time.
 
-python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer knobs robust] [--figure FILE]
+python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer longer calm knobs robust smooth] [--figure FILE]
 
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
 references; what was chosen was chosen by these), rms in the paper's three cases and rate of its torques, on time and
-half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`. Writes
-benchmarks/results/ppo_observer.json after every run.
+half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`. The group
+`longer` is `observer` with two and a half times the steps, `calm` is `observer` without the innovation among the
+features, `smooth` is a setting of `robust` with three times the steps. Five seeds of each; those of `knobs` and
+`robust`, by which settings are compared, are none of the others. Writes benchmarks/results/ppo_observer.json after
+every run.
 """
 
 from __future__ import annotations
@@ -14,7 +17,9 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import io
+import itertools
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -53,12 +58,15 @@ REFERENCES_SHOWN = (
 )
 
 _OBSERVER = dataclasses.replace(PRESETS["observer"], tensorboard=False)
-_SHORT = dataclasses.replace(_OBSERVER, total_timesteps=750_000, seed=100)
-_ROBUST = dataclasses.replace(PRESETS["robust"], tensorboard=False, total_timesteps=2_000_000, seed=100)
+_SHORT = dataclasses.replace(_OBSERVER, total_timesteps=750_000)
+_ROBUST = dataclasses.replace(PRESETS["robust"], tensorboard=False, total_timesteps=2_000_000)
+_SMOOTH = dataclasses.replace(_ROBUST, asymmetric_critic=True, smoothness=100.0)
 _SHIFTED = {"gate": 0.0, "scale": (0.01, 0.02), "innovation_times": (), "smoothing_time": 0.06}
 
 RUNS: dict[str, dict[str, PPOConfig]] = {
-    "observer": {f"seed {seed}": dataclasses.replace(_OBSERVER, seed=seed) for seed in range(5)},
+    "observer": {"as is": _OBSERVER},
+    "longer": {"as is": dataclasses.replace(_OBSERVER, total_timesteps=10_000_000)},
+    "calm": {"no innovation among the features": dataclasses.replace(_OBSERVER, innovation_times=())},
     "knobs": {
         "as is": _SHORT,
         "value function sees the features alone": dataclasses.replace(_SHORT, asymmetric_critic=False),
@@ -75,9 +83,17 @@ RUNS: dict[str, dict[str, PPOConfig]] = {
         "low-pass of 5 ms on the actions": dataclasses.replace(_ROBUST, smoothing_time=0.005),
         "low-pass of 20 ms on the actions": dataclasses.replace(_ROBUST, smoothing_time=0.02),
         "smoothness 100 in the loss": dataclasses.replace(_ROBUST, smoothness=100.0),
+        "value function sees the plant, smoothness 100 in the loss": _SMOOTH,
+    },
+    "smooth": {
+        "value function sees the plant, smoothness 100 in the loss": dataclasses.replace(
+            _SMOOTH, total_timesteps=6_000_000
+        )
     },
 }
 """Settings by group and by what is changed."""
+SEEDS = {group: range(100, 105) if group in ("knobs", "robust") else range(5) for group in RUNS}
+"""By group."""
 
 
 def development(policy: Policy) -> dict[str, float]:
@@ -175,13 +191,13 @@ def curve_of(policy: Policy) -> list[dict[str, float]]:
 
 def without_training() -> dict[str, Any]:
     """Return what is measured of shipped policies and of the seeds of `ppo-robust`."""
-    seeds = {}
+    seeds = []
     for seed in range(5):
         folder = LEARNED / f"ppo-robust-{seed}"
         policy = load_policy(folder / "policy", control_period=PERIOD)
         times = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        row = {"steps": PRESETS["robust"].total_timesteps, "seed": seed, **times}
-        seeds[f"seed {seed}"] = {**row, **measured(policy), "curve": curve_of(policy)}
+        row = {"setting": "as is", "steps": PRESETS["robust"].total_timesteps, "seed": seed, **times}
+        seeds.append({**row, **measured(policy), "curve": curve_of(policy)})
     references = {name: measured(load_policy(name)) for name in REFERENCES_SHOWN}
     return {"references": references, "runs": {"ppo-robust": seeds}}
 
@@ -194,6 +210,7 @@ def draw(document: dict[str, Any], path: Path) -> None:
         for axes, (case, title) in zip(upper, SHOWN.items(), strict=True):
             _curves(axes, document, "observer", case, ("elastic-observer", "learned-observer"))
             axes.set(title=f"preset observer: {title}", ylim=(0.0, None))
+            _curves(axes, document, "longer", case, (), color="#D55E00")
         upper[0].set(ylim=(0.0, 3.2))
         upper[0].legend(fontsize="small", loc="upper right")
         _curves(lower[0], document, "ppo-robust", "machining", ("fuzzy-4",))
@@ -205,15 +222,15 @@ def draw(document: dict[str, Any], path: Path) -> None:
     write_atomically(path, picture.getvalue())
 
 
-def _curves(axes: Axes, document: dict[str, Any], group: str, case: str, beside: tuple[str, ...]) -> None:
+def _curves(axes: Axes, document: dict[str, Any], group: str, case: str, beside: tuple[str, ...], **look: Any) -> None:
     """Draw the rms error of every seed of a group in a case, and those of other policies as lines across."""
     for name, dashes in zip(beside, ((0, (1, 2)), (0, (5, 2))), strict=False):
         base = document["references"][name]["cases"][case]["rms_mm"]
         axes.axhline(base, label=name, **{**BOUND, "linestyle": dashes})
-    for number, run in enumerate(document["runs"][group].values()):
+    for number, run in enumerate(document["runs"][group]):
         steps = [row["steps"] / 1e6 for row in run["curve"]]
-        label = None if number else f"{len(document['runs'][group])} seeds"
-        axes.plot(steps, [row[case] for row in run["curve"]], label=label, **{**ONE_SEED, "linewidth": 1.4})
+        label = None if number else f"{len(document['runs'][group])} seeds, {run['steps'] / 1e6:.0f} million steps"
+        axes.plot(steps, [row[case] for row in run["curve"]], label=label, **{**ONE_SEED, "linewidth": 1.4, **look})
     axes.set(xlabel="environment steps [million]", ylabel="rms tip error [mm]")
 
 
@@ -225,8 +242,8 @@ def _aim(axes: Axes, document: dict[str, Any]) -> None:
     axes.add_patch(Rectangle((0.5, 1.0), fastest - 0.5, largest - 1.0, color="#009E73", alpha=0.15, lw=0, label="aim"))
     shown = {
         "model-based": [references[name] for name in ("fuzzy-4", "computed-torque", "elastic-observer")],
-        "ppo-robust, 12 million steps": list(document["runs"]["ppo-robust"].values()),
-        "settings of robust, 2 million steps": list(document["runs"]["robust"].values()),
+        "ppo-robust, 12 million steps": document["runs"]["ppo-robust"],
+        "settings of robust, 2 million steps": document["runs"]["robust"],
     }
     for (label, rows), mark in zip(shown.items(), "s^x", strict=True):
         cases = [row["cases"]["machining"] for row in rows]
@@ -234,6 +251,13 @@ def _aim(axes: Axes, document: dict[str, Any]) -> None:
     axes.set(title="without a model: error and chatter", xlabel="torque rate [N m/ms]", xscale="log")
     axes.set(ylabel="rms tip error [mm]", yscale="log", ylim=(1.0, 4e3), xlim=(0.5, 400.0))
     axes.legend(fontsize="small", loc="center right")
+
+
+def runs_of(groups: list[str]) -> Iterator[tuple[str, tuple[str, PPOConfig], int]]:
+    """Yield groups, settings by name and seeds."""
+    for group in groups:
+        for setting, seed in itertools.product(RUNS[group].items(), SEEDS[group]):
+            yield group, setting, seed
 
 
 def main() -> None:
@@ -246,15 +270,16 @@ def main() -> None:
     known = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {"runs": {}}
     if "references" not in known or "ppo-robust" not in known["runs"]:
         found = without_training()
-        known = {"runs": known["runs"] | found["runs"], "references": found["references"]}
-    for group in arguments.groups:
-        for name, config in RUNS[group].items():
-            folder = arguments.out / f"{group}-{name}".replace(" ", "-").replace(",", "").replace("'", "")
-            row = {"steps": config.total_timesteps, "seed": config.seed, **trained(config, folder)}
-            known["runs"].setdefault(group, {})[name] = row
-            print(group, name, {key: value for key, value in row.items() if key != "curve"}, flush=True)
-            content = {"command": "python benchmarks/ppo_observer.py", **known, **current_provenance()}
-            write_atomically(RESULT, json.dumps(content, indent=1) + "\n")
+        known = {"runs": known["runs"] | found["runs"], "references": found["references"], **current_provenance()}
+    for group, (name, config), seed in runs_of(arguments.groups):
+        folder = arguments.out / f"{group}-{name}-seed-{seed}".replace(" ", "-").replace(",", "").replace("'", "")
+        config = dataclasses.replace(config, seed=seed)
+        row = {"setting": name, "steps": config.total_timesteps, "seed": seed, **trained(config, folder)}
+        row |= {"provenance": current_provenance()}
+        others = [run for run in known["runs"].get(group, []) if (run["setting"], run["seed"]) != (name, seed)]
+        known["runs"][group] = [*others, row]
+        print(group, {key: value for key, value in row.items() if key != "curve"}, flush=True)
+        write_atomically(RESULT, json.dumps({"command": "python benchmarks/ppo_observer.py", **known}, indent=1) + "\n")
     if arguments.figure:
         draw(known, arguments.figure)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from typing import Any
 
 from readme_markdown import made_with, table
@@ -77,27 +78,46 @@ def training_speed_table(document: dict[str, Any]) -> str:
     )
 
 
+_KNOWN = {"ppo-robust": "`ppo-robust`", "smooth": "`robust`"}  # by group: the name of its policies
+
+
 def observer_tables(document: dict[str, Any]) -> str:
     """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
-    rows = [_measured(name if " " in name else f"`{name}`", row) for name, row in document["references"].items()]
-    titles = {"observer": "`observer`, {}", "knobs": "{}", "robust": "`robust`: {}", "ppo-robust": "`ppo-robust`, {}"}
+    rows = [_measured(f"`{name}`", [row]) for name, row in document["references"].items()]
     parts = []
-    for group, title in titles.items():
-        runs = document["runs"][group]
-        found = [_measured(title.format(name), run) for name, run in runs.items()]
-        steps = sorted({run["steps"] for run in runs.values()})
-        known = f"**{group}**, {', '.join(f'{count / 1e6:g}' for count in steps)} million steps"
-        parts.append(f"{known}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
-    curve = [
+    for group in ("observer", "longer", "calm", "knobs", "robust", "smooth", "ppo-robust"):
+        runs, known = document["runs"][group], _KNOWN.get(group, "`observer`")
+        settings = list(dict.fromkeys(run["setting"] for run in runs))
+        if len(settings) == 1:
+            found = [_measured(f"{known}, seed {run['seed']}", [run]) for run in runs]
+        else:
+            found = [_measured(name, [run for run in runs if run["setting"] == name]) for name in settings]
+        steps = sorted({run["steps"] for run in runs})
+        title = f"**{group}**, {', '.join(f'{count / 1e6:g}' for count in steps)} million steps"
+        if settings != ["as is"] and len(settings) == 1:
+            title += f", {settings[0]}"
+        if len(settings) > 1:
+            title += f", medians and ranges of seeds {', '.join(map(str, sorted({run['seed'] for run in runs})))}"
+        parts.append(f"{title}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
+        others = {made_with(run["provenance"]) for run in runs if "provenance" in run}
+        parts.extend(f"These: {words}" for words in sorted(others - {made_with(document)}))
+    return "\n\n".join(
         [
-            name,
-            *(f"{row['machining']:.2f} / {row['payload']:.2f}" for row in run["curve"]),
+            *parts,
+            *(_curves(document["runs"][group]) for group in ("observer", "longer")),
+            f"`{document['command']}`, one thread; {made_with(document)}",
         ]
-        for name, run in document["runs"]["observer"].items()
+    )
+
+
+def _curves(runs: list[dict[str, Any]]) -> str:
+    """Return the errors of a group's seeds over the steps of the training."""
+    rows = [
+        [f"seed {run['seed']}", *(f"{row['machining']:.2f} / {row['payload']:.2f}" for row in run["curve"])]
+        for run in runs
     ]
-    steps = [f"{row['steps'] / 1e6:.1f}" for row in next(iter(document["runs"]["observer"].values()))["curve"]]
-    curves = table(["rms [mm] in Case 2 / 3 after million steps", *steps], curve)
-    return "\n\n".join([*parts, curves, f"`{document['command']}`, one thread; {made_with(document)}"])
+    steps = [f"{row['steps'] / 1e6:.1f}" for row in runs[0]["curve"]]
+    return table(["rms [mm] in Case 2 / 3 after million steps", *steps], rows)
 
 
 _HEADINGS = (
@@ -113,17 +133,33 @@ _HEADINGS = (
 )
 
 
-def _measured(name: str, row: dict[str, Any]) -> list[str]:
-    seen, cases, late = row["development"], row["cases"].values(), row.get("late", {}).values()
-    radii = ["-" if radius is None else f"{radius:.3f}" for radius in row["radius"].values()]
+def _measured(name: str, runs: list[dict[str, Any]]) -> list[str]:
+    """Return a row: the values of one run, or medians and ranges of several."""
+    seen = [run["development"] for run in runs]
     return [
         name,
-        f"{seen['median_mm']:.2f} / {seen['mean_mm']:.2f} / {seen['p99_mm']:.1f}",
-        str(seen["lost"]),
-        " / ".join(f"{case['rms_mm']:.2g}" for case in cases),
-        " / ".join(f"{case['rms_mm']:.2g}" for case in late),
-        " / ".join(f"{case['torque_rate']:.2f}" for case in cases),
-        " / ".join(f"{case['torque_rate']:.3g}" for case in late),
-        " / ".join(radii),
-        f"{row['cpu_time_s']:.0f}" if "cpu_time_s" in row else "",
+        " / ".join(
+            _range([row[key] for row in seen], form)
+            for key, form in (("median_mm", ".2f"), ("mean_mm", ".2f"), ("p99_mm", ".1f"))
+        ),
+        _range([row["lost"] for row in seen], "g"),
+        *(_in_cases(runs, at, "rms_mm", ".2g") for at in ("cases", "late")),
+        *(_in_cases(runs, at, "torque_rate", form) for at, form in (("cases", ".2f"), ("late", ".3g"))),
+        " / ".join(_range([run["radius"][delay] for run in runs], ".3f") for delay in runs[0]["radius"]),
+        _range([run.get("cpu_time_s") for run in runs], ".0f"),
     ]
+
+
+def _in_cases(runs: list[dict[str, Any]], at: str, key: str, form: str) -> str:
+    return " / ".join(_range([run[at][case][key] for run in runs], form) for case in runs[0].get(at, {}))
+
+
+def _range(values: list[float | None], form: str) -> str:
+    """Return one value, or median and range; a dash if a value is missing."""
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
+        return "-"
+    if len(known) == 1:
+        return format(known[0], form)
+    middle, least, largest = (format(value, form) for value in (statistics.median(known), min(known), max(known)))
+    return f"{middle} ({least} to {largest})"
