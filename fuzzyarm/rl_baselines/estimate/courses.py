@@ -122,7 +122,7 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
         randomisation=find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm),
         threads=1,
     )
-    start = np.array([_rest(arm, one.reference) for one in scenarios])
+    start = np.array([_rest(arm, one.reference or default_reference(arm)) for one in scenarios])
     start[generator.random(count) < 0.5] = np.nan
     noise = NOISIEST * generator.random(count) * (generator.random(count) < 0.5)
     little = np.exp(generator.uniform(math.log(LEAST), 0.0, count))
