@@ -85,7 +85,7 @@ def observer_tables(document: dict[str, Any]) -> str:
     """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
     rows = [_measured(f"`{name}`", [row]) for name, row in document["references"].items()]
     parts = []
-    for group in ("observer", "longer", "calm", "knobs", "robust", "smooth", "ppo-robust"):
+    for group in ("observer", "told", "longer", "knobs", "robust", "smooth", "ppo-robust"):
         runs, known = document["runs"][group], _KNOWN.get(group, "`observer`")
         settings = list(dict.fromkeys(run["setting"] for run in runs))
         if len(settings) == 1:

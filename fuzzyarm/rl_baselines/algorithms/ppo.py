@@ -69,7 +69,6 @@ PRESETS: dict[str, PPOConfig] = {
         base="elastic-observer",
         scale=(300.0, 150.0),
         gate=1.0,
-        innovation_times=(0.005, 0.03),
         action_period=0.001,
         past_errors=0,
         past_actions=1,
