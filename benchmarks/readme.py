@@ -255,7 +255,10 @@ def sections() -> dict[str, str]:
         "adaptive-front": adaptive_front_table(stored["adaptive_margins"]),
         "adaptive-start": adaptive_start_table(stored["adaptive_start"]),
         "adaptive-constants": adaptive_constants_table(stored["adaptive_constants"]),
-        "adaptive-robot-constants": adaptive_robot_constants_table(stored["adaptive_robot_constants"]),
+        "adaptive-robot-constants": "\n\n".join(
+            adaptive_robot_constants_table(document)
+            for document in (stored["adaptive_robot_constants"], _stored("adaptive_robot_shares"))
+        ),
         "adaptive-noise": adaptive_noise_table(stored["adaptive_noise"]),
         "adaptive-second-plant": adaptive_second_plant_table(stored["adaptive_plant"]),
         "adaptive-robot": adaptive_robot_table(_stored("adaptive_robot_ur5")),
