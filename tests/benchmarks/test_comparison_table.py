@@ -110,6 +110,7 @@ def test_a_run_takes_every_stored_seed_and_fills_table_and_figures(comparison, m
     module("comparison_figure").draw_comparison(document)
 
 
+@pytest.mark.slow
 def test_errors_that_a_folder_holds_are_not_measured_again(comparison, tmp_path):
     script, measured = comparison
     first = script.compare(8, 4, None, tmp_path)
