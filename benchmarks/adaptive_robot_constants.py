@@ -103,8 +103,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED, metavar="N", help="of the courses (default: %(default)s)")
     parser.add_argument("--c", type=float, nargs="+", default=SIGNIFICANT, choices=SIGNIFICANT)
     options = parser.parse_args()
+    if options.courses < 1 or options.seed < 0:
+        parser.error("--courses must be 1 or more, and --seed 0 or more")
+    try:
+        known = [robot_named(name) for name in options.robots]
+    except ValueError as error:
+        parser.error(str(error))
     asked = list(itertools.product(SHARES, options.c))
-    known = map(robot_named, options.robots)
     robots = {robot.name: measure(robot, options.courses, options.seed, asked) for robot in known}
     pairs = relative(robots)
     chosen = min(pairs, key=lambda pair: pair["objective"])
