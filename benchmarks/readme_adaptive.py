@@ -175,7 +175,7 @@ def adaptive_robot_constants_table(document: dict[str, Any]) -> str:
             for row in found
         ]
         rows.append([f"{100.0 * pair['share']:g} %", f"{pair['c']:g}", *cells, f"{pair['objective']:.3f}"])
-    headings = ["largest share of a sample", "c", *document["robots"], "mean of the objectives in their smallest"]
+    headings = ["largest share of a sample", "c", *document["robots"], "mean over the robots, each in its smallest"]
     return (
         f"{table(headings, rows)}\n\nOf each robot the objective (mean without noise in the first pass, worst of all) "
         f"[mm], over {document['courses']} courses from seed {document['seed']} on. {_made(document)}"

@@ -1,23 +1,14 @@
 """How `adaptive_robot_constants.py` weighs robots against each other."""
 
 import itertools
-import sys
-from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
 
-
-@pytest.fixture(scope="module")
-def script():
+@pytest.fixture
+def script(module):
     """The script, which imports its neighbours."""
-    sys.path.insert(0, str(FOLDER))
-    try:
-        import adaptive_robot_constants
-    finally:
-        sys.path.remove(str(FOLDER))
-    return adaptive_robot_constants
+    return module("adaptive_robot_constants")
 
 
 def rows(script, *objectives):

@@ -1,6 +1,5 @@
 """The comparison's table and figure show what is stored, every policy on the same terms."""
 
-import importlib
 import json
 from pathlib import Path
 
@@ -11,13 +10,6 @@ from fuzzyarm.policies.registry import NAMES
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 STORED = json.loads((BENCHMARKS / "results" / "comparison.json").read_text(encoding="utf-8"))
-
-
-@pytest.fixture
-def module(monkeypatch):
-    """Return a function that imports a script as if run from its folder."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    return importlib.import_module
 
 
 def test_everything_that_is_drawn_is_in_sight_and_what_has_no_mean_says_so(module):

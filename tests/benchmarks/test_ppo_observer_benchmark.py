@@ -1,24 +1,15 @@
 """How `ppo_observer.py` makes torques half a sample late."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
-FOLDER = Path(__file__).parents[2] / "benchmarks"
 
 
-@pytest.fixture(scope="module")
-def script():
+@pytest.fixture
+def script(module):
     """The script, which imports its neighbours."""
-    sys.path.insert(0, str(FOLDER))
-    try:
-        import ppo_observer
-    finally:
-        sys.path.remove(str(FOLDER))
-    return ppo_observer
+    return module("ppo_observer")
 
 
 class Counting:

@@ -1,11 +1,7 @@
 """How the tables of PPO sum up seeds."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
 MADE = {
     "commit": "0" * 40,
     "versions": dict.fromkeys(("python", "numpy", "numba", "clarabel"), "1"),
@@ -13,15 +9,10 @@ MADE = {
 }
 
 
-@pytest.fixture(scope="module")
-def script():
+@pytest.fixture
+def script(module):
     """The script, which imports its neighbours."""
-    sys.path.insert(0, str(FOLDER))
-    try:
-        import readme_learning
-    finally:
-        sys.path.remove(str(FOLDER))
-    return readme_learning
+    return module("readme_learning")
 
 
 def run(setting, seed, value, radius=0.5):
