@@ -5,11 +5,12 @@ python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer told longer 
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
 references; what was chosen was chosen by these), rms in the paper's three cases and rate of its torques, on time and
-half a sample late, and spectral radii of the local loop at rest. So are measured the seeds of `ppo-robust`. The group
-`observer` is the preset, `told` has the observer's innovation among its features, and `longer` has two and a half times
-as many steps; settings of `knobs` differ in one thing from the first of them. `smooth` is `robust` with two of its
-settings and three times the steps. Five seeds of each; those of `knobs` and `robust`, by which settings are compared,
-are none of the others. Writes benchmarks/results/ppo_observer.json after every run.
+half a sample late, and spectral radii of the local loop at rest. The group `observer` is the preset, `told` has the
+observer's innovation among its features, and `longer` has two and a half times as many steps; settings of `knobs`
+differ in one thing from the first of them. `robust` compares settings of torques without a model that act every 2 ms,
+with a third of the steps, and `smooth` has two of them together, every 2 or 1 ms. The last is the preset `robust`,
+whose seeds are read from benchmarks/learned instead of trained. Five seeds of each; those of `knobs` and `robust` are
+none of the others. Writes benchmarks/results/ppo_observer.json after every run.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ RESULT = Path(__file__).parent / "results" / "ppo_observer.json"
 LEARNED = Path(__file__).parent / "learned"
 PERIOD = 1e-3  # s
 LANES, STEPS, SEED, REFERENCES = 128, 1500, 7777, 64  # of the development plants
+TRANSIENT = 5  # samples of an episode whose torques do not count for the rate
 SHOWN = {"machining": "force (Case 2)", "payload": "payload (Case 3)"}
 DELAYS = (0.0, 0.5, 1.0)  # samples
 REFERENCES_SHOWN = (
@@ -60,8 +62,9 @@ REFERENCES_SHOWN = (
 _OBSERVER = dataclasses.replace(PRESETS["observer"], tensorboard=False)
 _TOLD = dataclasses.replace(_OBSERVER, innovation_times=(0.005, 0.03))
 _SHORT = dataclasses.replace(_TOLD, total_timesteps=750_000)
-_ROBUST = dataclasses.replace(PRESETS["robust"], tensorboard=False, total_timesteps=2_000_000)
-_SMOOTH = dataclasses.replace(_ROBUST, asymmetric_critic=True, smoothness=100.0, total_timesteps=6_000_000)
+_SHIPPED = dataclasses.replace(PRESETS["robust"], tensorboard=False)
+_HELD = dataclasses.replace(_SHIPPED, action_period=0.002, gamma=0.98)
+_ROBUST = dataclasses.replace(_HELD, asymmetric_critic=False, smoothness=0.0, total_timesteps=2_000_000)
 _SHIFTED = {"gate": 0.0, "scale": (0.01, 0.02), "innovation_times": (), "smoothing_time": 0.06}
 
 RUNS: dict[str, dict[str, PPOConfig]] = {
@@ -85,7 +88,7 @@ RUNS: dict[str, dict[str, PPOConfig]] = {
         "low-pass of 20 ms on the actions": dataclasses.replace(_ROBUST, smoothing_time=0.02),
         "smoothness 100 in the loss": dataclasses.replace(_ROBUST, smoothness=100.0),
     },
-    "smooth": {"value function sees the plant, smoothness 100 in the loss": _SMOOTH},
+    "smooth": {"acts every 2 ms": _HELD, "acts every 1 ms": _SHIPPED},
 }
 """Settings by group and by what is changed."""
 SEEDS = {group: range(100, 105) if group in ("knobs", "robust") else range(5) for group in RUNS}
@@ -93,13 +96,17 @@ SEEDS = {group: range(100, 105) if group in ("knobs", "robust") else range(5) fo
 
 
 def development(policy: Policy) -> dict[str, float]:
-    """Return tip errors [mm] over the development plants, and how many episodes ended early."""
+    """Return what is measured over the development plants.
+
+    Tip errors [mm], how many episodes ended early, and of the plants' rms changes of the torque per period [N m],
+    without the first samples of an episode, the median.
+    """
     arm = ArmParameters()
     references = (*reference_family(arm, REFERENCES), *[default_reference(arm)] * (REFERENCES // 4))
     drawn = dataclasses.replace(find_randomisation("robust", arm), references=references)
     envs = FuzzyArmVectorEnv(LANES, control_period=PERIOD, case="machining", randomisation=drawn, threads=1)
     (observation, _), state, begins = envs.reset(seed=SEED), None, np.ones(LANES, dtype=bool)
-    errors, lost = [], 0
+    errors, torques, ages, lost = [], [], [np.zeros(LANES)], 0
     for _ in range(STEPS):
         torque, state = policy.predict(observation, state, begins)
         observation, _, terminated, truncated, info = envs.step(torque)
@@ -107,13 +114,17 @@ def development(policy: Policy) -> dict[str, float]:
         if begins.any():
             error[begins] = info["final_info"]["tip_error"][begins]
         errors.append(error)
+        torques.append(torque)
+        ages.append(np.where(begins, 0, ages[-1] + 1))
         lost += int(terminated.sum())
     found = 1e3 * np.array(errors)
+    changes = np.where(np.array(ages[1:-1]) > TRANSIENT, (np.diff(np.array(torques), axis=0) ** 2).sum(axis=2), np.nan)
     logarithm = float(np.log1p(found / 0.1).mean())
     values = {"mean_mm": found.mean(), "median_mm": np.median(found), "p99_mm": np.quantile(found, 0.99)}
     return {name: round(float(value), 4) for name, value in values.items()} | {
         "log": round(logarithm, 4),
         "lost": lost,
+        "torque_rate": round(float(np.median(np.sqrt(np.nanmean(changes, axis=0)))), 4),
     }
 
 
@@ -147,7 +158,7 @@ def in_cases(policy: Policy, late: bool = False) -> dict[str, dict[str, float]]:
         errors.append(np.where(step.running, step.info["tip_error"], np.nan))
         torques.append(step.info["torque"].copy())
     rms = 1e3 * np.sqrt(np.nanmean(np.array(errors) ** 2, axis=0))
-    rate = np.sqrt((np.diff(np.array(torques)[::calls], axis=0)[5:] ** 2).sum(axis=2).mean(axis=0))
+    rate = np.sqrt((np.diff(np.array(torques)[::calls], axis=0)[TRANSIENT:] ** 2).sum(axis=2).mean(axis=0))
     return {
         case: {"rms_mm": round(float(rms[k]), 4), "torque_rate": round(float(rate[k]), 4)}
         for k, case in enumerate(cases)
@@ -185,19 +196,6 @@ def curve_of(policy: Policy) -> list[dict[str, float]]:
     return [{"steps": row["steps"], **{case: round(row[f"{case}_rms_mm"], 4) for case in PAPER_CASES}} for row in rows]
 
 
-def without_training() -> dict[str, Any]:
-    """Return what is measured of shipped policies and of the seeds of `ppo-robust`."""
-    seeds = []
-    for seed in range(5):
-        folder = LEARNED / f"ppo-robust-{seed}"
-        policy = load_policy(folder / "policy", control_period=PERIOD)
-        times = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        row = {"setting": "as is", "steps": PRESETS["robust"].total_timesteps, "seed": seed, **times}
-        seeds.append({**row, **measured(policy), "curve": curve_of(policy)})
-    references = {name: measured(load_policy(name)) for name in REFERENCES_SHOWN}
-    return {"references": references, "runs": {"ppo-robust": seeds}}
-
-
 def draw(document: dict[str, Any], path: Path) -> None:
     """Draw the errors of the seeds over the steps, beside the elastic observer and without a model."""
     with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
@@ -210,8 +208,7 @@ def draw(document: dict[str, Any], path: Path) -> None:
             _across(axes, document, case, "elastic-observer", "learned-observer")
             axes.set(title=f"preset observer: {title}", ylim=(0.0, 3.2))
         upper[0].legend(fontsize="small", loc="upper right")
-        _curves(lower[0], document, "ppo-robust", "machining", "ppo-robust")
-        _curves(lower[0], document, "smooth", "machining", "smooth", color="#CC79A7")
+        _curves(lower[0], document, "smooth", "machining", "5 seeds, every 1 or 2 ms")
         _across(lower[0], document, "machining", "fuzzy-4")
         lower[0].set(title="without a model: force (Case 2)", yscale="log", ylim=(2.0, None))
         lower[0].legend(fontsize="small")
@@ -245,16 +242,22 @@ def _aim(axes: Axes, document: dict[str, Any]) -> None:
     axes.add_patch(Rectangle((0.5, 1.0), fastest - 0.5, largest - 1.0, color="#009E73", alpha=0.15, lw=0, label="aim"))
     shown = {
         "model-based": [references[name] for name in ("fuzzy-4", "computed-torque", "elastic-observer")],
-        "ppo-robust, 12 million steps": document["runs"]["ppo-robust"],
         "settings of robust, 2 million steps": document["runs"]["robust"],
         "smooth, 6 million steps": document["runs"]["smooth"],
     }
-    for (label, rows), mark in zip(shown.items(), "s^xo", strict=True):
+    for (label, rows), mark in zip(shown.items(), "sxo", strict=True):
         cases = [row["cases"]["machining"] for row in rows]
         axes.plot([c["torque_rate"] for c in cases], [c["rms_mm"] for c in cases], mark, label=label)
     axes.set(title="without a model: error and chatter", xlabel="torque rate [N m/ms]", xscale="log")
     axes.set(ylabel="rms tip error [mm]", yscale="log", ylim=(1.0, 4e3), xlim=(0.5, 2e4))
     axes.legend(fontsize="small", loc="upper right")
+
+
+def folder_of(out: Path, group: str, name: str, config: PPOConfig) -> Path:
+    """Return where a training is or will be; that of a shipped setting is stored with this repository."""
+    if group == "smooth" and config == dataclasses.replace(_SHIPPED, seed=config.seed):
+        return LEARNED / f"ppo-robust-{config.seed}"
+    return out / f"{group}-{name}-seed-{config.seed}".replace(" ", "-").replace(",", "").replace("'", "")
 
 
 def runs_of(groups: list[str]) -> Iterator[tuple[str, tuple[str, PPOConfig], int]]:
@@ -272,13 +275,13 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="also draw the errors over the steps of the training")
     arguments = parser.parse_args()
     known = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {"runs": {}}
-    if "references" not in known or "ppo-robust" not in known["runs"]:
-        found = without_training()
-        known = {"runs": known["runs"] | found["runs"], "references": found["references"], **current_provenance()}
+    if "references" not in known:
+        known["references"] = {name: measured(load_policy(name)) for name in REFERENCES_SHOWN}
+        known |= current_provenance()
     for group, (name, config), seed in runs_of(arguments.groups):
-        folder = arguments.out / f"{group}-{name}-seed-{seed}".replace(" ", "-").replace(",", "").replace("'", "")
         config = dataclasses.replace(config, seed=seed)
-        row = {"setting": name, "steps": config.total_timesteps, "seed": seed, **trained(config, folder)}
+        row = {"setting": name, "steps": config.total_timesteps, "seed": seed}
+        row |= trained(config, folder_of(arguments.out, group, name, config))
         row |= {"provenance": current_provenance()}
         others = [run for run in known["runs"].get(group, []) if (run["setting"], run["seed"]) != (name, seed)]
         known["runs"][group] = [*others, row]

@@ -78,18 +78,18 @@ def training_speed_table(document: dict[str, Any]) -> str:
     )
 
 
-_KNOWN = {"ppo-robust": "`ppo-robust`", "smooth": "`robust`"}  # by group: the name of its policies
+GROUPS = ("observer", "told", "longer", "knobs", "robust", "smooth")
 
 
 def observer_tables(document: dict[str, Any]) -> str:
     """Return what PPO beside the elastic observer reached, what its settings are worth, and how it was measured."""
     rows = [_measured(f"`{name}`", [row]) for name, row in document["references"].items()]
     parts = []
-    for group in ("observer", "told", "longer", "knobs", "robust", "smooth", "ppo-robust"):
-        runs, known = document["runs"][group], _KNOWN.get(group, "`observer`")
+    for group in GROUPS:
+        runs = document["runs"][group]
         settings = list(dict.fromkeys(run["setting"] for run in runs))
         if len(settings) == 1:
-            found = [_measured(f"{known}, seed {run['seed']}", [run]) for run in runs]
+            found = [_measured(f"`observer`, seed {run['seed']}", [run]) for run in runs]
         else:
             found = [_measured(name, [run for run in runs if run["setting"] == name]) for name in settings]
         steps = sorted({run["steps"] for run in runs})
@@ -123,7 +123,8 @@ def _curves(runs: list[dict[str, Any]]) -> str:
 _HEADINGS = (
     "policy",
     "development plants: median / mean / 99 % [mm]",
-    "ended early",
+    "ended early there",
+    "torque rate there [N m/ms]",
     "rms, Cases 1 / 2 / 3 [mm]",
     "rms half a sample late",
     "torque rate [N m/ms]",
@@ -143,6 +144,7 @@ def _measured(name: str, runs: list[dict[str, Any]]) -> list[str]:
             for key, form in (("median_mm", ".2f"), ("mean_mm", ".2f"), ("p99_mm", ".1f"))
         ),
         _range([row["lost"] for row in seen], "g"),
+        _range([row.get("torque_rate") for row in seen], ".2f"),
         *(_in_cases(runs, at, "rms_mm", ".2g") for at in ("cases", "late")),
         *(_in_cases(runs, at, "torque_rate", form) for at, form in (("cases", ".2f"), ("late", ".3g"))),
         " / ".join(_range([run["radius"][delay] for run in runs], ".3f") for delay in runs[0]["radius"]),

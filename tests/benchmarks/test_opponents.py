@@ -1,6 +1,7 @@
 """The opponents: the quadratic program without limits is the Riccati recursion; searches begin at what is shipped."""
 
 import importlib
+import json
 import sys
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from fuzzyarm.envs.physics.records import State, flat, in_list, reader
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.known_arm import travel_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.laws.observer_gains import sampled_arm, state_part
+from fuzzyarm.rl_baselines.algorithms import find_algorithm
 
 pytestmark = pytest.mark.slow  # scripts outside of the package
 
@@ -86,4 +88,18 @@ def test_the_search_begins_at_what_is_shipped():
     made = fuzzy.make(*fuzzy.shipped).law.controller
     np.testing.assert_allclose(made.gains, load_policy("fuzzy-4").controller.gains, rtol=1e-3)
     np.testing.assert_array_equal(observer.make(*observer.shipped).feedback, load_policy("elastic-observer").feedback)
-    assert module.BUDGET == 24000.0
+    assert max(one.total_timesteps * one.action_period for one in trainings()) <= module.BUDGET
+
+
+def trainings():
+    """The settings of the learned policies that are compared there."""
+    presets = find_algorithm("ppo").presets
+    return presets["robust"], presets["residual"]
+
+
+def test_a_search_is_not_repeated_with_the_same_budget_alone(tmp_path):
+    module, path = script("classical_on_reward"), tmp_path / "result.json"
+    assert module.searches_of(None, 1.0) == module.searches_of(path, 1.0) == {}
+    path.write_text(json.dumps({"budget_s": 1.0, "commit": "c", "searches": {"law": {"tries": 3}}}))
+    assert module.searches_of(path, 1.0) == {"law": {"commit": "c", "tries": 3}}
+    assert module.searches_of(path, 2.0) == {}

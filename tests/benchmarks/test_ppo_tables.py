@@ -27,7 +27,7 @@ def run(setting, seed, value, radius=0.5):
 @pytest.fixture
 def document():
     """Two settings with three seeds, and a run of each other group."""
-    one = {group: [run("as is", 0, 1.0)] for group in ("observer", "told", "longer", "robust", "smooth", "ppo-robust")}
+    one = {group: [run("as is", 0, 1.0)] for group in ("observer", "told", "longer", "robust", "smooth")}
     several = [run(setting, seed, 10.0 * k + seed) for k, setting in enumerate("ab") for seed in (3, 1, 2)]
     return {"references": {}, "runs": one | {"knobs": several}, "command": "a command", **MADE}
 

@@ -39,10 +39,10 @@ class PPOConfig(OnPolicyConfig):
             raise ValueError(f"smoothness = {self.smoothness} and ent_coef = {self.ent_coef}: one of them must be 0")
 
 
-_ROBUST = PPOConfig(
+_RANDOM = PPOConfig(
     distribution="robust",
     hidden=(128, 128),
-    total_timesteps=12_000_000,
+    total_timesteps=6_000_000,
     lanes=256,
     n_steps=32,
     batch_size=2048,
@@ -52,20 +52,19 @@ _ROBUST = PPOConfig(
 
 PRESETS: dict[str, PPOConfig] = {
     "nominal": PPOConfig(),
-    "robust": _ROBUST,
+    "robust": dataclasses.replace(_RANDOM, action_period=0.001, gamma=0.99, asymmetric_critic=True, smoothness=100.0),
     "residual": dataclasses.replace(
-        _ROBUST,
+        _RANDOM,
         base="fuzzy-4-tip",
         scale=(0.01, 0.02),
         smoothing_time=0.06,
         elastic_target=True,
         hidden=(64, 64),
-        total_timesteps=6_000_000,
         batch_size=1024,
         n_epochs=10,
     ),
     "observer": dataclasses.replace(
-        _ROBUST,
+        _RANDOM,
         base="elastic-observer",
         scale=(300.0, 150.0),
         gate=1.0,
