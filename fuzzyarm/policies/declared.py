@@ -51,7 +51,7 @@ _NAMED = {
     ),
     "learned-observer": LEARNED_OBSERVER,
     "ppo-nominal": Declared(_REWARD, "nominal case" + _HAND, "nothing", SEES, _LEARNED),
-    "ppo-robust": Declared(_REWARD, _RANDOM, "nothing", SEES, _LEARNED),
+    "ppo-robust": Declared(f"{_REWARD}; smooth actions", _RANDOM, "nothing", SEES, _LEARNED),
     "ppo-residual": Declared(_REWARD, _RANDOM, "what fuzzy-4-tip knows", SEES, f"as fuzzy-4-tip; {_LEARNED}"),
 }
 
