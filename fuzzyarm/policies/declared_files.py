@@ -95,7 +95,7 @@ def of_learned(folder: Path) -> Declared | None:
     training, base = bundle.training, bundle.action.base
     elastic = [ELASTIC] if bundle.features.elastic_target else []
     return Declared(
-        f"{_reward(training.get('tip_error_scale'))}, by {_text(training.get('algorithm'))}",
+        f"{_reward(training.get('tip_error_scale'))}{_smooth(training)}, by {_text(training.get('algorithm'))}",
         f"{_distribution(training.get('distribution'))}; how its settings were chosen is {_UNKNOWN}",
         "; ".join([f"what {base} knows"] if base else elastic) or "nothing",
         SEES,
@@ -122,6 +122,11 @@ def _reward(scale: Any) -> str:
     if not isinstance(scale, int | float):
         return f"discounted reward, {_UNKNOWN} which"
     return f"discounted reward: {'logarithm of the tip error, effort' if scale > 0.0 else 'that of the environment'}"
+
+
+def _smooth(training: Mapping[str, Any]) -> str:
+    weight = training.get("smoothness")
+    return "; smooth actions" if isinstance(weight, int | float) and weight > 0.0 else ""
 
 
 def _distribution(name: Any) -> str:
