@@ -4,9 +4,10 @@
                                             [--json FILE] [--figure FILE.png] [--curves FILE.png]
 
 NAME is a name for one configuration, and each FOLDER holds its training by `fuzzyarm train ppo --out FOLDER` with
-another seed. Without --learned, every folder NAME-SEED of benchmarks/learned is compared. Of each training the bundle
-`policy`, the last one, is run. The bundle `best` would flatter it: it was selected for the smallest error on the
-paper's circle, which is what this table measures. The command should name all finished seeds, the bad ones too.
+another seed. Without --learned, every folder NAME-SEED of benchmarks/learned for the arm of Table 1 is compared. Of
+each training the bundle `policy`, the last one, is run. The bundle `best` would flatter it: it was selected for the
+smallest error on the paper's circle, which is what this table measures. The command should name all finished seeds, the
+bad ones too.
 
 The tasks are the paper's three cases and, without load, another radius, two other durations, the other direction and a
 lemniscate. A policy of `--preset nominal` has seen only the first of them in its training. Those trained on the robust
@@ -54,6 +55,8 @@ from learned_tasks import CONTROL_PERIOD, LOST, TASKS, assess, episode, failure
 from fuzzyarm import load_policy
 from fuzzyarm.common.console import output, progress
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -61,7 +64,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.statistics import LEVEL, RESAMPLES, SEED
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.learned_policy.bundle import WEIGHTS
+from fuzzyarm.learned_policy.bundle import WEIGHTS, PolicyBundle
 
 SCHEMA = "fuzzyarm-learned-comparison/1"
 MODEL_BASED = ("fuzzy-4", "fuzzy-1", "fuzzy-4-tip", "computed-torque", "computed-torque-tip", "elastic-observer")
@@ -204,7 +207,7 @@ def _found() -> list[list[str]]:
     """Return the trainings in the folder `LEARNED` as `--learned` would give them: each name, then its folders."""
     groups: dict[str, list[str]] = {}
     for folder in sorted(LEARNED.iterdir()) if LEARNED.is_dir() else []:
-        if folder.is_dir():
+        if folder.is_dir() and not _knows_another_arm(folder):
             name, dash, _ = folder.name.rpartition("-")
             if not (name and dash):
                 raise ValueError(
@@ -214,6 +217,14 @@ def _found() -> list[list[str]]:
     if not groups:
         raise ValueError(f"{LEARNED} holds no folder NAME-SEED; give --learned NAME FOLDER [FOLDER ...]")
     return list(groups.values())
+
+
+def _knows_another_arm(folder: Path) -> bool:
+    """Return whether a training was one for another arm than that of Table 1, which these tasks are for."""
+    if not (folder / BUNDLE).is_dir():
+        return False  # to be complained about by its name
+    arm = PolicyBundle.load(folder / BUNDLE).arm
+    return arm is not None and arm.digest != robot_of(ArmParameters()).digest
 
 
 def _chosen(given: Sequence[Sequence[str]]) -> dict[str, list[TrainedSeed]]:

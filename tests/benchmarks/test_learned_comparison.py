@@ -7,6 +7,7 @@ import io
 import json
 import math
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -415,6 +416,7 @@ def test_command_of_the_document_makes_it_again(small):
     for name in names:
         finished_run(small / name, int(name[-1]))
     (small / "README.md").write_text("no training")
+    shutil.copytree(Path(__file__).parents[2] / "benchmarks" / "learned" / "ppo-ur5-0", small / "ur5-0")  # another arm
     first, again, chosen = (small / f"{name}.json" for name in ("first", "again", "chosen"))
     assert run("--json", first)[0] == 0
     document = json.loads(first.read_text())
