@@ -55,6 +55,7 @@ LANES, STEPS, SEED, REFERENCES = 128, 1500, 7777, 64  # of the development plant
 TRANSIENT = 5  # samples of an episode whose torques do not count for the rate
 SHOWN = {"machining": "force (Case 2)", "payload": "payload (Case 3)"}
 DELAYS = (0.0, 0.5, 1.0)  # samples
+HELD = "#CC79A7"  # colour of policies that act every 2 ms
 REFERENCES_SHOWN = (
     *("fuzzy-4", "computed-torque", "elastic-observer", "learned-observer", "ppo-robust", "ppo-residual"),
 )
@@ -208,7 +209,8 @@ def draw(document: dict[str, Any], path: Path) -> None:
             _across(axes, document, case, "elastic-observer", "learned-observer")
             axes.set(title=f"preset observer: {title}", ylim=(0.0, 3.2))
         upper[0].legend(fontsize="small", loc="upper right")
-        _curves(lower[0], document, "smooth", "machining", "5 seeds, every 1 or 2 ms")
+        _curves(lower[0], document, "smooth", "machining", "every 2 ms", "acts every 2 ms", color=HELD)
+        _curves(lower[0], document, "smooth", "machining", "every 1 ms (ppo-robust)", "acts every 1 ms")
         _across(lower[0], document, "machining", "fuzzy-4")
         lower[0].set(title="without a model: force (Case 2)", yscale="log", ylim=(2.0, None))
         lower[0].legend(fontsize="small")
@@ -218,9 +220,18 @@ def draw(document: dict[str, Any], path: Path) -> None:
     write_atomically(path, picture.getvalue())
 
 
-def _curves(axes: Axes, document: dict[str, Any], group: str, case: str, label: str | None, **look: Any) -> None:
-    """Draw the rms error of every seed of a group in a case."""
-    for number, run in enumerate(document["runs"][group]):
+def _curves(
+    axes: Axes,
+    document: dict[str, Any],
+    group: str,
+    case: str,
+    label: str | None,
+    setting: str | None = None,
+    **look: Any,
+) -> None:
+    """Draw the rms error of every seed of a group in a case, or of a setting in it."""
+    runs = [run for run in document["runs"][group] if setting in (None, run["setting"])]
+    for number, run in enumerate(runs):
         steps = [row["steps"] / 1e6 for row in run["curve"]]
         errors = [row[case] for row in run["curve"]]
         axes.plot(steps, errors, label=None if number else label, **{**ONE_SEED, "linewidth": 1.4, **look})
@@ -243,13 +254,17 @@ def _aim(axes: Axes, document: dict[str, Any]) -> None:
     shown = {
         "model-based": [references[name] for name in ("fuzzy-4", "computed-torque", "elastic-observer")],
         "settings of robust, 2 million steps": document["runs"]["robust"],
-        "smooth, 6 million steps": document["runs"]["smooth"],
+        **{
+            f"{setting}, 6 million steps": [run for run in document["runs"]["smooth"] if run["setting"] == setting]
+            for setting in RUNS["smooth"]
+        },
     }
-    for (label, rows), mark in zip(shown.items(), "sxo", strict=True):
+    looks = (("s", None), ("x", None), ("^", HELD), ("o", ONE_SEED["color"]))
+    for (label, rows), (mark, color) in zip(shown.items(), looks, strict=True):
         cases = [row["cases"]["machining"] for row in rows]
-        axes.plot([c["torque_rate"] for c in cases], [c["rms_mm"] for c in cases], mark, label=label)
+        axes.plot([c["torque_rate"] for c in cases], [c["rms_mm"] for c in cases], mark, label=label, color=color)
     axes.set(title="without a model: error and chatter", xlabel="torque rate [N m/ms]", xscale="log")
-    axes.set(ylabel="rms tip error [mm]", yscale="log", ylim=(1.0, 4e3), xlim=(0.5, 2e4))
+    axes.set(ylabel="rms tip error [mm]", yscale="log", ylim=(1.0, 1e5), xlim=(0.5, 1e3))
     axes.legend(fontsize="small", loc="upper right")
 
 

@@ -94,6 +94,9 @@ CLAIMS = (
     _own("payload 0 to 5 kg", payload=(0.0, 5.0)),
     _named("elastic-observer", "table-1"),
     _named("elastic-observer", "any-friction"),
+    _named("ppo-robust", "table-1"),
+    TipClaim("ppo-robust", "payload", "table-1", SETS["table-1"]),
+    _own("payload 0 to 10 g", "ppo-robust", payload=(0.0, 0.01)),
     _named("ppo-residual", "table-1"),
     _own("payload 0 to 1 g", "ppo-residual", payload=(0.0, 0.001)),
 )
@@ -169,7 +172,9 @@ def exact_errors(
 def measured(claim: TipClaim, lanes: int) -> dict[str, Any]:
     """Return the row of a claim."""
     row = {"policy": claim.policy, "case": claim.case, "set": claim.set_name, "path": claim.path}
-    row |= {"duration": claim.duration, "plants": claim.plants.to_dict(), "commit": current_provenance()["commit"]}
+    made = current_provenance()
+    row |= {"duration": claim.duration, "plants": claim.plants.to_dict()}
+    row |= {"commit": made["commit"], "cpu": made["machine"]["cpu"]}
     begin = time.process_time()
     try:
         bound, tip, count = bounded(claim)
@@ -265,15 +270,15 @@ def main() -> None:
             }
             print(text, json.dumps(shown), flush=True)
             rows.append(row)
+    document = {"rows": rows, "plants": options.plants, "command": COMMAND, **current_provenance()}
     if options.json and options.only and options.json.exists():
-        before = json.loads(options.json.read_text(encoding="utf-8"))["rows"]
-        fresh = {_key(row): row for row in [*before, *rows]}
-        rows = [fresh[key] for key in map(_key_of, CLAIMS) if key in fresh]
+        document = json.loads(options.json.read_text(encoding="utf-8"))
+        fresh = {_key(row): row for row in [*document["rows"], *rows]}
+        document["rows"] = [fresh[key] for key in map(_key_of, CLAIMS) if key in fresh]
     if options.json:
-        document = {"rows": rows, "plants": options.plants, "command": COMMAND, **current_provenance()}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
     if options.figure:
-        draw(rows, options.figure)
+        draw(document["rows"], options.figure)
 
 
 if __name__ == "__main__":
