@@ -97,6 +97,7 @@ CLAIMS = (
     _named("ppo-robust", "table-1"),
     TipClaim("ppo-robust", "payload", "table-1", SETS["table-1"]),
     _own("payload 0 to 10 g", "ppo-robust", payload=(0.0, 0.01)),
+    _own("stiffness ± 0.1 %", "ppo-robust", stiffness=(0.999, 1.001)),
     _named("ppo-residual", "table-1"),
     _own("payload 0 to 1 g", "ppo-residual", payload=(0.0, 0.001)),
 )
@@ -113,6 +114,7 @@ DRAWN_POLICIES = (
     ("fuzzy-4-sampled-tip", "any-friction"),
     ("elastic-observer", "any-friction"),
     ("elastic-observer", "table-1"),
+    ("ppo-robust", "table-1"),
     ("ppo-residual", "table-1"),
 )
 
