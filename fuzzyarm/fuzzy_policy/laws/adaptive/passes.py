@@ -12,10 +12,11 @@ as they were estimated while the constants moved would count twice what went fro
 How much of F_1 is a payload follows from how F_1 varies. F_1 is linear in the payload m that is taken for granted,
 F_1(m) = F_1(m_0) + (m - m_0) G, and the passes go on with the payload whose force varies least in total,
 
-    min_m Σ_k |ΔF_1(k; m)|,    ΔF_1(k) = F_1(k+1) - F_1(k).
+    min_{m ≥ 0} Σ_k |ΔF_1(k; m)|,    ΔF_1(k) = F_1(k+1) - F_1(k).
 
 A force that stands for a payload swings with the accelerations of the tip, and so does one beside a payload that is not
-there. Later passes swing too little to tell.
+there. Later passes swing too little to tell. A negative payload, which the filter allows for where links are lighter
+than known, would explain a pass too, but the regulator that it schedules loses an arm that is not so light.
 
 A pass that leaves the path of the pass before expects no force any more, since forces are known by sample, and not by
 place; payload, constants and lateness stay as they were taught. The pass after it begins with nothing learned.
@@ -212,8 +213,8 @@ class AdaptivePasses:
             heavier[:, self._payload] += 1.0
             where[lanes] = new
             slope = self._force(state, where, heavier) - force[:, new]
-            at, settings = self.policy.belief.payload.start, self.policy.settings
-            payload[new] = np.clip(payload[new] + _steadiest(force[:, new], slope), settings.low[at], settings.high[at])
+            most = self.policy.settings.high[self.policy.belief.payload.start]
+            payload[new] = np.clip(payload[new] + _steadiest(force[:, new], slope), 0.0, most)
             force[:, new] += (payload - memory[:, self._payload])[new, np.newaxis] * slope
         expected = _of_length(len(force), state.expected[:, lanes])
         return expected + (force - expected) / (1 + before[:, np.newaxis]), payload

@@ -7,6 +7,7 @@ from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.scenario.paths import Circle
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -22,9 +23,9 @@ LOADS = [
 SHORT = JointReference(duration=0.8, path=Circle(radius=0.06))
 
 
-def run(repeated, state, reference=SHORT):
+def run(repeated, state, reference=SHORT, **others):
     """Tip errors [mm] (steps, lanes) of one pass, and the state after it."""
-    envs = gym.make_vec("FuzzyArm-v0", num_envs=len(LOADS), disturbance=LOADS, reference=reference)
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=len(LOADS), disturbance=LOADS, reference=reference, **others)
     observation, _ = envs.reset(seed=0)
     errors = []
     for _ in range(int(1000 * reference.duration) - 1):
@@ -73,6 +74,19 @@ def test_with_the_true_constants_the_true_force_explains_a_pass():
     assert np.abs(force - truth)[away].max() < 4.0
     found = POLICY.beliefs(repeated.begin_pass(state).memory).payload
     np.testing.assert_allclose(found, payload, atol=0.4)
+
+
+@pytest.mark.slow
+def test_links_that_are_lighter_than_known_are_no_negative_payload():
+    repeated, every = POLICY.repeated(), np.ones(len(LOADS), dtype=bool)
+    _, state = run(repeated, None, parameters=ArmParameters(mass=(12.0, 7.2)))
+    heavier = state.memory.copy()
+    heavier[:, repeated._payload] += 1.0
+    force = repeated._force(state, every, state.memory)
+    steadiest = state.memory[:, repeated._payload] + _steadiest(force, repeated._force(state, every, heavier) - force)
+    assert steadiest[0] < -0.1 and steadiest[1] > 1.0
+    found = POLICY.beliefs(repeated.begin_pass(state).memory).payload
+    np.testing.assert_allclose(found, np.maximum(steadiest, 0.0), atol=1e-9)
 
 
 @pytest.mark.slow
