@@ -20,12 +20,14 @@ from fuzzyarm.envs.scenario.paths import Circle  # noqa: E402
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E402
 from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, residual_of  # noqa: E402
 from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts  # noqa: E402
 from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, scale_of, units_of  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
+from fuzzyarm.rl_baselines.estimate.driving import Drive  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.student import Student  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.teacher import Teacher  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.training import EstimateTraining  # noqa: E402
@@ -178,6 +180,31 @@ def test_the_same_seed_gives_the_same_network(trained):
         != Student(5, 2, torch.Generator().manual_seed(0), two_joints()).network().A.tobytes()
     )
     assert [row["chunk"] for row in trained.curve] == [0, 1]
+
+
+@pytest.mark.slow
+def test_a_lane_whose_filter_has_diverged_teaches_nothing():
+    training, generator = EstimateTraining(EstimateConfig(**SHORT)), np.random.default_rng(5)
+    policy = training._policy
+    drive = Drive(draw_courses(ARM, 8, PERIOD, generator), policy, generator)
+    drive.chunk(policy, 50)
+    drive._memory[:, policy.filter] = np.nan
+    drive._memory[:, policy.filter.start + FLAG.lost] = 1.0
+    chunk = drive.chunk(policy, 50)
+    diverged = chunk.begins[:, :, 0].numpy().all(axis=0)  # the other lanes began anew
+    assert 0 < diverged.sum() < 8
+    assert all(torch.isfinite(part).all() for part in chunk)
+    assert not chunk.free[:, diverged].any() and chunk.free[:, ~diverged].any()
+    assert np.isfinite(training._update([chunk], 0))
+
+
+@pytest.mark.slow
+def test_a_training_that_has_diverged_ends_at_once(monkeypatch):
+    training = EstimateTraining(EstimateConfig(**SHORT))
+    monkeypatch.setattr(training, "_update", lambda *_: float("nan"))
+    with pytest.raises(ValueError, match="its loss is nan in chunk 0; choose a learning_rate below"):
+        training.run()
+    assert not training.rows
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ class Chunk(NamedTuple):
         z: (steps, lanes, numbers of z).
         c: (steps, lanes, numbers of c).
         label: (steps, lanes, n), what the teacher's torque has beyond u_b, as ρ.
-        free: (steps, lanes, n), 0 where the teacher's torque is at its limit, else 1.
+        free: (steps, lanes, n), 0 where the teacher's torque is at its limit or unknown, else 1.
         begins: (steps, lanes, 1), 0 where an episode begins, else 1.
         memory: (segments, lanes, hidden), h of the driving student before every `SEGMENT`-th step.
     """
@@ -91,7 +91,7 @@ class Drive:
             wanted = self._teacher.torque(self._observation, self._memory[:, policy.filter])
             free[k] = np.abs(wanted) < limit
             policy.observe(self._read(), self._memory, torque, seen[k])
-            label[k] = wanted
+            label[k] = np.nan_to_num(wanted)
             squares += self._step(self._late(np.clip(torque, -limit, limit)))
         self.error = float(np.sqrt(squares / steps))
         rho = np.clip((label - seen[:, :, part.base]) / self._torques, -1.0, 1.0)

@@ -57,7 +57,8 @@ class Teacher:
     def torque(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return u* (lanes, n) [N m], within its limits, before the step for observations (lanes, 5 n).
 
-        `memory` (lanes, ·) is that of the student's adaptive observer, of which the torques on their way are used.
+        `memory` (lanes, ·) is that of the student's adaptive observer, of which the torques on their way are used. Of
+        a filter that has diverged these are unknown, and so is u*: nan.
         """
         known = np.stack([self._force(ahead) for ahead in _SAMPLES], axis=1)
         torque = np.empty((len(observation), len(self._limit)))

@@ -69,7 +69,11 @@ class EstimateTraining:
         self.rows: list[dict[str, Any]] = []
 
     def run(self) -> EstimateBundle:
-        """Train to the end and return the bundle."""
+        """Train to the end and return the bundle.
+
+        Raises:
+            ValueError: the loss is not finite any more.
+        """
         config, began = self.config, time.process_time()
         replay: deque[Chunk] = deque(maxlen=config.replay)
         for number in range(config.chunks):
@@ -85,6 +89,11 @@ class EstimateTraining:
                 "loss": float(np.mean(learned)),
                 "lost": drive.lost,
             }
+            if not np.isfinite(row["loss"]):
+                raise ValueError(
+                    f"the training has diverged: its loss is {row['loss']} in chunk {number}; choose a learning_rate "
+                    f"below {config.learning_rate:g}, or another seed"
+                )
             self.rows.append(row)
             self.report({**row, "cpu_time_s": time.process_time() - began})
         return self.bundle(time.process_time() - began)
