@@ -4,6 +4,9 @@ import itertools
 
 import pytest
 
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.robot import robot_named
+
 
 @pytest.fixture
 def script(module):
@@ -30,3 +33,11 @@ def test_a_robot_that_errs_more_weighs_as_much_as_one_that_errs_less(script):
     ]
     assert [pair["objective"] for pair in pairs[:2]] == pytest.approx([(1.0 + 10.0 / 9.0) / 2.0, 1.5])
     assert min(pairs, key=lambda pair: pair["objective"]) is pairs[0]
+
+
+@pytest.mark.slow
+def test_a_course_that_a_negative_payload_explains_is_not_lost_in_the_second_pass(script):
+    """The arm left this course in its second pass when the first could teach a payload below zero."""
+    env = script.environments(robot_named("planar-3r"), 11, 42)[10]
+    first, second = script.largest_errors(load_policy("adaptive-observer", robot="planar-3r"), env)
+    assert second < first < 0.5  # mm
