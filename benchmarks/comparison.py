@@ -34,10 +34,11 @@ from typing import Any
 import numpy as np
 from compared_policies import POLICIES
 from comparison_figure import draw_comparison, draw_pairs
-from comparison_plants import COMPARED_CASES, SEED, Errors, errors_of, keep, kept
+from comparison_plants import COMPARED, COMPARED_CASES
 from comparison_statistics import improvements, ranks_of, score
 from learned_figures import png
 from learned_tasks import assess
+from plant_errors import measured
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.console import progress
@@ -68,8 +69,9 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
     with progress("plants", sum(count for *_, count in runs)) as advance:
         done = 0
         for label, policy, count in runs:
-            errors[label] = _errors(
-                label, policy, count, jobs, folder, functools.partial(_report, advance, label, done)
+            path = None if folder is None else folder / f"{label}-{count}.npz"
+            errors[label] = measured(
+                path, policy, COMPARED, count, jobs, functools.partial(_report, advance, label, done)
             )
             done += count
             advance(label, completed=done)
@@ -108,25 +110,12 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
         "schema": SCHEMA,
         "command": f"python benchmarks/comparison.py --plants {plants} --seed-plants {seed_plants}",
         **current_provenance(),
-        "method": {"plants": plants, "seed_plants": seed_plants, "first_seed": SEED, "level": LEVEL},
+        "method": {"plants": plants, "seed_plants": seed_plants, "first_seed": COMPARED.first_seed, "level": LEVEL},
         "cases": COMPARED_CASES,
         "quantiles": list(QUANTILES),
         "rows": rows,
         "improvement": improvements(list(shipped), np.stack([errors[name].rms_mm for name in shipped])),
     }
-
-
-def _errors(
-    label: str, policy: Any, plants: int, jobs: int | None, folder: Path | None, report: Callable[[int], None]
-) -> Errors:
-    """Return the errors of a policy, from the folder if they are there."""
-    path = None if folder is None else folder / f"{label}-{plants}.npz"
-    found = None if path is None else kept(path, plants)
-    if found is None:
-        found = errors_of(policy, plants, jobs, report)
-        if path is not None:
-            keep(path, found)
-    return found
 
 
 def _report(advance: Callable[..., None], label: str, before: int, done: int) -> None:

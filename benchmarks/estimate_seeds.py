@@ -1,6 +1,7 @@
 """Every seed of `learned-observer` over held-out plants, under pushes, and on courses that no training has drawn.
 
-    python benchmarks/estimate_seeds.py benchmarks/estimates/seed-* [--plants N] [--pushed N] [--json FILE]
+    python benchmarks/estimate_seeds.py benchmarks/estimates/seed-* [--plants N] [--pushed N] [--jobs N]
+                                        [--errors FOLDER] [--json FILE]
 
 Plants: largest tip errors over the first held-out plants of `loads` and `all`, those of `learned_observer.py`, and at
 how many of the percentiles 1 to 99 of a case they are below those of `elastic-observer` over the same plants.
@@ -10,37 +11,42 @@ Pushes: constant pushes and forces across the motion, `PUSHES`, over the first o
 Courses: the courses of `learned_tasks` but the paper's circle, in Cases 2 and 3, on the known arm.
 
 Pushes are met by the shipped policy, pushes and courses also by `elastic-observer` and `adaptive-observer`.
+
+With --errors the errors of each seed and distribution are kept in a folder and taken from there by the next run with as
+many plants, so that a run that was cut off goes on. Delete the file of a seed that was trained again.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from learned_observer import ADAPTIVE, BASE, LEARNED, SEED
 from learned_tasks import TASKS
+from plant_errors import Population, errors_of, measured
 from rich.console import Console
 
 from fuzzyarm import load_policy
+from fuzzyarm.common.console import progress
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, Case, add_case
+from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES, Case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 from fuzzyarm.eval.episodes.loop import TipErrors, episodes
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.sweep.config import SweepConfig
-from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 
 QUANTILES = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
 PERCENTILES = np.arange(1, 100) / 100
-DISTRIBUTIONS, CHUNK = ("loads", "all"), 500  # plants at once
+CASES_MET = tuple(CASES[name] for name in PAPER_CASES)
+POPULATIONS = {name: Population(name, CASES_MET, SEED, chunk=500) for name in ("loads", "all")}
 COURSES = tuple(name for name in TASKS if name not in PAPER_CASES)
 PUSH = 150.0  # N, about the mean force of Case 2
 
@@ -78,16 +84,6 @@ PUSHES = {
 """Loads that are neither of the paper's, by kind and name; the plants of `loads` scale them by 0.5 to 1.5."""
 
 
-def largest_over(policy: Policy, distribution: str, plants: int, cases: Sequence[str] = PAPER_CASES) -> np.ndarray:
-    """Return the largest tip errors (cases, plants) [mm]; inf where an episode ended early."""
-    config = SweepConfig((BASE,), tuple(cases), distribution=distribution, plants=plants, seed=SEED)
-    parts = [
-        run_plants(config, {LEARNED: policy}, range(first, min(first + CHUNK, plants)))
-        for first in range(0, plants, CHUNK)
-    ]
-    return np.concatenate([np.where(part.completed, part.max_mm, np.inf)[0] for part in parts], axis=1)
-
-
 def summary(errors: np.ndarray) -> dict[str, Any]:
     """Return quantiles of largest tip errors (plants,) [mm], None where lost, and how many plants are lost."""
     quantiles = np.quantile(errors, QUANTILES, method="inverted_cdf")
@@ -111,18 +107,16 @@ def beside(errors: np.ndarray, rival: np.ndarray) -> dict[str, Any]:
     }
 
 
-def pushed(policies: Mapping[str, Policy], plants: int) -> dict[str, Any]:
+def pushed(policies: Mapping[str, Policy], plants: int, jobs: int | None) -> dict[str, Any]:
     """Return the summary of each policy under each kind of push, all its directions together."""
-    for name, load in (one for kind in PUSHES.values() for one in kind.items()):
-        if name not in CASES:
-            add_case(Case(name, name, load))
-    return {
-        kind: {
-            name: summary(largest_over(policy, "loads", plants, tuple(loads)).ravel())
+    found: dict[str, Any] = {}
+    for kind, loads in PUSHES.items():
+        population = Population("loads", tuple(Case(name, name, load) for name, load in loads.items()), SEED, chunk=200)
+        found[kind] = {
+            name: summary(errors_of(policy, population, plants, jobs, lambda _: None).largest_mm.ravel())
             for name, policy in policies.items()
         }
-        for kind, loads in PUSHES.items()
-    }
+    return found
 
 
 def on_courses(policy: Policy) -> dict[str, Any]:
@@ -150,8 +144,12 @@ def main() -> None:
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--plants", type=int, default=1000)
     parser.add_argument("--pushed", type=int, default=200, help="plants that meet the pushes")
+    parser.add_argument("--jobs", type=int, help="processes (default: one per core)")
+    parser.add_argument("--errors", type=Path, metavar="FOLDER", help="keep errors here, and use those that are here")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
+    if arguments.errors is not None:
+        arguments.errors.mkdir(parents=True, exist_ok=True)
     seeds = {EstimateBundle.load(folder).seed: load_policy(folder) for folder in arguments.folders}
     rivals = {name: load_policy(name) for name in (BASE, ADAPTIVE)}
     compared = rivals | {f"seed {seed}": seeds[seed] for seed in sorted(seeds)}
@@ -165,20 +163,34 @@ def main() -> None:
         "pushed": {
             "plants": arguments.pushed,
             "size_N": PUSH,
-            "kinds": pushed(rivals | {LEARNED: load_policy(LEARNED)}, arguments.pushed),
+            "kinds": pushed(rivals | {LEARNED: load_policy(LEARNED)}, arguments.pushed, arguments.jobs),
         },
         "plants": arguments.plants,
         "held_out": {},
     }
     console.print(document["courses"], document["pushed"])
-    for name in DISTRIBUTIONS:
-        base = largest_over(rivals[BASE], name, arguments.plants)
-        found = document["held_out"][name] = {BASE: beside(base, base)}
-        for seed in sorted(seeds):
-            found[f"seed {seed}"] = beside(largest_over(seeds[seed], name, arguments.plants), base)
-            console.print(name, seed, found[f"seed {seed}"])
-            if arguments.json:  # after every seed: the plants take minutes
-                write_atomically(arguments.json, json.dumps(document, indent=1) + "\n")
+    held_out = {BASE: rivals[BASE]} | {f"seed {seed}": seeds[seed] for seed in sorted(seeds)}
+    total = len(POPULATIONS) * len(held_out) * arguments.plants
+    with progress("plants", total) as advance:
+        done = 0
+        for name, population in POPULATIONS.items():
+            found = document["held_out"][name] = {}
+            for label, policy in held_out.items():
+                file = f"{name}-{label.replace(' ', '-')}-{arguments.plants}.npz"
+                path = None if arguments.errors is None else arguments.errors / file
+                report = functools.partial(_report, advance, f"{name}, {label}", done)
+                largest = measured(path, policy, population, arguments.plants, arguments.jobs, report).largest_mm
+                if label == BASE:
+                    base = largest
+                found[label] = beside(largest, base)
+                done += arguments.plants
+                if arguments.json:  # after every seed: the plants take minutes
+                    write_atomically(arguments.json, json.dumps(document, indent=1) + "\n")
+    console.print(document["held_out"])
+
+
+def _report(advance: Callable[..., None], label: str, before: int, done: int) -> None:
+    advance(label, completed=before + done)
 
 
 if __name__ == "__main__":

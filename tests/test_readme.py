@@ -35,12 +35,16 @@ def test_tables_are_those_of_the_stored_results(monkeypatch):
 
 
 def test_stored_results_still_hold():
-    """A fresh evaluation agrees with the published one; only the clock may differ."""
+    """A fresh evaluation agrees with the published one; only the clock may differ.
+
+    Gains from LAPACK differ in their last digits from one processor to another; laws that estimate a load switch at
+    thresholds and make up to 1.5e-5 of it.
+    """
     fresh = evaluate(EvaluationConfig())
     for now, then in zip(fresh.rows, STORED["results"], strict=True):
         for key, value in then.items():
             if key != "predict_us":
-                assert now[key] == (pytest.approx(value, rel=1e-6, abs=1e-9) if isinstance(value, float) else value)
+                assert now[key] == (pytest.approx(value, rel=1e-4, abs=1e-9) if isinstance(value, float) else value)
 
 
 @pytest.mark.usefixtures("undrawn")

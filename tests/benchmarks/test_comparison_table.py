@@ -1,5 +1,6 @@
 """The comparison's table and figure show what is stored, every policy on the same terms."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -67,21 +68,22 @@ def comparison(module, monkeypatch):
     The stand-ins are for the policies themselves, their episodes and their margins: the k-th policy that is measured
     has errors of k mm, and loses the first plant.
     """
-    script, measured = module("comparison"), []
+    script, plant_errors, measured = module("comparison"), module("plant_errors"), []
     task = {"task": "nominal", "tip_error_rms_mm": 1.0, "failed": None}
     tasks = [task | {"task": name} for name in STORED["rows"][0]["tasks"]]
     margins = [{"policy": row["name"], "spectral_radius": row["spectral_radius"]} for row in STORED["rows"]]
 
-    def errors_of(policy, plants, jobs, report):
+    def errors_of(policy, population, plants, jobs, report):
         measured.append(policy)
-        errors = np.full((len(script.COMPARED_CASES), plants), float(len(measured)))
+        errors = np.full((len(population.cases), plants), float(len(measured)))
         errors[:, 0] = np.inf
-        return script.Errors(errors, 2.0 * errors, COMMIT)
+        return plant_errors.Errors(errors, 2.0 * errors, COMMIT)
 
     monkeypatch.setattr(script, "load_policy", lambda name: name)
     monkeypatch.setattr(script, "assess", lambda policy, name, arm: tasks)
     monkeypatch.setattr(script, "measure_margins", lambda config: {"rows": margins})
-    monkeypatch.setattr(script, "errors_of", errors_of)
+    monkeypatch.setattr(plant_errors, "errors_of", errors_of)
+    monkeypatch.setattr(script, "measured", plant_errors.measured)
     return script, measured
 
 
@@ -116,23 +118,26 @@ def test_errors_that_a_folder_holds_are_not_measured_again(comparison, tmp_path)
     assert len(measured) == runs + 1 + len(script.POLICIES)
 
 
-def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path, monkeypatch):
-    plants = module("comparison_plants")
-    shape = len(plants.COMPARED_CASES), 3
-    errors = plants.Errors(np.arange(15.0).reshape(shape), np.full(shape, np.inf), None)
-    plants.keep(tmp_path / "a.npz", errors)
-    found = plants.kept(tmp_path / "a.npz", 3)
+def test_errors_on_other_plants_or_cases_are_not_taken_for_these(module, tmp_path):
+    plant_errors, population = module("plant_errors"), module("comparison_plants").COMPARED
+    shape, path = (len(population.cases), 3), tmp_path / "a.npz"
+    errors = plant_errors.Errors(np.arange(15.0).reshape(shape), np.full(shape, np.inf), None)
+    plant_errors.keep(path, population, errors)
+    found = plant_errors.kept(path, population, 3)
     assert found.commit is None
     assert np.array_equal(found.rms_mm, errors.rms_mm) and np.array_equal(found.largest_mm, errors.largest_mm)
-    assert plants.kept(tmp_path / "a.npz", 2) is None
-    with monkeypatch.context() as patch:
-        patch.setattr(plants, "SEED", plants.SEED + 1)
-        assert plants.kept(tmp_path / "a.npz", 3) is None
-    content = (tmp_path / "a.npz").read_bytes()
+    assert plant_errors.kept(path, population, 2) is None
+    for change in (
+        {"first_seed": population.first_seed + 1},
+        {"distribution": "all"},
+        {"cases": population.cases[:3] + population.cases[:2]},
+    ):
+        assert plant_errors.kept(path, dataclasses.replace(population, **change), 3) is None
+    content = path.read_bytes()
     for damaged in (content[:200], b"", b"no file of arrays"):
-        (tmp_path / "a.npz").write_bytes(damaged)
+        path.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"a\.npz is damaged; delete it"):
-            plants.kept(tmp_path / "a.npz", 3)
+            plant_errors.kept(path, population, 3)
 
 
 def test_the_figure_of_the_pairs_has_a_share_for_each_and_its_rest_for_the_other_way_round(module):

@@ -179,6 +179,7 @@ def test_solution_is_a_point_of_the_full_inequality(form, integral, rules):
         assert np.linalg.eigvalsh(psi * unit * unit[:, np.newaxis]).max() < -1e-9
 
 
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")  # the peer's, with some processors' LAPACK
 @pytest.mark.parametrize("rules", [1, 2, 4])
 def test_same_optimum_as_the_full_inequality(rules):
     """Plain cvxpy on the full Ψ, all slack kept, finds the same smallest gains."""

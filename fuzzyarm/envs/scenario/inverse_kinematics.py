@@ -36,6 +36,7 @@ __all__ = ["Freedom", "TipTask", "freedom", "solved", "start_posture"]
 
 SPAN_POSTURES, SPAN_SEED = 8, 2022  # postures at which it is seen what the tip can do
 NEGLIGIBLE = 1e-9  # share of the largest singular value that counts as zero
+NEAR = 1e-4  # [m, rad], what least squares may miss where Newton's steps go on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,6 +159,8 @@ def start_posture(
 
     found = least_squares(missed, near, slope, bounds=(low, high), xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale=1.0)
     q = np.array(found.x)
+    if np.abs(missed(q)).max() > NEAR:
+        return q, missed(q)  # out of reach: Newton's steps would leave the closest posture
     for _ in range(3):  # to the last digit
         q = q - np.linalg.lstsq(slope(q), missed(q), rcond=None)[0]
     return q, missed(q)

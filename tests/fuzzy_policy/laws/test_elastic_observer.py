@@ -335,4 +335,4 @@ def test_bad_control_periods_are_refused(period):
 
 def test_gains_that_do_not_exist_are_named():
     with pytest.raises(ValueError, match=r"no gains at cos q2 = -1 for control_period = 0\.001 s"):
-        ElasticObserverPolicy(weights=ObserverWeights(link_angle=1e6))
+        ElasticObserverPolicy(weights=ObserverWeights(link_angle=1e-6, link_velocity=1e-6, motor_torque=1e6))

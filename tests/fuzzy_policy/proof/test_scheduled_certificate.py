@@ -31,7 +31,8 @@ TIGHT = 0.98  # share of a bound that samples reach
 
 @functools.cache
 def designed(*premises):
-    return design_scheduled(ScheduledSpecification(premises=premises), robot_named("planar-3r"))
+    """Return the design for α = 20 1/s: the largest with margins is 15 or 20 where LAPACK's last digits differ."""
+    return design_scheduled(ScheduledSpecification(premises=premises, alpha=20.0), robot_named("planar-3r"))
 
 
 @pytest.fixture(params=[(), (COS_2,), (COS_2, COS_3)], ids=["1 rule", "2 rules", "4 rules"])
@@ -65,7 +66,7 @@ def test_more_rules_bring_the_fastest_pole_down():
     controllers = [designed(*kept).controller for kept in ((), (COS_2,), (COS_2, COS_3))]
     kappas, poles = [c.kappa for c in controllers], [c.fastest_pole for c in controllers]
     assert kappas == sorted(kappas, reverse=True) and poles == sorted(poles, reverse=True)
-    assert kappas[0] < 5.2 and {c.alpha for c in controllers} == {20.0}
+    assert kappas[0] < 5.2
     rates = [20.0 + float(c.rates @ c.speeds) for c in controllers]
     gains = [best_feedback(c.kappa, rate, poles[0]).gamma / c.floor for c, rate in zip(controllers, rates, strict=True)]
     assert gains == sorted(gains, reverse=True)
@@ -294,7 +295,9 @@ def test_two_joints_agree_with_the_closed_form():
     exact_schedule = design_scheduled(ScheduledSpecification(premises=(COS_2,)), two).controller
     assert exact_schedule.kappa < 1.01
     _, inertia, scheduled = inertias(exact_schedule, 200)
-    assert np.abs(inertia / scheduled - 1.0).max() < 0.02
+    diagonal = np.diagonal(inertia, axis1=-2, axis2=-1)  # the product of inertia passes through zero
+    scale = np.sqrt(diagonal[..., :, np.newaxis] * diagonal[..., np.newaxis, :])
+    assert np.abs((inertia - scheduled) / scale).max() < 0.02
     one = design_scheduled(ScheduledSpecification(premises=()), two).controller
     assert (3.0 * one.kappa - 2.0) * one.alpha == pytest.approx(153.0, rel=0.2)
 
