@@ -19,7 +19,7 @@ import dataclasses
 import functools
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,13 +39,15 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 GAINS, TIMES, DOUBTS = (0.4, 0.5, 0.6, 0.8), (0.01, 0.015, 0.03), (1e-6, 1.5e-3, 3e-3)
 SEED, TAIL = 7_000_000, 0.1
 PLANTS, FINALISTS = (300, 1500), 6  # plants of a group in the first and in the second round; who takes part in that
+NEVER = 3.0
+"""A `largest_swing` that no commands reach."""
 
 
 def candidates() -> list[AdaptiveWeights]:
     """Return the weights of the grid; with the whole gain from the first sample on, the time has no effect."""
     starts = [(1.0, TIMES[0]), *itertools.product(GAINS, TIMES)]
     return [
-        AdaptiveWeights(first_gain=gain, soft_start=time, scale_doubt=doubt)
+        AdaptiveWeights(first_gain=gain, soft_start=time, scale_doubt=doubt, largest_swing=NEVER)
         for (gain, time), doubt in itertools.product(starts, DOUBTS)
     ]
 
@@ -54,23 +56,36 @@ def measured(last: bool, number: int) -> dict[str, Any]:
     """Return what a candidate reaches in the first or the last round."""
     weights, count, seed = candidates()[number], PLANTS[last], SEED + PLANTS[0] * last
     policy, arms = AdaptiveObserverPolicy(ArmParameters(), PERIOD, weights), RandomArms(seed, "known")
-    strong, late = (plants("nominal", DISTRIBUTIONS[of].randomisation(), count, noise) for of, noise in _GROUPS)
-    errors = {
-        "known": arms.largest_errors(policy),
-        "strong": episode(policy, strong, seed, np.zeros(count, dtype=int), max(TORQUE), None)[0],
-        "late": episode(policy, late, seed, np.full(count, LATEST), 1.0, None)[0],
-    }
-    groups = {
-        group: {"mean_mm": float(e.mean()), "worst_mm": float(e.max()), "lost": int((e >= CAP_MM).sum())}
-        for group, e in errors.items()
-    }
+    groups = in_groups({"known": arms.largest_errors(policy), **unloaded_errors(policy, count, seed)})
     noise = noisy_nominal(policy)
     return {
         "weights": {name: getattr(weights, name) for name in ("first_gain", "soft_start", "scale_doubt")},
         "groups": groups,
         "noisy_nominal_max_mm": noise,
-        "objective_mm": noise + sum(row["mean_mm"] + TAIL * row["worst_mm"] for row in groups.values()),
+        "objective_mm": noise + objective(groups),
     }
+
+
+def unloaded_errors(policy: AdaptiveObserverPolicy, count: int, seed: int) -> dict[str, np.ndarray]:
+    """Return the largest tip errors (count,) [mm] of plants without load, strong ones and late ones."""
+    strong, late = (plants("nominal", DISTRIBUTIONS[of].randomisation(), count, noise) for of, noise in _GROUPS)
+    return {
+        "strong": episode(policy, strong, seed, np.zeros(count, dtype=int), max(TORQUE), None)[0],
+        "late": episode(policy, late, seed, np.full(count, LATEST), 1.0, None)[0],
+    }
+
+
+def in_groups(errors: Mapping[str, np.ndarray]) -> dict[str, dict[str, Any]]:
+    """Return mean and worst of the largest tip errors of each group [mm], and how many are at the cap."""
+    return {
+        group: {"mean_mm": float(e.mean()), "worst_mm": float(e.max()), "lost": int((e >= CAP_MM).sum())}
+        for group, e in errors.items()
+    }
+
+
+def objective(groups: Mapping[str, Mapping[str, Any]]) -> float:
+    """Return the sum over groups of the mean and a share of the worst [mm]."""
+    return sum(row["mean_mm"] + TAIL * row["worst_mm"] for row in groups.values())
 
 
 def round_of(numbers: Sequence[int], *, last: bool) -> dict[int, dict[str, Any]]:

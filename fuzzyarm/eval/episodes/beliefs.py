@@ -83,7 +83,8 @@ class Believing:
                 "and it no longer expects the forces of that"
             )
         if self._diverged is not None:
-            said.append(f"its filter diverged at {self._diverged * control_period:.3f} s, and its fallback acted since")
+            time = f"{self._diverged * control_period:.3f} s"
+            said.append(f"its filter diverged, or its torques swung, at {time}, and its fallback acted since")
         if self._ends:
             ends = [
                 f"{name.replace('_', ' ')} (first at {sample * control_period:.3f} s"

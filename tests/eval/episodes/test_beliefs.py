@@ -64,7 +64,7 @@ def test_a_policy_without_beliefs_has_none(runs):
 
 
 def test_beliefs_come_back_from_the_file_and_are_checked(runs, tmp_path):
-    noted = dataclasses.replace(runs[0], note="its filter diverged at 0.002 s")
+    noted = dataclasses.replace(runs[0], note="its filter diverged, or its torques swung, at 0.002 s")
     path = write_rollouts([noted, runs[1]], tmp_path)
     first, second = read_rollouts(path)
     np.testing.assert_array_equal(first.beliefs, runs[0].beliefs)
@@ -145,8 +145,9 @@ def test_what_has_to_be_known_is_on_the_console_in_the_results_in_the_file_and_o
     run = record_rollout(FuzzyArmEnv(), Diverging(), policy_name="own", case="nominal", seed=0)
     said = (
         "its path differs from that of the pass before from 0.003 s on, and it no longer expects the forces of that; "
-        "its filter diverged at 0.005 s, and its fallback acted since; estimates that stood at an end of their range: "
-        "joint stiffness (first at 0.001 s), payload (first at 0.004 s, and at last)"
+        "its filter diverged, or its torques swung, at 0.005 s, and its fallback acted since; "
+        "estimates that stood at an end of their range: joint stiffness (first at 0.001 s), "
+        "payload (first at 0.004 s, and at last)"
     )
     assert run.note == said
     assert _remarkable([dataclasses.replace(run, completed=True)]) == [f"own in case nominal, seed 0: {said}"]

@@ -20,13 +20,14 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.significance import significant
 
-__all__ = ["MISTRUST", "NOISE_SHARE", "begin_of", "law_of", "predict_of", "steps_of", "take_in"]
+__all__ = ["MISTRUST", "NOISE_SHARE", "begin_of", "law_of", "note_swing", "predict_of", "steps_of", "take_in"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 NOISE_SHARE = 0.03  # of a sample, in the estimated noise of the encoders, once there have been enough
 MISTRUST = 8.0  # least variance of a measured angle that is expected, in variances of the noise that is read
 SURPRISE_SHARE = 0.02  # of a sample, in the mean surprise
 DIVERGED = 50.0  # mean surprise at which a filter counts as diverged
+SWING_SHARE = 0.1  # of a sample, in the mean of the commands' jumps
 
 
 @functools.cache
@@ -83,7 +84,9 @@ def steps_of(physics: Physics) -> tuple[Any, Any, Any]:
             doubt_scale(m, s, surprise)
             note_moves(m, s, room.moved)
             confine(m.z, m.P, s.low, s.high)
-            if not (m.flags[FLAG.surprise] < DIVERGED and _finite(m.z, m.P)):
+            note_swing(m, s)
+            calm = m.flags[FLAG.surprise] < DIVERGED and m.flags[FLAG.swing] < s.largest_swing
+            if not (calm and _finite(m.z, m.P)):
                 m.flags[FLAG.lost] = 1.0
             significant(m, s, room)
 
@@ -158,6 +161,21 @@ def _forget(m: Memory, s: Settings, count: int) -> None:
             m.P[i, j] += s.shared[i] * s.shared[j]
     for i in range(count - states):
         m.z[states + i] = s.guess[i]
+
+
+@register_jitable
+def note_swing(m: Memory, s: Settings) -> None:
+    """Let the last jump of the commands count in the mean of jumps, which begins at zero with the episode.
+
+    w ← w + `SWING_SHARE` (max_j |u_k - u_k-1| / u_max - w). A load makes few large jumps, and w stays small. Where
+    motors are much stronger or later than believed, commands swing from limit to limit, and w comes near 2.
+    """
+    jump = 0.0
+    for j in range(len(m.noise)):
+        jump = max(jump, abs(m.commands[0, j] - m.commands[1, j]) / s.limit[j])
+    if m.flags[FLAG.samples] == 1.0:
+        m.flags[FLAG.swing] = 0.0
+    m.flags[FLAG.swing] += SWING_SHARE * (jump - m.flags[FLAG.swing])
 
 
 @register_jitable

@@ -30,9 +30,10 @@ class Flags(NamedTuple):
     Attributes:
         samples: how many there have been, up to `ENOUGH`.
         surprise: ν²/s of the last samples, on average; about 1 where the filter is right.
-        lost: 1 once the filter has diverged, else 0.
+        lost: 1 once the filter has diverged or the torques swing, else 0.
         calm: 1 where the corrections of the forces look like noise, 0 where they have a direction.
         taught: 1 if the memory that an episode begins with holds what an earlier pass has taught, else 0.
+        swing: mean of the commands' jumps of the last samples, see `law.note_swing`.
     """
 
     samples: Any
@@ -40,6 +41,7 @@ class Flags(NamedTuple):
     lost: Any
     calm: Any
     taught: Any
+    swing: Any
 
 
 FLAG = Flags(*range(len(Flags._fields)))

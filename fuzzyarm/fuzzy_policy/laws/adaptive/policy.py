@@ -12,6 +12,8 @@ a linear quadratic regulator over posture and payload, see `regulator`.
 The estimated payload is no measurement of a payload: masses and forces share a load.
 
 A filter that has diverged says so (`Beliefs.diverged`), and `Policy.act` answers with the law `fallback` from then on.
+So does one whose commands swing (`AdaptiveWeights.largest_swing`): motors much stronger or later than believed make the
+loop unstable sooner than the filter finds out.
 """
 
 from __future__ import annotations
@@ -74,7 +76,7 @@ class Beliefs:
         lateness, lateness_deviation: from a command to the motors [s], (...).
         encoder_noise: standard deviation of the noise that is read in the angles [rad], (..., n).
         surprise: mean squared innovation in the variances that the filter expects, (...); far above 1 it is wrong.
-        diverged: whether the filter has diverged and the fallback acts, (...).
+        diverged: whether the filter has diverged, or the commands swing, and the fallback acts, (...).
         at_end: by part of p, see `Belief`, whether an estimate stands at an end of its range, (...); that there is no
             lateness, dry friction or damping counts as none.
         other_path: whether this is a pass that has left the path of the pass before, see `passes`, (...).
@@ -252,6 +254,7 @@ class AdaptiveObserverPolicy(Policy):
             # to a first guess, so that it does not say which loads are significant.
             first_share=NOISE_SHARE if isinstance(arm, Robot) else 1.0,
             insignificant=0.0 if isinstance(arm, Robot) else INSIGNIFICANT**2,
+            largest_swing=weights.largest_swing,
             limit=self._torque_limit,
             mass=mass_of(arm),
             substep=period / substeps,

@@ -37,6 +37,7 @@ class Settings(NamedTuple):
         dead_zone: see `AdaptiveWeights`.
         first_share: largest share of a sample in the noise that is read.
         insignificant: c² of `significance`.
+        largest_swing: see `AdaptiveWeights`.
         limit: torque limits [N m].
         mass: of all links [kg].
         substep: h [s].
@@ -69,6 +70,7 @@ class Settings(NamedTuple):
     dead_zone: Any
     first_share: Any
     insignificant: Any
+    largest_swing: Any
     limit: Any
     mass: Any
     substep: Any

@@ -60,6 +60,8 @@ class AdaptiveWeights:
         scale_doubt: variance that a sample of surprise a adds to that factor, over a.
         gate: squared standardised innovation above which a sample counts less.
         dead_zone: squared innovation, in variances of the noise that is read, below which constants do not learn.
+        largest_swing: mean of the commands' jumps, as shares of the torque limits, from which on the loop counts as
+            lost; a mean above 2 is not possible.
 
     Raises:
         TypeError: a weight is no number.
@@ -91,6 +93,7 @@ class AdaptiveWeights:
     scale_doubt: float = 1.5e-3
     gate: float = 1.5
     dead_zone: float = 16.0
+    largest_swing: float = 0.43
 
     def __post_init__(self) -> None:
         """Check the weights."""
