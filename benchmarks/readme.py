@@ -30,6 +30,7 @@ from readme_adaptive import (
     adaptive_robot_table,
     adaptive_second_plant_table,
     adaptive_start_table,
+    adaptive_swing_table,
 )
 from readme_arms import own_arm_tables, tuned_arms_table
 from readme_comparison import comparison_table
@@ -100,6 +101,7 @@ SCRIPTS: dict[str, list[str]] = {
     "observer_tuning": [],
     "adaptive_tuning": [],
     "adaptive_start": [],
+    "adaptive_swing": [],
     "adaptive_constants": [],
     "adaptive_robot_constants": [],
     "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
@@ -254,6 +256,7 @@ def sections() -> dict[str, str]:
         "adaptive-margins": adaptive_margins_table(stored["adaptive_margins"]),
         "adaptive-front": adaptive_front_table(stored["adaptive_margins"]),
         "adaptive-start": adaptive_start_table(stored["adaptive_start"]),
+        "adaptive-swing": adaptive_swing_table(stored["adaptive_swing"]),
         "adaptive-constants": adaptive_constants_table(stored["adaptive_constants"]),
         "adaptive-robot-constants": "\n\n".join(
             adaptive_robot_constants_table(document)

@@ -21,6 +21,7 @@ __all__ = [
     "adaptive_robot_table",
     "adaptive_second_plant_table",
     "adaptive_start_table",
+    "adaptive_swing_table",
 ]
 
 _CAP = 50.0  # mm, of documents that do not say it
@@ -263,6 +264,23 @@ def adaptive_start_table(document: dict[str, Any]) -> str:
             ]
         )
     return f"{table(headings, rows)}\n\nOf 1,500 plants each but for the known arm. {_made(document)}"
+
+
+def adaptive_swing_table(document: dict[str, Any]) -> str:
+    """Return what each largest swing of the commands reaches."""
+    groups = list(document["variants"][0]["groups"])
+    headings = ["largest swing", *(f"{group}: mean, worst [mm]" for group in groups), "objective [mm]"]
+    rows = []
+    for row in document["variants"]:
+        largest = row["largest_swing"]
+        errors = [f"{group['mean_mm']:.2f}, {group['worst_mm']:.1f}" for group in row["groups"].values()]
+        # The mean of what lies between 0 and 2 is below 2.
+        rows.append([f"{largest:g}" if largest < 2.0 else "none", *errors, f"{row['objective_mm']:.2f}"])
+    arms = (
+        f"{document['arms']} known arms, as many unknown ones, {document['plants']} strong ones and as many late ones"
+    )
+    cap = f"An error beyond {_CAP:g} mm, and an episode that ends early, count as {_CAP:g} mm"
+    return f"{table(headings, rows)}\n\n{arms}. {cap}. {_made(document)}"
 
 
 def _text(value: float | None) -> str:

@@ -93,7 +93,7 @@ class AdaptiveWeights:
     scale_doubt: float = 1.5e-3
     gate: float = 1.5
     dead_zone: float = 16.0
-    largest_swing: float = 0.43
+    largest_swing: float = 0.5
 
     def __post_init__(self) -> None:
         """Check the weights."""
