@@ -14,7 +14,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 POLICY = AdaptiveObserverPolicy()
 STRONG = 1.5  # times the commanded torque
-LOST = 7000686  # seed of a plant whose loop swings with such motors; of no table
+LOST = [9000335, 9000061, 9000649, 9000976]  # seeds of plants whose loops swing with such motors; of no table
 
 
 def swings(commands):
@@ -40,23 +40,23 @@ def test_from_limit_to_limit_it_comes_near_two_and_a_single_jump_is_forgotten():
 
 
 def followed(policy):
-    """Return the largest tip error [mm] where the motors give more than is commanded, and what is believed then."""
-    env = gym.make("FuzzyArm-v0", randomisation="plants")
-    observation, _ = env.reset(seed=LOST)
-    state, over, errors = None, False, []
-    while not over:
+    """Return the largest tip errors [mm] where the motors give more than is commanded, and what is believed then."""
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=len(LOST), randomisation="plants")
+    observation, _ = envs.reset(seed=LOST)
+    state, running, largest = None, np.ones(len(LOST), dtype=bool), np.zeros(len(LOST))
+    while running.any():
         torque, state = policy.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(STRONG * torque)
-        errors.append(1e3 * info["tip_error"])
-        over = terminated or truncated
-    return max(errors), policy.beliefs(state)
+        observation, _, terminated, truncated, info = envs.step(STRONG * torque)
+        largest[running] = np.maximum(largest, 1e3 * info["tip_error"])[running]
+        running &= ~(terminated | truncated)
+    return largest, policy.beliefs(state)
 
 
 def test_a_loop_that_swings_is_handed_to_the_certified_law():
     saved, beliefs = followed(load_policy("adaptive-observer"))
-    assert beliefs.diverged and saved < 10.0
+    assert beliefs.diverged.all() and saved.max() < 10.0
     alone, _ = followed(AdaptiveObserverPolicy(weights=AdaptiveWeights(largest_swing=3.0)))  # no mean is that large
-    assert alone > 50.0
+    assert alone.max() > 20.0
 
 
 @pytest.mark.parametrize("case", ["nominal", "machining", "payload"])
