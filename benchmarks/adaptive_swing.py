@@ -7,7 +7,7 @@ number notices a swing when the tip is far off already. The objective is that of
 largest errors and a tenth of the worst, summed over four groups. Two have random loads, courses and starts: the known
 arm, and unknown arms that are late and noisy. Two are plants without load: those of ``plants`` whose motors give 1.5
 times the torque, and those of ``all``, each two periods late. Other seeds than those of any table; Cases 2 and 3 play
-no part.
+no part. What acts after a swing is computed torque, the law's own fallback.
 """
 
 from __future__ import annotations
