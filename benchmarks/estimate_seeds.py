@@ -1,10 +1,10 @@
 """Every seed of `learned-observer` over held-out plants, under pushes, and on courses that no training has drawn.
 
-    python benchmarks/estimate_seeds.py benchmarks/estimates/seed-* [--plants N] [--pushed N] [--jobs N]
+    python benchmarks/estimate_seeds.py benchmarks/estimates/seed-* [--loads N] [--all N] [--pushed N] [--jobs N]
                                         [--errors FOLDER] [--json FILE]
 
-Plants: largest tip errors over the first held-out plants of `loads` and `all`, those of `learned_observer.py`, and at
-how many of the percentiles 1 to 99 of a case they are below those of `elastic-observer` over the same plants.
+Plants: largest tip errors over the first held-out plants of `loads` and of `all`, those of `learned_observer.py`, and
+at how many of the percentiles 1 to 99 of a case they are below those of `elastic-observer` over the same plants.
 
 Pushes: constant pushes and forces across the motion, `PUSHES`, over the first of the plants of `loads`.
 
@@ -142,7 +142,8 @@ def main() -> None:
     """Measure, print, and write the document."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--plants", type=int, default=1000)
+    for name in POPULATIONS:
+        parser.add_argument(f"--{name}", type=int, default=1000, metavar="N", help=f"plants of `{name}`")
     parser.add_argument("--pushed", type=int, default=200, help="plants that meet the pushes")
     parser.add_argument("--jobs", type=int, help="processes (default: one per core)")
     parser.add_argument("--errors", type=Path, metavar="FOLDER", help="keep errors here, and use those that are here")
@@ -155,7 +156,7 @@ def main() -> None:
     compared = rivals | {f"seed {seed}": seeds[seed] for seed in sorted(seeds)}
     console = Console(width=180)
     document: dict[str, Any] = {
-        "schema": "fuzzyarm-estimate-seeds/1",
+        "schema": "fuzzyarm-estimate-seeds/2",
         **current_provenance(),
         "quantiles": list(QUANTILES),
         "first_held_out_seed": SEED,
@@ -165,25 +166,25 @@ def main() -> None:
             "size_N": PUSH,
             "kinds": pushed(rivals | {LEARNED: load_policy(LEARNED)}, arguments.pushed, arguments.jobs),
         },
-        "plants": arguments.plants,
+        "plants": {name: getattr(arguments, name) for name in POPULATIONS},
         "held_out": {},
     }
     console.print(document["courses"], document["pushed"])
     held_out = {BASE: rivals[BASE]} | {f"seed {seed}": seeds[seed] for seed in sorted(seeds)}
-    total = len(POPULATIONS) * len(held_out) * arguments.plants
+    total = len(held_out) * sum(document["plants"].values())
     with progress("plants", total) as advance:
         done = 0
         for name, population in POPULATIONS.items():
-            found = document["held_out"][name] = {}
+            found, plants = document["held_out"].setdefault(name, {}), document["plants"][name]
             for label, policy in held_out.items():
-                file = f"{name}-{label.replace(' ', '-')}-{arguments.plants}.npz"
+                file = f"{name}-{label.replace(' ', '-')}-{plants}.npz"
                 path = None if arguments.errors is None else arguments.errors / file
                 report = functools.partial(_report, advance, f"{name}, {label}", done)
-                largest = measured(path, policy, population, arguments.plants, arguments.jobs, report).largest_mm
+                largest = measured(path, policy, population, plants, arguments.jobs, report).largest_mm
                 if label == BASE:
                     base = largest
                 found[label] = beside(largest, base)
-                done += arguments.plants
+                done += plants
                 if arguments.json:  # after every seed: the plants take minutes
                     write_atomically(arguments.json, json.dumps(document, indent=1) + "\n")
     console.print(document["held_out"])

@@ -36,11 +36,12 @@ def estimate_tables(document: dict[str, Any]) -> str:
 
 def estimate_seeds(document: dict[str, Any]) -> str:
     """Return the largest tip errors of every seed over plants, with how many percentiles are below the observer's."""
-    headings = ["plants of", "case", "policy", *_shares(document["quantiles"]), "ended early"]
+    headings = ["plants", "case", "policy", *_shares(document["quantiles"]), "ended early"]
     headings += ["percentiles below `elastic-observer`, of 99"]
+    plants = document["plants"]
     rows = [
         [
-            f"`{name}`",
+            f"{plants[name]:,} of `{name}`",
             _CASES[case],
             _named(policy),
             *map(_error, found[case]["quantiles_mm"]),
@@ -51,11 +52,11 @@ def estimate_seeds(document: dict[str, Any]) -> str:
         for case in _CASES
         for policy, found in part.items()
     ]
-    plants = document["plants"]
     command = "python benchmarks/estimate_seeds.py benchmarks/estimates/seed-*"
+    options = " ".join(f"--{name} {count}" for name, count in plants.items())
     return (
-        f"{table(headings, rows, left=3)}\n\nLargest tip errors [mm] over the first {plants} of these plants, from "
-        f"seed {document['first_held_out_seed']} on, the same for all. `{command} --plants {plants} --pushed "
+        f"{table(headings, rows, left=3)}\n\nLargest tip errors [mm] over the first of these plants, from seed "
+        f"{document['first_held_out_seed']} on, the same for all. `{command} {options} --pushed "
         f"{document['pushed']['plants']}`; {made_with(document)}"
     )
 
