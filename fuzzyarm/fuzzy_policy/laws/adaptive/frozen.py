@@ -29,7 +29,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.policy import Policy
@@ -117,6 +117,7 @@ def _law_of(physics: Physics) -> Any:
             m = remembered(memory[lane], joints, len(settings.guess), forces)
             take_in(lane, o, m, room)
             begin(m, settings, room)
+            m.flags[FLAG.lost] = 0.0  # no filter that could diverge; margins are differences over all that is remembered
             m.z[states] = 0.0
             for i in range(forces, len(settings.guess)):
                 m.z[states + i] = settings.guess[i]
