@@ -45,9 +45,8 @@ from fuzzyarm.common.console import progress
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.evaluation.statistics import LEVEL, estimate
 from fuzzyarm.eval.provenance import current_provenance
-from fuzzyarm.eval.stability.margins import MarginsConfig, measure_margins
 
-SCHEMA = "fuzzyarm-comparison/2"
+SCHEMA = "fuzzyarm-comparison/3"
 BENCHMARKS = Path(__file__).resolve().parent
 SEED_PLANTS = 1000
 
@@ -83,7 +82,6 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
         }
         for name, group in seeds.items()
     }
-    margins = {row["policy"]: row for row in measure_margins(MarginsConfig(policies=tuple(shipped)))["rows"]}
     ranks = {case: ranks_of({name: scores[name][case] for name in shipped}) for case in COMPARED_CASES}
     rows = [
         {
@@ -102,7 +100,6 @@ def compare(plants: int, seed_plants: int, jobs: int | None, folder: Path | None
                 }
                 for case, largest in zip(COMPARED_CASES, errors[name].largest_mm, strict=True)
             },
-            "spectral_radius": margins[name]["spectral_radius"],
         }
         for name, group in seeds.items()
     ]

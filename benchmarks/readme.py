@@ -220,7 +220,7 @@ def sections() -> dict[str, str]:
         "leaderboard": leaderboard_table(RESULTS / "evaluate.json", stored["tip_bound"]),
         "leaderboard-plants": plants_leaderboard(RESULTS / "sweep.json"),
         "sweep": sweep_table(stored["sweep"]),
-        "comparison": comparison_table(stored["comparison"]),
+        "comparison": comparison_table(stored["comparison"], stored["margins"]),
         "learned": learned_tables(stored["learned_comparison"]),
         "estimate": estimate_tables(stored["learned_observer"]),
         "estimate-seeds": estimate_seeds(stored["estimate_seeds"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from compared_policies import POLICIES, preparation_s
@@ -12,11 +13,14 @@ __all__ = ["comparison_table"]
 _OF_THE_PAPER = ("nominal", "machining", "payload")
 
 
-def comparison_table(document: dict[str, Any]) -> str:
-    """Return the one table of the compared policies, the probabilities of improvement, and how they were made."""
+def comparison_table(document: dict[str, Any], margins: dict[str, Any]) -> str:
+    """Return the one table of the compared policies, the probabilities of improvement, and how they were made.
+
+    `margins` is the document of `fuzzyarm margins`.
+    """
     method, cases = document["method"], document["cases"]
     return (
-        f"{_policies(document)}\n\n"
+        f"{_policies(document, margins)}\n\n"
         f"Tasks: rms tip error [mm] with the arm of Table 1, of several seeds the interquartile mean of those that did "
         f"not lose the path; other motions: the largest of five. Plants: interquartile mean of the rms tip error [mm] "
         f"over {method['plants']:,} plants ({method['seed_plants']:,} for each of several seeds), interval of 95 % and "
@@ -24,7 +28,8 @@ def comparison_table(document: dict[str, Any]) -> str:
         f"{len(cases) * method['plants']:,} episodes of the shipped policy. Processor time: of the last training, "
         "median over seeds, or of the last synthesis with its proof, without the trials that chose their settings and "
         "without what a policy builds on; *not measured* where a search chose the numbers. Stable: in how many of the "
-        f"eight conditions of [](../theory/margins.md) its local loop is stable.{_alone(document)}\n\n"
+        f"eight conditions of [](../theory/margins.md) its local loop is stable, as "
+        f"`{margins['command']}` finds it.{_alone(document)}\n\n"
         f"{_pairs(document['improvement'])}\n\n"
         f"`{document['command']}`, plants from seed {method['first_seed']} on; {made_with(document)}"
         f"{_measured_at(document)}"
@@ -37,8 +42,8 @@ def _alone(document: dict[str, Any]) -> str:
     return f" Of {' and '.join(names)} the shipped seed alone ran." if names else ""
 
 
-def _policies(document: dict[str, Any]) -> str:
-    cases = document["cases"]
+def _policies(document: dict[str, Any], margins: dict[str, Any]) -> str:
+    cases, radii = document["cases"], {row["policy"]: row["spectral_radius"].values() for row in margins["rows"]}
     headings = ["policy", "knows", "chosen or trained on", "processor time [s]"]
     headings += ["Case 1", "Case 2", "Case 3", "other motions", "runs lost"]
     headings += [f"plants, {title}" for title in cases.values()] + ["ended early", "stable"]
@@ -48,7 +53,6 @@ def _policies(document: dict[str, Any]) -> str:
         spent = preparation_s(one.name)
         lost = sum(task["failed"] for task in tasks.values())
         runs = sum(task["runs"] for task in tasks.values())
-        stable = sum(radius is not None and radius < 1.0 for radius in row["spectral_radius"].values())
         rows.append(
             [
                 f"`{row['name']}`" + (f", {row['seeds']} seeds" if row["seeds"] else ""),
@@ -60,10 +64,17 @@ def _policies(document: dict[str, Any]) -> str:
                 f"{lost} of {runs}",
                 *(_score(plants[case]) for case in cases),
                 str(sum(plants[case]["ended_early"] for case in cases)),
-                f"{stable} of {len(row['spectral_radius'])}",
+                _stable(radii.get(one.name)),
             ]
         )
     return table(headings, rows, left=3)
+
+
+def _stable(radii: Collection[float | None] | None) -> str:
+    """Return in how many of its conditions a loop with these spectral radii is stable."""
+    if radii is None:
+        return "not measured"
+    return f"{sum(radius is not None and radius < 1.0 for radius in radii)} of {len(radii)}"
 
 
 def _task(found: list[dict[str, Any]]) -> str:

@@ -10,7 +10,10 @@ import pytest
 from fuzzyarm.policies.registry import NAMES
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-STORED = json.loads((BENCHMARKS / "results" / "comparison.json").read_text(encoding="utf-8"))
+STORED, MARGINS = (
+    json.loads((BENCHMARKS / "results" / f"{name}.json").read_text(encoding="utf-8"))
+    for name in ("comparison", "margins")
+)
 
 
 def test_everything_that_is_drawn_is_in_sight_and_what_has_no_mean_says_so(module):
@@ -36,7 +39,7 @@ def test_scores_show_three_digits(module):
 
 
 def test_a_search_without_a_stored_time_is_not_measured(module):
-    lines = module("readme_comparison").comparison_table(STORED).splitlines()
+    lines = module("readme_comparison").comparison_table(STORED, MARGINS).splitlines()
     unmeasured = [line.split("`")[1] for line in lines if " not measured " in line]
     assert unmeasured == [
         *("fuzzy-4-sampled", "computed-torque", "fuzzy-4-sampled-tip", "computed-torque-tip"),
@@ -54,10 +57,17 @@ def test_what_a_policy_knows_includes_what_is_known_within_it_and_all_seeds_are_
         assert len(list(BENCHMARKS.glob(one.seeds)) if one.seeds else ()) == (5 if one.learned else 0)
 
 
+def test_stable_conditions_are_counted_and_a_policy_without_margins_says_so(module):
+    stable = module("readme_comparison")._stable
+    assert (stable([0.99, 1.0, 1.2, None]), stable(None)) == ("1 of 4", "not measured")
+    found = {row["policy"]: stable(row["spectral_radius"].values()) for row in MARGINS["rows"]}
+    assert (found["elastic-observer"], found["adaptive-observer"]) == ("8 of 8", "2 of 8")
+
+
 @pytest.mark.parametrize("seeds", [0, 5])
 def test_the_table_says_of_which_learned_policy_no_other_seed_ran(seeds, module):
     rows = [row | ({"seeds": seeds} if row["name"] == "learned-observer" else {}) for row in STORED["rows"]]
-    text = module("readme_comparison").comparison_table(STORED | {"rows": rows})
+    text = module("readme_comparison").comparison_table(STORED | {"rows": rows}, MARGINS)
     assert ("Of `learned-observer` the shipped seed alone ran." in text) == (seeds == 0)
 
 
@@ -65,13 +75,12 @@ def test_the_table_says_of_which_learned_policy_no_other_seed_ran(seeds, module)
 def comparison(module, monkeypatch):
     """Return the script with stand-ins for what takes long, and the labels of what it measured.
 
-    The stand-ins are for the policies themselves, their episodes and their margins: the k-th policy that is measured
+    The stand-ins are for the policies themselves and their episodes: the k-th policy that is measured
     has errors of k mm, and loses the first plant.
     """
     script, plant_errors, measured = module("comparison"), module("plant_errors"), []
     task = {"task": "nominal", "tip_error_rms_mm": 1.0, "failed": None}
     tasks = [task | {"task": name} for name in STORED["rows"][0]["tasks"]]
-    margins = [{"policy": row["name"], "spectral_radius": row["spectral_radius"]} for row in STORED["rows"]]
 
     def errors_of(policy, population, plants, jobs, report):
         measured.append(policy)
@@ -81,7 +90,6 @@ def comparison(module, monkeypatch):
 
     monkeypatch.setattr(script, "load_policy", lambda name: name)
     monkeypatch.setattr(script, "assess", lambda policy, name, arm: tasks)
-    monkeypatch.setattr(script, "measure_margins", lambda config: {"rows": margins})
     monkeypatch.setattr(plant_errors, "errors_of", errors_of)
     monkeypatch.setattr(script, "measured", plant_errors.measured)
     return script, measured
@@ -97,10 +105,10 @@ def test_a_run_takes_every_stored_seed_and_fills_table_and_figures(comparison, m
     assert seeds == {name: 5 if one.learned else 0 for name, one in script.POLICIES.items()}
     assert len(measured) == len(seeds) + sum(seeds.values())
     assert {row["plants"]["blows"]["ended_early"] for row in document["rows"]} == {1}
-    text = module("readme_comparison").comparison_table(document)
+    text = module("readme_comparison").comparison_table(document, MARGINS)
     assert "`learned-observer`, 5 seeds" in text
     assert "measured at other commits" in text and "`fuzzy-1` at 0123456789;" in text
-    assert "other commits" not in module("readme_comparison").comparison_table(document | {"commit": COMMIT})
+    assert "other commits" not in module("readme_comparison").comparison_table(document | {"commit": COMMIT}, MARGINS)
     module("comparison_figure").draw_comparison(document)
 
 

@@ -117,7 +117,7 @@ def _law_of(physics: Physics) -> Any:
             m = remembered(memory[lane], joints, len(settings.guess), forces)
             take_in(lane, o, m, room)
             begin(m, settings, room)
-            m.flags[FLAG.lost] = 0.0  # no filter that could diverge; margins are differences over all that is remembered
+            m.flags[FLAG.lost] = 0.0  # it has no filter that could diverge, whatever is remembered
             m.z[states] = 0.0
             for i in range(forces, len(settings.guess)):
                 m.z[states + i] = settings.guess[i]

@@ -15,6 +15,7 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
 from fuzzyarm.eval.episodes.passes import record_passes
 from fuzzyarm.eval.episodes.rollout import record_rollout
+from fuzzyarm.eval.stability.linearisation import spectral_radius
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG
@@ -157,6 +158,11 @@ def test_a_soft_start_takes_its_share_of_the_feedback_and_nothing_of_the_feedfor
     ]
     np.testing.assert_allclose(torques[1], 0.5 * (torques[0] + torques[2]), rtol=1e-12)
     assert np.all(np.abs(torques[2] - torques[0]) > 1.0)
+
+
+@pytest.mark.slow
+def test_the_frozen_loop_has_a_spectral_radius_found_by_differences_over_all_that_it_remembers():
+    assert 0.98 < spectral_radius(POLICY, ARM, control_period=1e-3) < 1.0
 
 
 @pytest.mark.slow
