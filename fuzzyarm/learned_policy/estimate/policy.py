@@ -52,8 +52,8 @@ from fuzzyarm.learned_policy.estimate.units import turns_of, units_of
 __all__ = ["LearnedObserverPolicy", "SeenParts", "seen_parts"]
 
 
-# Of the adaptive observer, as the networks know it: at rest the elastic one acts, so that it needs no soft start, and
-# commands that swing are not that one's.
+# Of the adaptive observer, as the networks know it: at rest the elastic one acts, so that it needs no soft start. No
+# mean of jumps is as large as this largest swing: a swing hands nothing over.
 _WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3, "largest_swing": 3.0}
 _FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to diverge would be any number
 
