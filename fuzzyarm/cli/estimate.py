@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Options", "run"]
 
-_BUNDLE = "policy"
-
 
 @with_fields_of(EstimateConfig)
 @dataclass(frozen=True, kw_only=True)
@@ -40,9 +38,10 @@ def run(options: Options) -> int:
     """Train a policy."""
     from fuzzyarm.common.console import progress, say, status
     from fuzzyarm.envs.physics.equations import chosen_arm
+    from fuzzyarm.learned_policy.folder import LAST
 
     config, arm = chosen(options, EstimateConfig()), chosen_arm(options.robot, None)
-    folder = options.out / _BUNDLE
+    folder = options.out / LAST
     if folder.exists():
         raise UsageError(f"{folder} holds a policy already; choose another folder")
     try:

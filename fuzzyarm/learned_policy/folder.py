@@ -19,7 +19,9 @@ from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read
 from fuzzyarm.common.files import write_folder_atomically
 
 __all__ = [
+    "BEST",
     "DESCRIPTION",
+    "LAST",
     "OBSERVER",
     "WEIGHTS",
     "BundleError",
@@ -34,6 +36,9 @@ DESCRIPTION = "policy.json"
 
 WEIGHTS = "weights.safetensors"
 """File with the arrays of the network."""
+
+LAST, BEST = "policy", "best"
+"""What the folder is called in that of a training: the policy at its end, and that of its best evaluation."""
 
 OBSERVER = "fuzzyarm-learned-observer/4"
 """Schema of a learned observer, see `estimate.bundle`."""

@@ -58,8 +58,16 @@ class PolicySpec:
 
     @property
     def label(self) -> str:
-        """What the policy is called in tables and figures: its name, or its file's without folder and ``.json``."""
-        return Path(self.name).name.replace(".json", "")
+        """What the policy is called in tables and figures: its name, or its file's without folder and ``.json``.
+
+        What `fuzzyarm train` wrote is called as the folder of the training, with ``-best`` for its best evaluation.
+        """
+        from fuzzyarm.learned_policy.folder import BEST, LAST
+
+        path = Path(self.name)
+        if self.kind is Kind.LEARNED and path.name in (LAST, BEST) and path.parent.name:
+            return path.parent.name if path.name == LAST else f"{path.parent.name}-{BEST}"
+        return path.name.replace(".json", "")
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256, by file name, of the files the policy is made from.
@@ -207,7 +215,7 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
             raise ValueError(f"policy {name!a}: its name holds characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
     if len(specs) < len(names):
-        raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file")
+        raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file or folder")
     return specs
 
 

@@ -23,6 +23,7 @@ from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
 from fuzzyarm.learned_policy.bundle import PolicyBundle
+from fuzzyarm.learned_policy.folder import BEST, LAST
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 from fuzzyarm.rl_baselines.algorithms import algorithm_of, find_algorithm
 from fuzzyarm.rl_baselines.case_evaluation import COLUMNS, evaluate_cases
@@ -44,7 +45,7 @@ __all__ = ["CHECKPOINT", "Training", "tensorboard_installed"]
 CHECKPOINT = "checkpoint.pt"
 """File of the last checkpoint in the folder of a training."""
 
-_CURVE, _LAST, _BEST, _TENSORBOARD = "curve.csv", "policy", "best", "tensorboard"
+_CURVE, _TENSORBOARD = "curve.csv", "tensorboard"
 _TIMES = "run.json"  # apart from the bundles, which are the same for every run with the same seed
 _EVALUATION_PERIOD = 1e-3  # s, control period of the environment in which policies are compared
 
@@ -235,12 +236,12 @@ class Training:
         the end of each of them is never the best.
         """
         bundle = self.bundle()
-        bundle.save(self.folder / _LAST)
+        bundle.save(self.folder / LAST)
         judged = ("nominal",) if self.config.distribution == "nominal" else PAPER_CASES
         score = sum(row[f"{case}_rms_mm"] for case in judged) / len(judged)
         if all(row[f"{case}_share"] == 1.0 for case in judged) and score < self.best:
             self.best = score
-            bundle.save(self.folder / _BEST)
+            bundle.save(self.folder / BEST)
 
     def _write_checkpoint(self) -> None:
         content = {
@@ -289,7 +290,7 @@ def _clocks() -> tuple[float, float]:
 
 def _remove_leftovers(folder: Path) -> None:
     """Remove the temporary files and folders of a run that was killed while it wrote."""
-    for name in (CHECKPOINT, _CURVE, _LAST, _BEST):
+    for name in (CHECKPOINT, _CURVE, LAST, BEST):
         for path in folder.glob(f".{name}.*"):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)

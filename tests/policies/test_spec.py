@@ -105,7 +105,9 @@ def test_code_that_a_file_names_is_not_imported_for_its_digest(tmp_path, monkeyp
 
 def test_two_policies_of_one_label_are_refused():
     assert list(resolve_all(["fuzzy-4", "a/b.json", "ppo-robust"])) == ["fuzzy-4", "b", "ppo-robust"]
-    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them have the same name; rename a file"):
+    trained = ["runs/one/policy", "runs/two/policy", "runs/two/best", "policy"]
+    assert list(resolve_all(trained)) == ["one", "two", "two-best", "policy"]
+    with pytest.raises(ValueError, match=r"a/b.json, c/b: two of them have the same name; rename a file or folder"):
         resolve_all(["a/b.json", "c/b"])
 
 
