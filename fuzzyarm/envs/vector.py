@@ -60,7 +60,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
     for all lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
     ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is how many threads share a step
-    (default: one per 2048 lanes, at most one per core); results do not depend on it.
+    (default: one per 256 lanes, at most one per core); results do not depend on it.
 
     ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets the stream of
     that lane continue.

@@ -15,20 +15,22 @@ from numba import float64, int64, types
 
 from fuzzyarm.envs.batch.beginning import begin_of
 from fuzzyarm.envs.batch.block import advance_block_of, gather_of
-from fuzzyarm.envs.batch.layout import VECTORS, Layout, Scalars, layout_of
+from fuzzyarm.envs.batch.board import AT, array_at, finish, take, wait
+from fuzzyarm.envs.batch.layout import VECTORS, Clock, Layout, Scalars, layout_of
 from fuzzyarm.envs.batch.reporting import observe_of
-from fuzzyarm.envs.physics.compiled import kernel, kernel_for
+from fuzzyarm.envs.batch.schedule import row_record
+from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import BLOCK, in_block, in_list, over_joints, reader, size, writer
 
-__all__ = ["Kernels", "first_not_finite", "kernels_of"]
+__all__ = ["Kernels", "kernels_of"]
 
 _read_scalars = reader(Scalars, in_list)
 _NOT_FINITE = -1
 
-# Types of the arguments: of both kernels, and of `advance` alone.
+# Types of the arguments of `advance_one`, but for the last three, and of `advance`.
 _ARRAYS = (float64[:, :, ::1], int64[:, ::1], float64[:, ::1], float64, int64)
-_ADVANCE = (*_ARRAYS, float64[:, ::1], int64, int64, float64[::1])
+_ADVANCE = (int64[::1], float64, int64, int64)
 
 
 class Kernels:
@@ -72,58 +74,52 @@ def kernels_of(physics: Physics) -> Kernels:
 
 
 def advance_of(layout: Layout) -> Any:
-    """Return the kernel ``advance(values, clock, table, period, substeps, action, start, stop, out)``.
+    """Return the kernel ``advance(board, period, substeps, looks)``.
 
-    It holds the torques for one control step, in the lanes from `start` to `stop`.
+    It takes pieces of the step on a board (`board.BOARD`,) and holds the torques in their lanes for one control step.
+    It returns once the board had no piece in so many `looks`; after 0 looks, once all pieces are done.
+
+    - period: control period [s].
+    - substeps: sub-steps in it.
+
+    Posted are these arrays:
 
     - values: (blocks, numbers of `Lane`, `BLOCK`), changed in place.
     - clock: (numbers of `Clock`, lanes), changed in place; every lane must be before its last row.
     - table: (rows, numbers of a row), the schedules of all episodes below each other.
-    - period: control period [s].
-    - substeps: sub-steps in it.
     - action: (lanes, joints) motor torques [N m], all finite; clipped to the limits.
-    - start, stop: first lane, the first one of a block, and the lane after the last.
     - out: (`Layout.width` lanes,), the results of all lanes, see `Layout.split`; written.
     """
     advance_block, parts, work_size = advance_block_of(layout), layout.parts, size(layout.Work) * BLOCK
     joints, command = layout.physics.joints, layout.WORK.command.joint1
+    numbers, clocks, width = size(layout.Lane), size(Clock), layout.width
+    row = size(row_record(joints, layout.physics.axes))
 
     @kernel_for(layout.physics.digest)
-    def advance(
-        values: np.ndarray,
-        clock: np.ndarray,
-        table: np.ndarray,
-        period: float,
-        substeps: int,
-        action: np.ndarray,
-        start: int,
-        stop: int,
-        out: np.ndarray,
-    ) -> None:
-        work, results = np.empty(work_size), parts(out)
-        for first in range(start, stop, BLOCK):
-            lanes = min(BLOCK, stop - first)
-            for i in range(lanes):
-                for joint in range(joints):
-                    work[(command + joint) * BLOCK + i] = action[first + i, joint]
-            advance_block(work, lanes, values, clock, table, period, substeps, first, results)
+    def advance(board: np.ndarray, period: float, substeps: int, looks: int) -> None:
+        work = np.empty(work_size)
+        piece = take(board, max(looks, 1))
+        while piece >= 0:
+            count = board[AT.lanes]
+            values = array_at(board[AT.values], (-(-count // BLOCK), numbers, BLOCK), np.float64)
+            clock = array_at(board[AT.clock], (clocks, count), np.int64)
+            table = array_at(board[AT.table], (board[AT.rows], row), np.float64)
+            action = array_at(board[AT.action], (count, joints), np.float64)
+            results = parts(array_at(board[AT.out], width * count, np.float64))
+            start = piece * board[AT.size]
+            stop = min(start + board[AT.size], count)
+            for first in range(start, stop, BLOCK):
+                lanes = min(BLOCK, stop - first)
+                for i in range(lanes):
+                    for joint in range(joints):
+                        work[(command + joint) * BLOCK + i] = action[first + i, joint]
+                advance_block(work, lanes, values, clock, table, period, substeps, first, results)
+            finish(board)
+            piece = take(board, max(looks, 1))
+        if looks == 0:
+            wait(board)
 
     return advance
-
-
-@kernel
-def first_not_finite(action: np.ndarray) -> int:
-    """Return the first lane whose torques (lanes, joints) [N m] are not all finite, -1 if there is none."""
-    bad = 0
-    for lane in range(action.shape[0]):
-        for joint in range(action.shape[1]):
-            bad |= not np.isfinite(action[lane, joint])
-    if bad:
-        for lane in range(action.shape[0]):
-            for joint in range(action.shape[1]):
-                if not np.isfinite(action[lane, joint]):
-                    return lane
-    return -1
 
 
 def advance_one_of(layout: Layout) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 from fuzzyarm.common import checks
 from fuzzyarm.envs.batch.assignment import Assignment
 from fuzzyarm.envs.batch.blocks import by_rows, in_blocks
-from fuzzyarm.envs.batch.kernels import first_not_finite, kernels_of
+from fuzzyarm.envs.batch.kernels import kernels_of
 from fuzzyarm.envs.batch.layout import CLOCK, START, Clock
 from fuzzyarm.envs.batch.randomness import key_before, key_of
 from fuzzyarm.envs.batch.results_memory import ResultsMemory
@@ -37,7 +37,7 @@ class Lanes:
         control_period: [s].
         substeps: in a control period.
         randomisation: what each episode draws.
-        threads: how many a step may use; None: one per 2048 lanes, at most one per core.
+        threads: how many a step may use; None: one per 256 lanes, at most one per core.
 
     Raises:
         ValueError: a reference does not fit the plant of its lane.
@@ -184,15 +184,12 @@ class Lanes:
         """
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
-        bad = first_not_finite(action)
+        action = np.ascontiguousarray(action, dtype=np.float64)  # compiled code takes its address
+        results = self._memory.array()
+        bad = self._workers.step(self.kernels.advance, self.arrays, action, results)
         if bad >= 0:
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(f"action {found} N m of lane {bad} is not finite; allowed: ±{limit} N m")
-        results, arrays, advance = self._memory.array(), self.arrays, self.kernels.advance
-        if self.threads == 1:
-            advance(*arrays, action, 0, self.count, results)
-        else:
-            self._workers.run(lambda start, stop: advance(*arrays, action, start, stop, results))
         return results
 
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
@@ -250,6 +250,8 @@ def _law_of(physics: Physics) -> Any:
                 seen[lane, at_base][i] = torque[lane, i]
             respond(z, c, h, gap, k.units.torque, residual[lane], layers)
             for i in range(joints):
+                if m.flags[FLAG.lost] != 0.0:
+                    residual[lane, i] = 0.0
                 torque[lane, i] += k.units.torque[i] * residual[lane, i]
                 applied[0, i] = m.commands[0, i] = min(max(torque[lane, i], -k.torque_limit[i]), k.torque_limit[i])
             predict(predicted, lane, per_joint(applied, 0), per_joint(load, lane), arm, k.substep, k.substeps)
