@@ -165,23 +165,18 @@ def test_the_policy_is_its_equations(policy):
     assert 0.005 < max(sizes) < 1.0  # the network acts, and is not clipped
 
 
-def test_where_the_filter_has_diverged_a_silent_network_is_the_elastic_observer():
+def test_where_the_filter_has_diverged_the_elastic_observer_acts_alone(policy):
     observer, memory, own = ElasticObserverPolicy(ARM, PERIOD), None, None
-    silent = LearnedObserverPolicy(
-        EstimateNetwork(
-            **{name: np.zeros(shape) for name, shape in shapes_of(HIDDEN, MODULATION, JOINTS, AXES).items()}
-        )
-    )
     env, apart = FuzzyArmEnv("payload"), []
     for diverged in (False, True):
         (observation, _), memory, own = env.reset(seed=0), None, None
         for _ in range(30):
             expected, memory = observer.predict(observation, memory)
-            torque, own = silent.predict(observation, own)
-            own[silent.filter.start + FLAG.lost] = float(diverged)
+            torque, own = policy.predict(observation, own)
+            own[policy.filter.start + FLAG.lost] = float(diverged)
             if diverged:
-                own[silent.filter][silent.adaptive.memory.z] = np.nan
-            assert silent.beliefs(own).diverged == diverged
+                own[policy.filter][policy.adaptive.memory.z] = np.nan
+            assert policy.beliefs(own).diverged == diverged
             apart.append(np.abs(torque - expected).max())
             observation = env.step(torque)[0]
     assert min(apart[5:30]) > 0.01 and max(apart[31:]) == 0.0  # N m

@@ -10,8 +10,9 @@ torque u_a of `adaptive.policy`, m and g of `network`, and the network ρ,
 At rest m = 0, and without a load g is next to 0: there the elastic observer acts alone, whose loop is locally stable
 without knowing of late torques and wrong loop gains. In motion under a load the adaptive observer takes over, which
 knows of loads within milliseconds. Both are told of the torque that is applied. u_a counts up to four torque limits;
-where its filter has diverged, it is u_o. z and c are those of `signals`, R the torques there. The network was trained
-by regression on a teacher that knows plant, load and lateness, see `fuzzyarm.rl_baselines.estimate`.
+where its filter has diverged, or the commands swing from limit to limit (`AdaptiveWeights.largest_swing`), u = u_o. z
+and c are those of `signals`, R the torques there. The network was trained by regression on a teacher that knows plant,
+load and lateness, see `fuzzyarm.rl_baselines.estimate`.
 """
 
 from __future__ import annotations
@@ -52,9 +53,8 @@ from fuzzyarm.learned_policy.estimate.units import turns_of, units_of
 __all__ = ["LearnedObserverPolicy", "SeenParts", "seen_parts"]
 
 
-# Of the adaptive observer, as the networks know it: at rest the elastic one acts, so that it needs no soft start. No
-# mean of jumps is as large as this largest swing: a swing hands nothing over.
-_WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3, "largest_swing": 3.0}
+# Of the adaptive observer, as the networks know it: at rest the elastic one acts, so that it needs no soft start.
+_WEIGHTS = {"first_gain": 1.0, "scale_doubt": 3e-3}
 _FARTHEST = 4.0  # torque limits, of u_a: that of a filter which is about to diverge would be any number
 
 
@@ -167,7 +167,7 @@ class LearnedObserverPolicy(Policy):
     def beliefs(self, state: np.ndarray) -> Beliefs:
         """Return what its adaptive observer believes at the next sample, from a state (..., memory_size) of `predict`.
 
-        Where that one's filter has diverged, the elastic observer and the network act.
+        Where that one's filter has diverged, or the commands have swung, the elastic observer acts alone.
 
         Raises:
             TypeError: the state holds something else than real numbers.
