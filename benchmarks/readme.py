@@ -76,6 +76,7 @@ from readme_results import (
     tip_table,
 )
 from readme_robots import robot_comparison_tables, robot_learned_table, robot_speed_table, robots_table
+from readme_speed import batch_threads_table, sweep_before_table
 
 from fuzzyarm.eval.evaluation.result_table import markdown_table
 
@@ -122,11 +123,12 @@ SCRIPTS: dict[str, list[str]] = {
     "comparison": ["--figure", str(FIGURES / "comparison.png"), "--pairs", str(FIGURES / "comparison_pairs.png")],
     "classical_on_reward": [],
     "training_speed": [],
+    "batch_threads": [],
     "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
 WRITTEN_OTHERWISE = (
-    *("evaluate", "bench", "margins", "sweep", "soak", "mujoco_arm", "abuse"),
+    *("evaluate", "bench", "margins", "sweep", "sweep_before", "soak", "mujoco_arm", "abuse"),
     # of trainings, which are run by hand
     *("learned_observer", "estimate_seeds", "estimate_parts", "plant_gradients", "dataset_scores", "ppo_observer"),
 )
@@ -231,6 +233,8 @@ def sections() -> dict[str, str]:
         "estimate-robot": estimate_robot(_stored("learned_observer_planar-3r")),
         "plant-gradients": gradients_table(stored["plant_gradients"]),
         "ppo-observer": observer_tables(stored["ppo_observer"]),
+        "batch-threads": batch_threads_table(stored["batch_threads"]),
+        "sweep-before": sweep_before_table(stored["sweep_before"]),
         "training-speed": training_speed_table(stored["training_speed"]),
         "dataset-scores": dataset_table(stored["dataset_scores"]),
         "speed": f"{speed_table(stored['bench'])}\n\n{peer_line(stored['mujoco_arm'])} {soak_line(stored['soak'])}",
@@ -257,6 +261,7 @@ def sections() -> dict[str, str]:
         "adaptive-front": adaptive_front_table(stored["adaptive_margins"]),
         "adaptive-start": adaptive_start_table(stored["adaptive_start"]),
         "adaptive-swing": adaptive_swing_table(stored["adaptive_swing"]),
+        "learned-swing": adaptive_swing_table(_stored("learned_swing")),
         "adaptive-constants": adaptive_constants_table(stored["adaptive_constants"]),
         "adaptive-robot-constants": "\n\n".join(
             adaptive_robot_constants_table(document)

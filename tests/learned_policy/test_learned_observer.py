@@ -165,18 +165,21 @@ def test_the_policy_is_its_equations(policy):
     assert 0.005 < max(sizes) < 1.0  # the network acts, and is not clipped
 
 
-def test_where_the_filter_has_diverged_the_elastic_observer_acts_alone(policy):
+@pytest.mark.parametrize("swings", [False, True])
+def test_where_the_filter_has_diverged_or_commands_swing_the_elastic_observer_acts_alone(policy, swings):
     observer, memory, own = ElasticObserverPolicy(ARM, PERIOD), None, None
     env, apart = FuzzyArmEnv("payload"), []
-    for diverged in (False, True):
+    for given_up in (False, True):
         (observation, _), memory, own = env.reset(seed=0), None, None
-        for _ in range(30):
+        for k in range(30):
             expected, memory = observer.predict(observation, memory)
             torque, own = policy.predict(observation, own)
-            own[policy.filter.start + FLAG.lost] = float(diverged)
-            if diverged:
+            assert policy.beliefs(own).diverged == (given_up and k > 0)
+            if given_up and swings:
+                own[policy.filter.start + FLAG.swing] = 1.0  # the law sees that at its next sample
+            elif given_up:
+                own[policy.filter.start + FLAG.lost] = 1.0
                 own[policy.filter][policy.adaptive.memory.z] = np.nan
-            assert policy.beliefs(own).diverged == diverged
             apart.append(np.abs(torque - expected).max())
             observation = env.step(torque)[0]
     assert min(apart[5:30]) > 0.01 and max(apart[31:]) == 0.0  # N m

@@ -1,8 +1,8 @@
 """What threads in compiled code tell each other: a row of whole numbers, on which a step is posted piece by piece.
 
 Threads that wait for Python's lock, or sleep, begin a hundred microseconds late, which is as long as a step of a
-thousand lanes takes. Here a thread looks at the board until a piece is left to take, and takes it by counting `NEXT` up
-in one atomic operation. What is posted stays until all pieces are `DONE`, so that whoever has a piece may read it.
+thousand lanes takes. Here a thread looks at the board until a piece is left to take, and takes it by counting `next` up
+in one atomic operation. What is posted stays until all pieces are `done`, so that whoever has a piece may read it.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ class Place(NamedTuple):
 
 
 AT = Place(0, _LINE, *range(2 * _LINE, 2 * _LINE + 9))
+"""Where each number of a board is."""
 BOARD = AT.out + _LINE
 """Numbers of a board."""
 
