@@ -43,7 +43,7 @@ class Workers:
 
     def __init__(self, count: int, threads: int | None) -> None:
         """Divide the lanes into pieces of whole blocks."""
-        self.threads = threads or max(1, min(_cores(), count // LANES_PER_THREAD))
+        self.threads = threads or _most(count // LANES_PER_THREAD)
         share, piece = (-(-count // (parts * BLOCK)) * BLOCK for parts in (self.threads, _PIECES * self.threads))
         size = share if self.threads == 1 else max(min(_SMALLEST, share), piece)
         self._worth_waking = count >= _WORTH_WAKING * self.threads
@@ -150,6 +150,10 @@ def _dismiss(tasks: SimpleQueue[Task], count: int) -> None:
         tasks.put(None)
 
 
-def _cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def _most(wanted: int) -> int:
+    """Return so many threads, but at most one per core that this process may use, a container's quota included."""
+    if wanted <= 1:
+        return 1
+    from joblib import cpu_count  # here, as a single arm and a small batch need it not
+
+    return min(wanted, int(cpu_count()))
