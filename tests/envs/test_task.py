@@ -83,7 +83,7 @@ def lanes_of(state, torque, bias, force, arm, limits, target, rows=2):
 def step(values, clock, table, action):
     """Advance every lane by one control step; returns observations, vectors and scalars by name."""
     out = np.full(WIDTH * len(action), np.nan)
-    advance(values, clock, table, PERIOD, SUBSTEPS, action, 0, len(action), out)
+    advance(values, clock, table, PERIOD, SUBSTEPS, action, out)
     observations, vectors, scalars = split(out)
     return observations, dict(zip(VECTORS, vectors, strict=True)), dict(zip(SCALARS, scalars, strict=True))
 
@@ -212,7 +212,7 @@ def test_each_way_out_of_the_domain_is_told_by_its_number(entry, reason):
     rows = lanes_of(lanes, *(np.zeros((n, 2)) for n in (2, 2, 4)), constants, np.tile(limits[:, None], 2), lanes[:7])
     values, clock, table, action = rows
     out = np.empty(2 * WIDTH)
-    advance(values, clock, table, 1e-12, 1, action, 0, 2, out)  # too short a step to move
+    advance(values, clock, table, 1e-12, 1, action, out)  # too short a step to move
     scalars = dict(zip(SCALARS, split(out)[2], strict=True))
     assert scalars["reason"].tolist() == [0.0, reason]
     assert scalars["truncated"].tolist() == [1.0, 0.0]  # the last row, but a lane that left is not truncated

@@ -22,9 +22,10 @@ from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import vector as wrappers
 from slow_twins import slow_but
 from support.results import assert_identical, identical
-from support.two_joints import advance
+from support.two_joints import KERNELS
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.batch.board import post
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import BLOCK
@@ -558,9 +559,10 @@ def test_a_pickle_goes_on_in_another_process():
 @pytest.mark.parametrize("end", ["close", "forget"])
 def test_threads_end_with_the_environment(end):
     before = set(threading.enumerate())
-    envs = batch(3 * BLOCK, threads=3)
+    lanes = 2 * 2048  # so many are worth waking a thread for a single step
+    envs = batch(lanes, threads=2)
     envs.reset()
-    envs.step(np.zeros((3 * BLOCK, 2)))
+    envs.step(np.zeros((lanes, 2)))
     started = set(threading.enumerate()) - before
     assert started
     if end == "close":
@@ -836,7 +838,7 @@ def test_actions_of_any_form_are_torques_and_compile_nothing():
         assert_identical(envs.step(action), expected, name)
         assert np.array_equal(action, kept)  # the caller's array is left alone
         single.step(np.asarray(action)[0])
-    assert len(advance.signatures) == 1
+    assert len(KERNELS.advance.signatures) == len(post.signatures) == 1
 
 
 def test_actions_may_be_overwritten_after_the_step():

@@ -197,7 +197,7 @@ def test_python_does_for_a_step_of_many_lanes_what_it_does_for_two(make):
             sys.settrace(before)
         return count
 
-    assert 0 < instructions(2) == instructions(700)
+    assert 0 < instructions(2) == instructions(500)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -99,7 +99,7 @@ def _place(builder: Any, address: Any) -> Any:
 
 @register_jitable
 def array_at(address: int, shape: Any, dtype: Any) -> np.ndarray:
-    """Return the array at an address."""
+    """Return the array of a shape, (lanes, joints) for example, at an address; the unit is that of what lies there."""
     found: np.ndarray = carray(_pointer(address), shape, dtype)
     return found
 
@@ -130,7 +130,7 @@ def post(
 
 @register_jitable
 def take(board: np.ndarray, looks: int) -> int:
-    """Return a piece to do, -1 if there was none in so many looks at the board."""
+    """Return a piece to do, -1 if there was none in so many looks at the board (BOARD,)."""
     for _ in range(looks):
         if _read(board.ctypes.data + 8 * AT.next) < board[AT.pieces]:
             piece: int = _add(board.ctypes.data + 8 * AT.next, 1)
@@ -141,12 +141,12 @@ def take(board: np.ndarray, looks: int) -> int:
 
 @register_jitable
 def finish(board: np.ndarray) -> None:
-    """Say that a piece is done."""
+    """Say on the board (BOARD,) that a piece is done."""
     _add(board.ctypes.data + 8 * AT.done, 1)
 
 
 @register_jitable
 def wait(board: np.ndarray) -> None:
-    """Wait until all pieces are done."""
+    """Wait until all pieces on the board (BOARD,) are done."""
     while _read(board.ctypes.data + 8 * AT.done) < board[AT.pieces]:
         pass
