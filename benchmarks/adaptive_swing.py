@@ -8,7 +8,7 @@ largest errors and a tenth of the worst, summed over four groups. Two have rando
 arm, and unknown arms that are late and noisy. Two are plants without load: those of ``plants`` whose motors give 1.5
 times the torque, and those of ``all``, each two periods late. Other seeds than those of any table; Cases 2 and 3 play
 no part. What acts after a swing is the policy's own fallback: of ``adaptive-observer`` computed torque, of
-``learned-observer`` the elastic observer with the network.
+``learned-observer`` the elastic observer alone.
 """
 
 from __future__ import annotations

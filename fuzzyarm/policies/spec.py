@@ -60,7 +60,7 @@ class PolicySpec:
     def label(self) -> str:
         """What the policy is called in tables and figures: its name, or its file's without folder and ``.json``.
 
-        What `fuzzyarm train` wrote is called as the folder of the training, with ``-best`` for its best evaluation.
+        A policy of `fuzzyarm train` is named after the folder of its training, with ``-best`` for its best evaluation.
         """
         from fuzzyarm.learned_policy.folder import BEST, LAST
 
