@@ -104,7 +104,8 @@ def remember(
             x[k] = min(max((features[lane, k] - mean[k]) / std[k], -clip), clip)
         for k in range(hidden):
             h[k] = memory[lane, k]
-        sums[:] = bias
+        for k in range(len(bias)):  # assigned at once they compile the text of an error, for seconds
+            sums[k] = bias[k]
         add_product(x, of_x, sums)
         add_product(h, of_h, sums)
         for gate in range(GATES):

@@ -156,7 +156,8 @@ def _forward(
             inputs, outputs = sizes[layer], sizes[layer + 1]
             bias = place + inputs * outputs
             sums = after[:outputs]
-            sums[:] = flat[bias : bias + outputs]
+            for j in range(outputs):  # assigned at once they compile the text of an error, for seconds
+                sums[j] = flat[bias + j]
             add_product(before[:inputs], flat[place:bias].reshape((inputs, outputs)), sums)
             place = bias + outputs
             if layer == layers - 1:

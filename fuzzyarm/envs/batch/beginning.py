@@ -92,7 +92,8 @@ def begin_of(layout: Layout) -> Any:
             clock[CLOCK.key, lane] = np.int64(key)
             now = draw_all(key, ranges, numbers)
             if drawn.shape[1] > 0:
-                drawn[:, lane] = numbers[0]
+                for number in range(draw_size):  # assigned at once they compile the text of an error, for seconds
+                    drawn[number, lane] = numbers[0, number]
             place = inside(start_of[position], len(starts))
             if _read_start(starts, place).family > 0.0:
                 place = inside(place + np.int64(now.reference), len(starts))

@@ -75,6 +75,7 @@ def _timed(robot: Robot, postures: np.ndarray, speed: float) -> SplineReference:
     )
 
 
+@functools.lru_cache(maxsize=16)
 def _tip_paths(parameters: ArmParameters, count: int) -> tuple[JointReference, ...]:
     """Return references of the two-joint arm along curves of the tip.
 
