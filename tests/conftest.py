@@ -15,7 +15,10 @@ COMPILING = 1.4  # min more the first time
 
 # Files of tests, see `pytest_collection_modifyitems`.
 _COMPILING = "test_vector.py", "test_laws.py"
-_TOGETHER = ("tests/eval/paper/",)  # whose tests share what takes seconds to compute
+_TOGETHER = (  # whose tests share what takes seconds to compute, or to compile
+    ("tests/eval/paper/",),
+    ("tests/fuzzy_policy/laws/test_laws.py", "tests/learned_policy/test_learned_observer.py"),
+)
 _PROOFS = (
     "test_theorems.py",
     "test_extreme_designs.py",
@@ -61,13 +64,13 @@ def pytest_collection_modifyitems(items) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Hand out the tests by file, and those of a folder of `_TOGETHER` as if they were one file."""
+    """Hand out the tests by file, and those of each group of `_TOGETHER` as if they were one file."""
     from xdist.scheduler import LoadFileScheduling
 
     class Scheduling(LoadFileScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file = super()._split_scope(nodeid)
-            return next((folder for folder in _TOGETHER if file.startswith(folder)), file)
+            return next((group[0] for group in _TOGETHER if file.startswith(group)), file)
 
     return Scheduling(config, log)
 
@@ -78,3 +81,9 @@ def undrawn(monkeypatch) -> None:
     monkeypatch.setattr(
         "fuzzyarm.eval.evaluation.figures.write_figures", lambda rollouts, folder, progress=None, titles=None: []
     )
+
+
+@pytest.fixture
+def unmeasured(monkeypatch) -> None:
+    """Let `fuzzyarm design` measure no margins, which takes longer than a small design."""
+    monkeypatch.setattr("fuzzyarm.eval.stability.margins.margins_in_words", lambda *_: "")

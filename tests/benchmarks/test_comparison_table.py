@@ -88,6 +88,7 @@ def comparison(module, monkeypatch):
         errors[:, 0] = np.inf
         return plant_errors.Errors(errors, 2.0 * errors, COMMIT)
 
+    monkeypatch.setattr(module("comparison_statistics"), "_RESAMPLES", 99)
     monkeypatch.setattr(script, "load_policy", lambda name: name)
     monkeypatch.setattr(script, "assess", lambda policy, name, arm: tasks)
     monkeypatch.setattr(plant_errors, "errors_of", errors_of)

@@ -9,6 +9,7 @@ import sys
 from importlib import metadata
 
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm import __version__
 from fuzzyarm.cli import main
@@ -25,13 +26,20 @@ def printed(capsys, *words):
     return out
 
 
-def loaded_after(words):
-    """The heavy libraries that a command line has imported."""
-    heavy = "('numba', 'scipy', 'matplotlib', 'torch', 'ray', 'joblib', 'clarabel', 'flint')"
-    code = f"import sys; from fuzzyarm.cli import main; main({words!r}); "
-    code += f"print([name for name in {heavy} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return done.stdout.splitlines()[-1]
+LOADED = """
+import sys
+from fuzzyarm.cli import main
+heavy = ("numba", "scipy", "matplotlib", "torch", "ray", "joblib", "clarabel", "flint")
+for line in sys.argv[1:]:
+    main(line.split())
+    print("loaded", [name for name in heavy if name in sys.modules])
+"""
+
+
+def loaded_after(*lines):
+    """The heavy libraries that command lines have imported, one line after the other in one process."""
+    done = subprocess.run([sys.executable, "-c", LOADED, *lines], capture_output=True, text=True, check=True)
+    return [line for line in done.stdout.splitlines() if line.startswith("loaded")]
 
 
 def test_the_commands_are_shown_in_groups(capsys):
@@ -46,18 +54,28 @@ def test_the_commands_are_shown_in_groups(capsys):
 
 
 @pytest.mark.parametrize("words", [[], *COMMANDS], ids=" ".join)
-@pytest.mark.parametrize("flag", ["--help", "-h"])
-def test_help_fits_80_columns(words, flag, capsys, monkeypatch):
+def test_help_fits_80_columns(words, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    lines = printed(capsys, *words, flag).splitlines()
+    lines = printed(capsys, *words, "--help").splitlines()
     assert lines[0].startswith(" ".join(["Usage: fuzzyarm", *words]))
     assert max(map(len, lines)) <= 80
     assert not any("…" in line for line in lines)
 
 
+@pytest.mark.parametrize("words", slow_but([[], ["train", "ppo"]], [[], *COMMANDS]), ids=" ".join)
+def test_the_short_flag_gives_the_same_help(words, capsys):
+    assert printed(capsys, *words, "-h") == printed(capsys, *words, "--help")
+
+
+@pytest.fixture(scope="module")
+def application():
+    """The whole command line."""
+    return command_line()
+
+
 @pytest.mark.parametrize("words", COMPUTING, ids=" ".join)
-def test_every_option_has_help_and_a_name_of_its_own(words):
-    command = command_line()
+def test_every_option_has_help_and_a_name_of_its_own(words, application):
+    command = application
     for word in words:
         command = command[word]
     arguments = command.assemble_argument_collection(parse_docstring=True)
@@ -76,9 +94,8 @@ def test_the_version(capsys):
     assert ("torch" in versions) == (importlib.util.find_spec("torch") is not None)
 
 
-@pytest.mark.parametrize("words", [["--help"], ["--version"], ["evaluate", "--help"], ["design", "--help"]])
-def test_help_loads_nothing_that_computes(words):
-    assert loaded_after(words) == "[]"
+def test_help_loads_nothing_that_computes():
+    assert loaded_after("--help", "--version", "evaluate --help", "design --help") == ["loaded []"] * 4
 
 
 @pytest.mark.parametrize(
@@ -127,9 +144,9 @@ def test_whole_numbers_may_be_written_in_powers_of_ten(word, number):
     assert bound.arguments == {"seeds": number}
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_knows_commands_and_options(shell):
-    script = command_line().generate_completion(shell=shell)
+@pytest.mark.parametrize("shell", slow_but(["zsh"], ["bash", "zsh", "fish"]))  # bash is installed below
+def test_completion_knows_commands_and_options(shell, application):
+    script = application.generate_completion(shell=shell)
     for word in ("evaluate", "leaderboard", "encoder-noise", "no-integral", "ent-coef", "lanes-sweep"):
         assert word in script
     assert "--no-json" not in script and "--policies" not in script

@@ -117,11 +117,11 @@ def test_a_bad_archive_is_one_line_and_takes_neither_time_nor_memory(tmp_path, n
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 300 + len(str(path))
 
 
-def test_a_thousand_flipped_bytes_are_told_or_harmless(tmp_path):
+def test_flipped_bytes_are_told_or_harmless(tmp_path):
     out = io.BytesIO()
     np.savez_compressed(out, **ARRAYS)
     whole, generator, path = out.getvalue(), np.random.default_rng(1), tmp_path / "a.npz"
-    for _ in range(1000):
+    for _ in range(300):
         data = bytearray(whole)
         for place in generator.integers(0, len(data), generator.integers(1, 5)):
             data[place] = generator.integers(256)

@@ -6,7 +6,7 @@ import os
 import tomllib
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fuzzyarm.common.documents import (
@@ -40,6 +40,7 @@ class Robot:
             raise ValueError("joints = 0 is out of range")
 
 
+@settings(max_examples=40)
 @given(CONTENTS)
 def test_what_json_writes_is_read_back(content):
     assert parse_json(json.dumps(content)) == content

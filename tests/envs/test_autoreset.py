@@ -9,6 +9,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
+from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -20,13 +21,13 @@ from fuzzyarm.envs.vector import FuzzyArmVectorEnv
 LIMIT = np.array(ArmParameters().torque_limit)
 NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
-LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.05), duration=0.4)
+LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.05), duration=0.2)
 LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box within a few steps
 LANES = 4
 SETTINGS = {
     "nominal": {},
     "short": {"reference": SHORT, "disturbance": NOISY},
-    "robust": {"disturbance": NOISY, "randomisation": "robust"},
+    "robust": {"disturbance": NOISY, "randomisation": ROBUST},
     "plants": {"case": "machining", "randomisation": "plants"},
 }
 
@@ -61,7 +62,7 @@ def test_next_step_equals_gymnasiums_loop(setting):
     assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     assert_identical(envs.reset(seed=3), expected.reset(seed=3))
     ends, resets = 0, 0
-    for step, action in enumerate(torques(5, 900)):
+    for step, action in enumerate(torques(5, 400)):
         results, others = envs.step(action), expected.step(action)
         assert_identical(results, others, step)
         ends += int((results[2] | results[3]).sum())
@@ -75,11 +76,11 @@ def test_disabled_equals_gymnasiums_loop_with_masks_seeds_and_options(setting):
     envs, expected = batch("Disabled", **SETTINGS[setting]), loop("Disabled", **SETTINGS[setting])
     generator, resets = np.random.default_rng(0), 0
     assert_identical(envs.reset(seed=3), expected.reset(seed=3))
-    for step, action in enumerate(torques(6, 900)):
+    for step, action in enumerate(torques(6, 400)):
         results = envs.step(action)
         assert_identical(results, expected.step(action), step)
         ended = results[2] | results[3]
-        if ended.any() or step % 97 == 0:
+        if ended.any() or step % 37 == 0:
             mask = random_mask(generator, ended) if ended.any() else np.arange(LANES) == step % LANES
             options = [{}, {"case": "payload"}, {"reference": LONGER}, {"initial_state": LEAVING}][resets % 4]
             seed = [None, 17, [None, 5, 6, None]][resets % 3]
@@ -96,7 +97,7 @@ def test_a_mask_works_in_every_mode(mode):
     envs, expected, generator = batch(mode, **setting), loop(mode, **setting), np.random.default_rng(1)
     envs.reset(seed=0)
     expected.reset(seed=0)
-    for step, action in enumerate(torques(8, 200)):
+    for step, action in enumerate(torques(8, 120)):
         results = envs.step(action)
         assert_identical(results, expected.step(action), step)
         ended = results[2] | results[3]
@@ -253,7 +254,7 @@ def test_episode_statistics_go_on_in_the_lanes_that_a_mask_leaves():
     envs = wrappers.RecordEpisodeStatistics(batch("Disabled", reference=[SHORT, LONGER, LONGER, LONGER]))
     envs.reset(seed=0)
     lengths = []
-    for _ in range(420):
+    for _ in range(220):
         *_, terminated, truncated, info = envs.step(np.zeros((LANES, 2)))
         if "episode" in info:
             lengths.extend(info["episode"]["l"][info["_episode"]].tolist())

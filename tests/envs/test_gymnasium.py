@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gymnasium import wrappers
 from gymnasium.utils.env_checker import check_env
+from support.randomisation import ROBUST
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.scenario.paths import Line
@@ -211,7 +212,7 @@ def test_the_checker_of_gymnasium_has_no_wish_beyond_scaled_actions(monkeypatch)
 
 @pytest.mark.parametrize("seed", [3, 2**31, 2**63, 2**70])
 def test_seeds_of_any_size_and_numpys_integers(seed):
-    env, batch = gym.make("FuzzyArm-v0", randomisation="robust"), gym.make_vec("FuzzyArm-v0", randomisation="robust")
+    env, batch = (make("FuzzyArm-v0", randomisation=ROBUST) for make in (gym.make, gym.make_vec))
     observation, _ = env.reset(seed=seed)
     np.testing.assert_array_equal(batch.reset(seed=seed)[0][0], observation)
     if seed < 2**63:

@@ -21,6 +21,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import vector as wrappers
 from slow_twins import slow_but
+from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 from support.two_joints import KERNELS
 
@@ -42,7 +43,7 @@ NOISY = Disturbance(encoder_noise=EncoderNoise(position=1e-5, velocity=1e-3))
 STILL = np.array([0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0])
 LEAVING = np.r_[3.14, 0.0, 3.14, 0.0, 2.0, 0.0, 2.0, 0.0]  # out of the box within a few steps
 SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
-LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.05), duration=0.4)
+LONGER = JointReference(path=Lemniscate((0.4, 0.5), 0.05), duration=0.2)
 SAME_STEP = {"autoreset_mode": AutoresetMode.SAME_STEP}
 
 
@@ -118,7 +119,7 @@ SETTINGS = {
     "machining, plants": {"case": "machining", "randomisation": "plants"},
     "noise and force, robust": {
         "disturbance": dataclasses.replace(NOISY, tip_force=ConstantForce((30.0, 9.0))),
-        "randomisation": "robust",
+        "randomisation": ROBUST,
     },
     "coarse steps": {"case": "machining", "control_period": 2e-3, "substep": 1e-3},
 }
@@ -126,15 +127,16 @@ SETTINGS = {
 
 @pytest.mark.parametrize("setting", slow_but(["noise and force, robust", "coarse steps"], SETTINGS))
 def test_a_batch_equals_gymnasiums_loop_over_single_environments(setting):
-    lanes, steps = 5, 1560  # past the end of the reference; three lanes are controlled, two thrown about
+    lanes, seconds = 5, 0.65 if "robust" in setting else 1.56  # past the ends of the references
     envs, expected = batch(lanes, **SETTINGS[setting]), loop(lanes, **SETTINGS[setting])
+    steps = round(seconds / envs.control_period)
     policy, wild = load_policy("computed-torque", control_period=envs.control_period), torques(1, steps, lanes)
     before, after = envs.reset(seed=11), expected.reset(seed=11)
     assert_identical(before, after)
     state, done, ends = None, None, {"terminated": 0, "truncated": 0}
     for step, action in enumerate(wild):
         controlled, state = policy.predict(after[0], state=state, episode_start=done)
-        action[:3] = controlled[:3]
+        action[:3] = controlled[:3]  # the other two lanes are thrown about
         before, after = envs.step(action), expected.step(action)
         assert_identical(before, after, step)
         done = after[2] | after[3]
@@ -170,21 +172,29 @@ BY_LANE = {
     "references": {"reference": [SHORT, JointReference(), LONGER, SHORT]},
     "plants": {"parameters": PLANTS},
     "plants with references": {"parameters": PLANTS, "reference": REFERENCES, "disturbance": DISTURBANCES},
-    "plants of a randomisation": {"parameters": PLANTS, "randomisation": "plants", "case": ("payload",) * 4},
+    "plants of a randomisation": {
+        "parameters": [TABLE_1, TABLE_1, PLANTS[1], PLANTS[3]],
+        "randomisation": "plants",
+        "case": ("payload",) * 4,
+        "reference": [SHORT, LONGER, SHORT, dataclasses.replace(SHORT, parameters=PLANTS[3])],
+    },
     "some references": {"parameters": PLANTS, "reference": [SHORT, None, None, None]},
 }
+
+
+SHARED = str, JointReference, DomainRandomisation  # what all lanes of a batch have, not one of each
 
 
 def singles_of(arguments):
     """Four single environments, each with what the arguments of a batch say for its lane."""
     by_lane = [
-        {name: value if isinstance(value, str | JointReference) else value[lane] for name, value in arguments.items()}
+        {name: value if isinstance(value, SHARED) else value[lane] for name, value in arguments.items()}
         for lane in range(4)
     ]
     return [gym.make("FuzzyArm-v0", **lane) for lane in by_lane]
 
 
-def check_lanes(envs, singles, seeds, options=None, steps=450):
+def check_lanes(envs, singles, seeds, options=None, steps=230):
     """Compare a batch with single environments stepped and reset one by one; return how often lanes ended."""
     lanes, ends = len(singles), np.zeros(len(singles), dtype=int)
     options = options or [None] * lanes
@@ -233,7 +243,7 @@ def test_arguments_that_differ_by_lane_equal_single_environments_made_with_them(
         ({"reference": [SHORT, LONGER] * 2}, {"case": ["payload", "nominal", "machining", "payload"]}),
         ({"case": ["payload", "nominal"] * 2}, {"reference": [LONGER, SHORT, JointReference(), SHORT]}),
         ({"randomisation": "plants"}, {"disturbance": DISTURBANCES, "initial_state": STATES}),
-        ({"randomisation": "robust"}, {"reference": [LONGER, SHORT, LONGER, SHORT], "case": ["payload"] * 4}),
+        ({"randomisation": ROBUST}, {"reference": [LONGER, SHORT, LONGER, SHORT], "case": ["payload"] * 4}),
     ],
     ids=lambda given: " and ".join(given),
 )
@@ -256,7 +266,7 @@ def test_options_that_differ_by_lane_equal_those_of_single_environments_and_end_
 )
 def test_an_option_for_all_lanes_equals_gymnasiums_loop_and_holds_for_one_episode(option):
     envs, expected = batch(3, reference=LONGER), loop(3, reference=LONGER)
-    actions = torques(4, 430, 3, scale=0.5)
+    actions = torques(4, 220, 3, scale=0.5)
     for options in (None, option, None):
         assert_identical(envs.reset(seed=3, options=options), expected.reset(seed=3, options=options))
         for step, action in enumerate(actions):
@@ -265,7 +275,7 @@ def test_an_option_for_all_lanes_equals_gymnasiums_loop_and_holds_for_one_episod
 
 def test_a_lane_does_not_depend_on_how_many_others_there_are():
     lanes, actions = 2 * BLOCK + 3, torques(6, 40, 2 * BLOCK + 3)
-    setting = {"disturbance": NOISY, "randomisation": "robust"}
+    setting = {"disturbance": NOISY, "randomisation": ROBUST}
     together = batch(lanes, **setting)
     alone = {lane: batch(1, **setting) for lane in (0, 1, BLOCK - 1, BLOCK, lanes - 1)}
     all_lanes = together.reset(seed=100)
@@ -416,13 +426,13 @@ def test_wrapping_the_batch_is_wrapping_every_lane(name):
 
 
 def test_episode_statistics_are_those_of_every_single_environment():
-    setting = {"randomisation": "robust"}
+    setting = {"randomisation": ROBUST}
     envs = wrappers.RecordEpisodeStatistics(batch(4, **setting))
     expected = loop(4, **setting, wrappers=[gym.wrappers.RecordEpisodeStatistics])
     envs.reset(seed=0)
     expected.reset(seed=0)
     ends = 0
-    for action in torques(8, 400, 4):
+    for action in torques(8, 300, 4):
         *_, info = envs.step(action)
         *_, other = expected.step(action)
         assert ("episode" in info) == ("final_info" in other)
@@ -446,10 +456,10 @@ def test_episode_statistics_are_those_of_every_single_environment():
     ids=["NormalizeReward", "DictInfoToList", "TransformReward", "two"],
 )
 def test_a_wrapper_shows_the_same_around_the_batch_and_around_the_loop(wrap):
-    envs, expected = wrap(batch(3, disturbance=NOISY)), wrap(loop(3, disturbance=NOISY))
+    envs, expected = (wrap(make(3, disturbance=NOISY, reference=LONGER)) for make in (batch, loop))
     assert data_equivalence(envs.reset(seed=0), expected.reset(seed=0))
     ends = 0
-    for action in torques(1, 300, 3):
+    for action in torques(1, 220, 3):
         scaled = action * envs.single_action_space.high / LIMIT
         results, others = envs.step(scaled), expected.step(scaled)
         assert data_equivalence(results, others)
@@ -477,10 +487,13 @@ def test_observation_wrappers_refuse_same_step_autoreset_here_as_around_the_loop
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_processes_of_single_environments_equal_the_batch():
-    envs, expected = batch(3, randomisation="plants"), loop(3, mode="async", randomisation="plants")
+    envs, expected = (
+        batch(3, randomisation="plants", reference=SHORT),
+        loop(3, mode="async", randomisation="plants", reference=SHORT),
+    )
     try:
         assert isinstance(expected, AsyncVectorEnv) and data_equivalence(envs.reset(seed=4), expected.reset(seed=4))
-        for action in torques(9, 150, 3):
+        for action in torques(9, 60, 3):
             assert data_equivalence(envs.step(action), expected.step(action))
     finally:
         expected.close()
@@ -491,7 +504,7 @@ def test_processes_of_single_environments_equal_the_batch():
 
 @pytest.mark.parametrize("lanes", slow_but([BLOCK - 1], [1, BLOCK - 1, 3 * BLOCK + 5]))
 def test_results_do_not_depend_on_the_threads(lanes):
-    setting, actions = {"disturbance": NOISY, "randomisation": "robust"}, torques(5, 250, lanes)
+    setting, actions = {"disturbance": NOISY, "randomisation": ROBUST}, torques(5, 250, lanes)
     results = [digest(batch(lanes, threads=threads, **setting), actions, seed=1) for threads in (1, 2, 3, 5, 64)]
     assert set(results) == {results[0]} and results[0][1] > 0
 
@@ -528,8 +541,8 @@ COPIES = {"pickle": lambda envs: pickle.loads(pickle.dumps(envs)), "deepcopy": c
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_copy_goes_on_where_the_original_was(way, threads):
     lanes = 2 * BLOCK
-    envs = batch(lanes, threads=threads, disturbance=NOISY, randomisation="robust")
-    actions = torques(2, 260, lanes)
+    envs = batch(lanes, threads=threads, disturbance=NOISY, randomisation=ROBUST)
+    actions = torques(2, 200, lanes)
     envs.reset(seed=0, options={"case": "payload"})
     for action in actions[:60]:
         envs.step(action)
@@ -587,7 +600,7 @@ def test_no_threads_are_started_for_few_lanes():
 
 # --- seeds -------------------------------------------------------------------------------------------------------
 
-RANDOM = {"disturbance": NOISY, "randomisation": "robust"}
+RANDOM = {"disturbance": NOISY, "randomisation": ROBUST}
 
 
 def test_one_seed_seeds_lane_i_with_seed_plus_i():

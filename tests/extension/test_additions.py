@@ -43,6 +43,8 @@ def page(tmp_path_factory):
     (folder / "contributed.py").write_text("\n".join(BLOCKS), encoding="utf-8")
     with restored(REGISTRIES), pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
+        # Figures are drawn, but not turned into files, which takes longer than all else.
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda *args, **named: None)
         yield importlib.import_module("contributed")
         sys.modules.pop("contributed").env.close()
 

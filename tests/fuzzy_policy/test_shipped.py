@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fuzzyarm.eval.certified.verification import verify_file
 from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 
 FOLDER = resources.files("fuzzyarm.fuzzy_policy.controllers")
@@ -30,7 +30,7 @@ def load(name):
     "name", [pytest.param(name, marks=pytest.mark.slow) if "-32" in name else name for name in FILES]
 )
 def test_every_file_is_proven(name):
-    assert verify_file(FOLDER / name).certificate.proven
+    assert certify(load(name)).proven
 
 
 @pytest.mark.parametrize("rules", NAMED_RULES)

@@ -19,12 +19,14 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance, MachiningForce  # n
 from fuzzyarm.envs.scenario.paths import Circle  # noqa: E402
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E402
 from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
+from fuzzyarm.envs.scenario.reference_family import reference_family  # noqa: E402
 from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, residual_of  # noqa: E402
 from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts  # noqa: E402
 from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, scale_of, units_of  # noqa: E402
+from fuzzyarm.rl_baselines.estimate import courses as courses_module  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.config import EstimateConfig  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.courses import Courses, draw_courses  # noqa: E402
 from fuzzyarm.rl_baselines.estimate.driving import Drive  # noqa: E402
@@ -118,6 +120,13 @@ def test_the_teacher_is_the_adaptive_observer_that_knows():
         observation = lanes.layout.split(lanes.step(wanted))[0]
 
 
+@pytest.fixture
+def few_references(monkeypatch):
+    """Draw courses from eight references."""
+    monkeypatch.setattr(courses_module, "_family", lambda arm: reference_family(arm, 8))
+
+
+@pytest.mark.usefixtures("few_references")
 def test_the_beliefs_of_the_teacher_are_the_plants():
     """What is drawn of a plant follows from its constants, but for viscous friction, of which there is no belief."""
     courses = draw_courses(ARM, 8, PERIOD, np.random.default_rng(1))
@@ -154,10 +163,11 @@ def test_units_scale_with_the_arm():
     assert scale_of(doubled) == pytest.approx((0.5, 3.0, 2.0))
 
 
+@pytest.mark.usefixtures("few_references")
 def test_motors_too_weak_for_any_course_are_named():
     weak = dataclasses.replace(ARM, torque_limit=(30.0, 10.0))
-    with pytest.raises(ValueError, match=r"of 200 courses and loads the motors bear only \d; raise torque_limit"):
-        draw_courses(weak, 2, PERIOD, np.random.default_rng(0))
+    with pytest.raises(ValueError, match=r"of 100 courses and loads the motors bear only 0; raise torque_limit"):
+        draw_courses(weak, 1, PERIOD, np.random.default_rng(0))
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm.cli import main
 from fuzzyarm.rl_baselines import config as common_settings
@@ -140,16 +141,22 @@ def test_without_options_a_training_has_the_first_preset(chosen):
     assert chosen("--resume") is None
 
 
-@pytest.mark.parametrize("name", FIELDS)
-def test_every_setting_is_an_option(name, chosen):
-    needed = {"scale": (0.01, 0.02)}  # actions are angles with a base
-    observer = needed | {"base": "elastic-observer"}
-    value, more = other(FIELDS[name]), {"base": needed, "gate": observer, "innovation_times": observer}.get(name, {})
-    flag = name.replace("_", "-")
-    words = [f"--no-{flag}"] if value is False else [f"--{flag}", *([] if value is True else texts(value))]
-    for other_name, other_value in more.items():
-        words += [f"--{other_name}", *texts(other_value)]
-    assert chosen(*words) == dataclasses.replace(PPOConfig(), **{name: value} | more)
+ANGLES = {"scale": (0.01, 0.02)}  # actions are angles with a base
+OBSERVER = ANGLES | {"base": "elastic-observer"}
+NEEDED = {"base": ANGLES, "gate": OBSERVER, "innovation_times": OBSERVER, "smoothness": {}}  # not with ent_coef
+TOGETHER = tuple(name for name in FIELDS if name not in NEEDED)
+ALL_AT_ONCE = [TOGETHER, *((name,) for name in NEEDED)]
+
+
+@pytest.mark.parametrize(
+    "names", slow_but(ALL_AT_ONCE, [*ALL_AT_ONCE, *((name,) for name in TOGETHER)]), ids=lambda names: names[-1]
+)
+def test_every_setting_is_an_option(names, chosen):
+    values, words = {name: other(FIELDS[name]) for name in names} | NEEDED.get(names[0], {}), []
+    for name, value in values.items():
+        flag = name.replace("_", "-")
+        words += [f"--no-{flag}"] if value is False else [f"--{flag}", *([] if value is True else texts(value))]
+    assert chosen(*words) == dataclasses.replace(PPOConfig(), **values)
 
 
 def test_an_option_changes_that_of_the_preset_alone(chosen):
@@ -157,8 +164,8 @@ def test_an_option_changes_that_of_the_preset_alone(chosen):
 
 
 def test_large_numbers_may_be_written_shortly(chosen):
-    assert chosen("--total-timesteps", "4e6").total_timesteps == 4_000_000
-    assert chosen("--total-timesteps", "4_000_000").total_timesteps == 4_000_000
+    config = chosen("--total-timesteps", "4e6", "--evaluation-interval", "4_000")
+    assert (config.total_timesteps, config.evaluation_interval) == (4_000_000, 4000)
 
 
 BAD = {

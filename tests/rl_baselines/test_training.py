@@ -23,6 +23,7 @@ from fuzzyarm.learned_policy.bundle import PolicyBundle  # noqa: E402
 from fuzzyarm.learned_policy.policy import LearnedPolicy  # noqa: E402
 from fuzzyarm.rl_baselines import training as trainer  # noqa: E402
 from fuzzyarm.rl_baselines.algorithms.ppo import PRESETS, PPOConfig  # noqa: E402
+from fuzzyarm.rl_baselines.case_evaluation import COLUMNS  # noqa: E402
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, write_checkpoint  # noqa: E402
 from fuzzyarm.rl_baselines.progress import train_with_progress  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
@@ -36,6 +37,7 @@ FLAGS = {
     "batch_size": 256,
     "n_epochs": 2,
     "hidden": 16,
+    "references": 4,
     "circles": 2,
     "evaluation_interval": 3000,
     "checkpoint_interval": 1024,
@@ -161,6 +163,13 @@ def test_the_same_seed_gives_the_same_policy_and_another_seed_another(distributi
     assert a == b and a["policy/weights.safetensors"] != c["policy/weights.safetensors"]
 
 
+@pytest.fixture
+def unevaluated(monkeypatch):
+    """Let every evaluation find the same at once: it takes longer than these trainings."""
+    monkeypatch.setattr(trainer, "evaluate_cases", lambda *_: dict.fromkeys(COLUMNS, 1.0))
+
+
+@pytest.mark.usefixtures("unevaluated")
 def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_extended(tmp_path):
     Training(replace(SMALL, total_timesteps=64), tmp_path / "run").run()  # an update has 512 steps
     optimizer = read_checkpoint(tmp_path / "run" / "checkpoint.pt")["learner"]["optimizer"]
@@ -170,6 +179,7 @@ def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_exten
     assert extended.algorithm.steps == 1024
 
 
+@pytest.mark.usefixtures("unevaluated")
 def test_the_very_beginning_can_be_resumed(tmp_path):
     Training(SMALL, tmp_path / "a").run()
 
@@ -255,6 +265,7 @@ def test_no_finished_or_foreign_folder_is_trained_over(whole, capsys):
 # --- disks ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unevaluated")
 def test_a_disk_that_fills_up_leaves_the_last_checkpoint_whole(tmp_path, monkeypatch, capsys):
     reference = Training(replace(SMALL, checkpoint_interval=256), tmp_path / "whole")
     reference.run()
@@ -266,27 +277,29 @@ def test_a_disk_that_fills_up_leaves_the_last_checkpoint_whole(tmp_path, monkeyp
             raise OSError(28, "No space left on device")
         fsync(handle)
 
-    monkeypatch.setattr(os, "fsync", full)
     flags = words(SHORT | {"checkpoint_interval": 256})
-    assert main(["train", "ppo", *flags, "--no-tensorboard", "--out", str(tmp_path / "run")]) == 2
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        assert main(["train", "ppo", *flags, "--no-tensorboard", "--out", str(tmp_path / "run")]) == 2
     message = capsys.readouterr().err.strip().splitlines()[-1]
     assert re.search(
         r"checkpoint.pt: No space left on device; the previous checkpoint is intact: free some space", message
     )
     assert not [path for path in (tmp_path / "run").iterdir() if path.name.endswith(".part")]
-    monkeypatch.undo()
     assert main(["train", "ppo", "--resume", "--out", str(tmp_path / "run")]) == 0
     assert results(tmp_path / "run") == results(tmp_path / "whole")
 
 
+@pytest.mark.usefixtures("unevaluated")
 def test_a_disk_that_fills_up_beside_the_checkpoint_says_that_it_is_whole(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(PolicyBundle, "save", full)
-    with pytest.raises(OSError, match=r"No space left on device; checkpoint\.pt is intact: free some space and resume"):
-        Training(SMALL, tmp_path / "run").run()
-    monkeypatch.undo()
+    message = r"No space left on device; checkpoint\.pt is intact: free some space and resume"
+    with monkeypatch.context() as patch:
+        patch.setattr(PolicyBundle, "save", full)
+        with pytest.raises(OSError, match=message):
+            Training(SMALL, tmp_path / "run").run()
     Training.resume(tmp_path / "run").run()
     PolicyBundle.load(tmp_path / "run" / "policy")
 
@@ -359,6 +372,7 @@ except ValueError as error:
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.usefixtures("unevaluated")
 def test_tensorboard_gets_every_row_if_it_is_installed(tmp_path, monkeypatch):
     logged = []
 

@@ -1,6 +1,7 @@
 """Design end to end: a result rests on its proof, and never on the solver's status."""
 
 import dataclasses
+import functools
 import itertools
 
 import numpy as np
@@ -23,6 +24,8 @@ from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, de
 from fuzzyarm.synthesis import search as synthesis_search
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
+# None, one premise of each kind, and two of one side and of both.
+FAST = [(), *SUBSETS[1:6], ("z1", "z3"), ("z2", "z4")]
 
 
 @pytest.fixture(scope="module")
@@ -43,17 +46,17 @@ def test_the_design_is_proven(designed):
     assert (controller.alpha, controller.gamma, controller.model.rules) == (20.0, 2e-4, 4)
 
 
-def test_the_shipped_controller_is_regenerated_to_the_same_performance():
+@pytest.mark.parametrize("case", slow_but(["payload"], ["nominal", "machining", "payload"]))
+def test_the_shipped_controller_is_regenerated_to_the_same_performance(case):
     shipped = load_policy("fuzzy-4")
     old = shipped.controller
     again = design(Specification(old.model.kept, alpha=old.alpha, gamma=old.gamma, fastest_pole=old.fastest_pole))
-    for case in ("nominal", "machining", "payload"):
-        results = [
-            metrics_of(record_rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
-            for policy in (shipped, FuzzyPolicy(again.controller))
-        ]
-        for key in ("tip_error_max_mm", "tip_error_rms_mm", "joint_error_rms_mrad", "torque_peak_1", "torque_peak_2"):
-            assert results[1][key] == pytest.approx(results[0][key], rel=0.01)
+    results = [
+        metrics_of(record_rollout(FuzzyArmEnv(case=case), policy, policy_name="", case=case, seed=0))
+        for policy in (shipped, FuzzyPolicy(again.controller))
+    ]
+    for key in ("tip_error_max_mm", "tip_error_rms_mm", "joint_error_rms_mrad", "torque_peak_1", "torque_peak_2"):
+        assert results[1][key] == pytest.approx(results[0][key], rel=0.01)
 
 
 def test_poles_lie_left_of_the_decay_rate(designed):
@@ -61,7 +64,7 @@ def test_poles_lie_left_of_the_decay_rate(designed):
     controller = designed.controller
     model = controller.model
     rng = np.random.default_rng(0)
-    for z in rng.uniform(*model.bounds.T, size=(500, 5)):
+    for z in rng.uniform(*model.bounds.T, size=(150, 5)):
         h, v = model.weights(z)
         gain = np.einsum("i,k,ikab->ab", h, v, controller.gains)
         A, E = np.zeros((6, 6)), np.eye(6)
@@ -71,7 +74,9 @@ def test_poles_lie_left_of_the_decay_rate(designed):
 
 
 @pytest.mark.parametrize(
-    "kept", [*(subset for subset in SUBSETS if len(subset) <= 2), NAMED_RULES[8]], ids=lambda k: "+".join(k) or "none"
+    "kept",
+    slow_but(FAST, [*(subset for subset in SUBSETS if len(subset) <= 2), NAMED_RULES[8]]),
+    ids=lambda k: "+".join(k) or "none",
 )
 def test_every_model_up_to_4_rules_is_designed_and_proven(kept):
     assert design(Specification(kept=kept)).certificate.proven
@@ -84,7 +89,9 @@ def test_every_larger_model_is_designed_and_proven(kept):
 
 
 @pytest.mark.parametrize(
-    "kept", [subset for subset in SUBSETS if len(subset) <= 1], ids=lambda k: "+".join(k) or "none"
+    "kept",
+    slow_but([(), ("z1",), ("z2",)], [subset for subset in SUBSETS if len(subset) <= 1]),
+    ids=lambda k: "+".join(k) or "none",
 )
 def test_every_model_up_to_2_rules_in_the_form_of_the_paper(kept):
     """As printed, with the integral: no number of rules is too few for Theorem 2."""
@@ -92,13 +99,15 @@ def test_every_model_up_to_2_rules_in_the_form_of_the_paper(kept):
     assert design(asked).certificate.proven
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5, 1.0, None])
+@functools.cache
+def paper_form_with(share):
+    return design(Specification((), "paper", gamma=1000.0, common_multiplier=True, feedforward=share)).controller
+
+
+@pytest.mark.parametrize("share", slow_but([0.5, None], [0.0, 0.5, 1.0, None]))
 def test_the_inequalities_of_the_paper_hold_with_the_l_that_is_given(share):
     """Every share of the consistent L is proven, and needs the same gains within 1 %; the solver's own L is huge."""
-    controllers = [
-        design(Specification((), "paper", gamma=1000.0, common_multiplier=True, feedforward=f)).controller
-        for f in (0.0, share)
-    ]
+    controllers = [paper_form_with(f) for f in (0.0, share)]
     consistent = consistent_feedforward(controllers[1].model)
     if share is None:
         assert np.abs(controllers[1].feedforward).max() > 100.0 * np.abs(consistent).max()
@@ -118,8 +127,8 @@ def test_more_gain_gives_a_smaller_gamma():
     """The bound on K P K' is a little stronger than on |K|, so a design meets its own gamma at some more gain."""
     first = design(Specification(kept=()))
     gain = synthesis_search.scaled_gain(first.controller)
-    gammas = [design(Specification(kept=(), gamma=None, gain_bound=f * gain)).controller.gamma for f in (1.0, 1.5, 3.0)]
-    assert gammas[0] > gammas[1] > gammas[2]
+    gammas = [design(Specification(kept=(), gamma=None, gain_bound=f * gain)).controller.gamma for f in (1.0, 1.5)]
+    assert gammas[0] > gammas[1]
     assert gammas[1] < 2e-4
 
 
@@ -131,6 +140,7 @@ def test_more_gain_gives_a_faster_decay():
     assert 1.0 < rates[0] < rates[1]
 
 
+@pytest.mark.slow  # the command line says it of the same design in the fast suite
 def test_an_impossible_specification_says_what_would_have_to_give():
     with pytest.raises(DesignFailed, match=r"largest that works is about \d") as caught:
         design(Specification(kept=(), alpha=400.0, gain_bound=1e5))
@@ -288,6 +298,7 @@ def test_a_solver_that_lies_about_the_strip_is_not_believed(monkeypatch):
         design(Specification(fastest_pole=200.0))
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_the_command_line_designs_with_a_fastest_pole(tmp_path, capsys):
     path = tmp_path / "limited.json"
     assert main(["design", "--gamma", "1.2e-4", "--fastest-pole", "200", "--out", str(path)]) == 0

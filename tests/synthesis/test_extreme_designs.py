@@ -3,9 +3,12 @@
 import contextlib
 
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.fuzzy_policy.controller import Controller
+from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, TSModel
 from fuzzyarm.synthesis import DesignFailed, Specification, design, search
 from fuzzyarm.synthesis.error_model import OneVertex
@@ -52,11 +55,22 @@ def test_requirements_at_the_end_of_their_ranges_fail_in_one_line(tmp_path, caps
     assert error.count("\n") == 1 and "nothing was written" in error
 
 
-@pytest.mark.parametrize("option", ["--gamma=1e30", "--alpha=1e-6", "--fastest-pole=1e6"])
+EASY = ["--gamma=1e30", "--alpha=1e-6", "--fastest-pole=1e6"]
+
+
+@pytest.mark.parametrize("option", slow_but(EASY[:1], EASY))
+@pytest.mark.usefixtures("unmeasured")
 def test_requirements_at_the_easy_end_of_their_ranges_are_proven(tmp_path, option):
     path = tmp_path / "easy.json"
     assert main(["design", "--rules=1", option, "--out", str(path)]) == 0
     assert main(["verify", str(path)]) == 0
+
+
+@pytest.mark.parametrize("asked", [{"alpha": 1e-6}, {"fastest_pole": 1e6}], ids=str)
+def test_a_design_at_the_easy_end_of_a_range_is_proven_from_its_file(tmp_path, asked):
+    made = design(Specification(kept=(), **asked))
+    made.controller.save(tmp_path / "easy.json")
+    assert made.certificate.proven and certify(Controller.load(tmp_path / "easy.json")).proven
 
 
 @pytest.mark.parametrize("field", ["alpha", "gamma", "gain_bound", "fastest_pole"])

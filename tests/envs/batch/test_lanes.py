@@ -59,7 +59,11 @@ def plants():
 
 def scenarios():
     """Four disturbances by five references, or a drawn one."""
-    references = (JointReference(), *(JointReference(Circle(radius=0.1 + 0.02 * k)) for k in range(4)), None)
+    references = (
+        JointReference(),
+        *(JointReference(Circle(radius=0.02 + 0.005 * k), duration=0.2) for k in range(4)),
+        None,
+    )
     return [(DISTURBANCES[k % 4], references[k % 6]) for k in range(MOST)]
 
 
@@ -167,19 +171,25 @@ def test_the_single_environment_is_the_lane_bit_for_bit(lane, alone):
     assert len(rows) == STEPS + 1 or rows[-1, -1] > 0.0
 
 
-@pytest.mark.parametrize("threads", [1, 3])
+@pytest.fixture(scope="module", params=[1, 3])
+def unmoved(request):
+    """All lanes at the starts of their episodes; tests do not move them."""
+    lanes = lanes_of(np.arange(MOST), request.param)
+    lanes.reset(range(MOST))
+    yield lanes
+    lanes.close()
+
+
 @pytest.mark.parametrize("lane", [0, 40, 99])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_one_torque_that_is_not_finite_moves_no_lane_and_names_its_own(threads, lane, value):
-    lanes = lanes_of(np.arange(MOST), threads)
-    lanes.reset(range(MOST))
+def test_one_torque_that_is_not_finite_moves_no_lane_and_names_its_own(unmoved, lane, value):
+    lanes = unmoved
     values, clock = lanes.numbers(slice(None)), lanes.clock.copy()
     torque = TORQUES[0].copy()
     torque[lane] = (1.5, value)
     with pytest.raises(ValueError, match=rf"action \[1\.5, {value}\] N m of lane {lane} is not finite"):
         lanes.step(torque)
     assert np.array_equal(lanes.numbers(slice(None)), values) and np.array_equal(lanes.clock, clock)
-    lanes.close()
 
 
 def test_the_first_of_several_bad_lanes_is_named():

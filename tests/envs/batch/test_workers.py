@@ -8,6 +8,7 @@ import gymnasium as gym
 import numba
 import numpy as np
 import pytest
+from support.randomisation import ROBUST
 
 from fuzzyarm.envs.batch import board as boards
 from fuzzyarm.envs.batch.results_memory import ResultsMemory
@@ -84,9 +85,9 @@ def test_threads_change_no_bit_of_step_after_step(order):
     torque = np.linspace(-40.0, 40.0, 2 * 700).reshape(700, 2)
     found = []
     for threads in (1, 3):
-        envs = gym.make_vec("fuzzyarm:FuzzyArm-v0", num_envs=700, threads=threads, randomisation="robust")
+        envs = gym.make_vec("fuzzyarm:FuzzyArm-v0", num_envs=700, threads=threads, randomisation=ROBUST)
         envs.reset(seed=3)
-        steps = [np.array(torque * np.cos(k), order=order if threads > 1 else "C") for k in range(300)]
+        steps = [np.array(torque * np.cos(k), order=order if threads > 1 else "C") for k in range(100)]
         found.append(np.stack([envs.step(step)[0] for step in steps]))
         envs.close()
     assert np.array_equal(*found)

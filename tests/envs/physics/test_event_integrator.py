@@ -67,7 +67,7 @@ def in_substeps(start, torque, seconds, h):
 @pytest.mark.parametrize("case", EVENTS)
 def test_motors_go_through_the_expected_modes(case):
     start, torque, seconds, expected = EVENTS[case]
-    signs = np.sign(in_pieces(start, torque, seconds, 400)[:, 4:6]).T
+    signs = np.sign(in_pieces(start, torque, seconds, 200)[:, 4:6]).T
     assert tuple([s for k, s in enumerate(joint) if k == 0 or s != joint[k - 1]] for joint in signs) == expected
 
 
@@ -100,7 +100,7 @@ def test_tolerances_and_steps_change_nothing(case, monkeypatch):
 
 
 def test_energy_is_kept_without_losses():
-    after = solve(SWINGING, (0.0, 0.0), 0.5, arm=CONSERVATIVE)
+    after = solve(SWINGING, (0.0, 0.0), 0.2, arm=CONSERVATIVE)
     assert energy(after, CONSERVATIVE) == pytest.approx(energy(SWINGING, CONSERVATIVE), abs=1e-9)
 
 

@@ -145,7 +145,7 @@ def arms(draw):
     )
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 @given(arm=arms())
 def test_toml_round_trip_is_exact(arm, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "arm.toml"

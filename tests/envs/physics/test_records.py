@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 from numba.extending import register_jitable
+from slow_twins import slow_but
 from support.two_joints import LAYOUT, Draw, Row
 
 from fuzzyarm.envs.batch.layout import Start
@@ -93,7 +94,7 @@ def test_the_records_of_so_many_joints_are_always_the_same_classes(joints):
     assert point(2) is Point and per_joint(2) is PerJoint and point(3)._fields == ("x", "y", "z")
 
 
-@pytest.mark.parametrize("joints", [2, 5])
+@pytest.mark.parametrize("joints", slow_but([5], [2, 5]))
 def test_what_is_done_joint_by_joint_is_done_compiled_as_in_python(joints):
     kind, a, b = per_joint(joints), np.arange(1.0, joints + 1.0), np.arange(joints) - 0.5
     first, second = kind(*a), kind(*b)

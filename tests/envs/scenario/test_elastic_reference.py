@@ -44,12 +44,13 @@ REFERENCES = {
 }
 
 
-@pytest.fixture(params=REFERENCES, scope="module")
+# The lemniscate and the line differ from the circle in the path alone, of which the springs know the joint angles.
+@pytest.fixture(params=slow_but(REFERENCES.keys() - {"lemniscate", "line"}, REFERENCES), scope="module")
 def elastic(request):
     return ElasticReference(REFERENCES[request.param])
 
 
-def instants(reference, count=700):
+def instants(reference, count=300):
     """Times from before the start to after the end, corners among them."""
     inner = np.linspace(-0.05, reference.duration + 0.1, count)
     return np.sort(np.concatenate([inner, reference.corners()]))
@@ -88,7 +89,7 @@ def test_velocities_and_accelerations_are_the_derivatives(elastic):
     after_corners = reference.corners()[:, np.newaxis] + np.logspace(-7, -2, 31)  # the joints settle in µs to ms
     ends = np.concatenate([reference.corners(), after_corners.ravel(), np.linspace(0.0, reference.duration, 301)])
     ends = np.unique(ends)
-    nodes, weights = np.polynomial.legendre.leggauss(8)
+    nodes, weights = np.polynomial.legendre.leggauss(6)
     middle, half = 0.5 * (ends[:-1] + ends[1:]), 0.5 * np.diff(ends)
     inside = elastic.sample(middle[:, np.newaxis] + half[:, np.newaxis] * nodes)
     at_ends = elastic.sample(ends)
@@ -103,7 +104,10 @@ def test_velocities_and_accelerations_are_the_derivatives(elastic):
     np.testing.assert_allclose(change(inside.ddq)[whole], np.diff(at_ends.dq, axis=0)[whole], rtol=0.0, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", ["the paper's circle", "soft arm", "waypoints, other elbow"])
+@pytest.mark.parametrize(
+    "name",
+    slow_but(["soft arm", "waypoints, other elbow"], ["the paper's circle", "soft arm", "waypoints, other elbow"]),
+)
 def test_an_integrator_finds_the_same_bending(name):
     """B_t δ̇ = τ_d - K_t δ from rest, by an implicit Runge-Kutta method, corner to corner."""
     reference = REFERENCES[name]
@@ -119,8 +123,8 @@ def test_an_integrator_finds_the_same_bending(name):
             delta,
             method="Radau",
             t_eval=asked,
-            rtol=1e-9,
-            atol=1e-13,
+            rtol=1e-7,
+            atol=1e-12,
         )
         delta = found.y[:, -1]
         bending = elastic.sample(asked).q - reference.sample(asked).q

@@ -455,7 +455,7 @@ def test_a_case_given_for_one_episode_keeps_the_drawn_reference():
 def test_every_reference_of_the_family_can_be_tracked(arm):
     references = reference_family(arm)
     reach = sum(arm.length)
-    assert len(references) == 32 and all(reference.parameters is arm for reference in references)
+    assert len(references) == 32 and all(reference.parameters == arm for reference in references)
     FuzzyArmEnv(parameters=arm, randomisation=DomainRandomisation(references=references))  # fits the observation space
     for reference in references:
         times = np.linspace(0.0, reference.duration, 1001)

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import importlib.util
 import io
 import itertools
@@ -17,7 +18,7 @@ from PIL import Image
 from rich.console import Console
 from slow_twins import slow_but
 
-from fuzzyarm.eval.bench import entries, peers, sweeps
+from fuzzyarm.eval.bench import accuracy, entries, peers, sweeps
 from fuzzyarm.eval.bench import run as bench_module
 from fuzzyarm.eval.bench.config import BenchConfig
 from fuzzyarm.eval.bench.entries import Entry, NotMeasured, draw_actions, timed, timed_batch
@@ -25,6 +26,7 @@ from fuzzyarm.eval.bench.peers import MUJOCO_METHODS
 from fuzzyarm.eval.bench.run import memory_per_lane, race, run_bench, spread, write_document
 from fuzzyarm.eval.bench.speed_table import print_speeds, speed_cells, speed_notes
 from fuzzyarm.eval.bench.throughput_figure import draw_throughput
+from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.sweep.config import SweepConfig
 
 
@@ -383,8 +385,11 @@ def test_what_needs_no_optional_package_runs(number):
         assert measure(0.0) > 0.0
 
 
-def test_the_batch_is_as_accurate_as_the_one_environment():
+@pytest.mark.parametrize("steps", slow_but([200], [200, None]))
+def test_the_batch_is_as_accurate_as_the_one_environment(monkeypatch, steps):
     """The error of the time step, as benchmarks/accuracy.py has it: a fraction of a micrometre."""
+    monkeypatch.setattr(accuracy, "episodes", lambda *given: itertools.islice(episodes(*given), steps))
+    monkeypatch.setattr(entries, "_exact_tips", functools.cache(entries._exact_tips.__wrapped__))
     error = entries.own_single().tip_error()
     assert 0.0 < error < 1e-6
     assert entries.own_batches(4, 1)[0].tip_error() == pytest.approx(error, rel=1e-6)

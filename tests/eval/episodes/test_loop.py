@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -44,7 +45,7 @@ def recorded(envs, policy, lanes):
     return [one.rollout(seed=5 + lane, **given) for lane, one in enumerate(signals)], errors
 
 
-@pytest.mark.parametrize("name", ["computed-torque", "elastic-observer"])
+@pytest.mark.parametrize("name", slow_but(["elastic-observer"], ["computed-torque", "elastic-observer"]))
 def test_each_lane_is_the_single_arm(name):
     envs = FuzzyArmVectorEnv(3, disturbance=NOISY, reference=REFERENCES, threads=1)
     runs, errors = recorded(envs, load_policy(name), 3)

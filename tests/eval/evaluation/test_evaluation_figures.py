@@ -11,6 +11,7 @@ import matplotlib
 import numpy as np
 import pytest
 from PIL import Image
+from slow_twins import slow_but
 
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.figures import FOCUS, draw_figures, write_figures
@@ -56,6 +57,19 @@ def episode(policy="a", case="nominal", *, samples=60, seed=0, error=1e-3, compl
         reward=np.ones(samples),
         domain_use=np.full(samples, 0.3),
     )
+
+
+@pytest.fixture
+def keep(monkeypatch):
+    """Draw these figures over time only, beside the path and the overview: each takes a twentieth of a second."""
+
+    def kept(*names):
+        monkeypatch.setattr(
+            "fuzzyarm.eval.evaluation.figures.time_figures",
+            lambda joints: {name: panels for name, panels in time_figures(joints).items() if name in names},
+        )
+
+    return kept
 
 
 TWO = [episode("fuzzy-4"), episode("computed-torque", error=2e-3)]
@@ -134,7 +148,8 @@ def test_axes_have_labels_with_units_and_legends_name_every_policy(curve):
         assert "ended early" not in legend(figure)
 
 
-def test_the_path_is_drawn_with_x_down_and_magnified_deviations():
+def test_the_path_is_drawn_with_x_down_and_magnified_deviations(keep):
+    keep()
     axes = draw_figures([episode(error=1e-3)])["nominal-path"].axes[0]
     assert axes.get_title("left").endswith("× 20")
     assert axes.get_aspect() == 1.0
@@ -144,12 +159,14 @@ def test_the_path_is_drawn_with_x_down_and_magnified_deviations():
     np.testing.assert_allclose(drawn[:, ::-1], reference + 20 * (episode().tip - reference), atol=1e-12)
 
 
-def test_the_magnification_falls_for_large_deviations():
+def test_the_magnification_falls_for_large_deviations(keep):
+    keep()
     axes = draw_figures([episode(error=30e-3)])["nominal-path"].axes[0]
     assert axes.get_title("left").endswith("× 2")
 
 
-def test_circularity_is_that_of_the_tip_and_below_it_that_of_the_motors_on_the_same_scale():
+def test_circularity_is_that_of_the_tip_and_below_it_that_of_the_motors_on_the_same_scale(keep):
+    keep("circularity")
     link, motor = draw_figures([episode(error=1e-3)])["nominal-circularity"].axes
     np.testing.assert_allclose(curves(link, 60)[0].get_ydata(), 1e3 * episode().circularity_error)
     np.testing.assert_allclose(curves(motor, 60)[0].get_ydata(), 1e3 * episode().circularity_error_motor)
@@ -158,7 +175,8 @@ def test_circularity_is_that_of_the_tip_and_below_it_that_of_the_motors_on_the_s
     assert "error" not in motor.get_ylabel()
 
 
-def test_tip_errors_decades_apart_are_all_seen():
+def test_tip_errors_decades_apart_are_all_seen(keep):
+    keep()
     good, bad = episode("good", error=3e-6), episode("bad", error=20e-3)
     tip = draw_figures([good, bad])["overview"].axes[0]
     assert tip.get_yscale() == "log"
@@ -170,7 +188,8 @@ def test_tip_errors_decades_apart_are_all_seen():
     assert not tip.texts
 
 
-def test_each_case_has_the_decades_of_its_own_errors():
+def test_each_case_has_the_decades_of_its_own_errors(keep):
+    keep()
     figure = draw_figures([episode(error=1e-7), episode(case="payload", error=5e-3)])["overview"]
     nominal, payload, *below = figure.axes
     assert nominal.get_ylim()[0] == 1e-5 and payload.get_ylim()[0] >= 1e-2  # mm
@@ -195,7 +214,8 @@ def test_an_episode_that_ended_early_is_marked():
 
 
 @pytest.mark.parametrize("completed", [True, False])
-def test_a_policy_far_off_does_not_flatten_the_others(completed):
+def test_a_policy_far_off_does_not_flatten_the_others(completed, keep):
+    keep("torque")
     figures = draw_figures([episode("good"), episode("bad", samples=50, error=20 * FOCUS * 1e-3, completed=completed)])
     error = figures["overview"].axes[1]
     assert error.get_ylim()[1] < 1.2  # mm; the good one reaches 1.0
@@ -205,15 +225,17 @@ def test_a_policy_far_off_does_not_flatten_the_others(completed):
     assert not figures["nominal-torque"].axes[0].texts
 
 
-@pytest.mark.parametrize("samples", [1, 2, 30])
-def test_one_policy_that_never_finishes(samples):
+@pytest.mark.parametrize("samples", slow_but([1], [1, 2, 30]))
+def test_one_policy_that_never_finishes(samples, keep):
+    keep("velocity")
     figures = draw_figures([episode("sac", samples=samples, completed=False)])
     for name in ("nominal-path", "nominal-velocity", "overview"):
         figures[name].draw_without_rendering()
         assert figures[name].axes[0].lines
 
 
-def test_many_policies_look_different_and_the_same_in_every_case():
+def test_many_policies_look_different_and_the_same_in_every_case(keep):
+    keep("torque")
     rollouts = [episode(f"policy {k}") for k in range(12)] + [episode("policy 7", "payload")]
     figures = draw_figures(rollouts)
     lines = curves(figures["nominal-torque"].axes[0], 60)
@@ -223,7 +245,8 @@ def test_many_policies_look_different_and_the_same_in_every_case():
     assert curves(figures["payload-torque"].axes[0], 60)[0].get_color() == looks[7][0]
 
 
-def test_the_legend_fits_below_the_axes():
+def test_the_legend_fits_below_the_axes(keep):
+    keep("velocity")
     figure = draw_figures([episode(f"a policy with a long name {k}") for k in range(8)])["nominal-velocity"]
     figure.draw_without_rendering()
     box = figure.legends[0].get_window_extent()
@@ -232,7 +255,8 @@ def test_the_legend_fits_below_the_axes():
     assert box.y1 <= min(axes.get_tightbbox().y0 for axes in figure.axes)
 
 
-def test_of_several_seeds_the_first_is_drawn():
+def test_of_several_seeds_the_first_is_drawn(keep):
+    keep("circularity")
     figure = draw_figures([episode(seed=0, error=1e-3), episode(seed=1, error=2e-3)])["nominal-circularity"]
     (line,) = curves(figure.axes[0], 60)
     np.testing.assert_allclose(line.get_ydata(), 1e3 * episode(error=1e-3).circularity_error)
@@ -243,13 +267,15 @@ def test_no_rollouts_is_an_error(tmp_path):
         write_figures([], tmp_path)
 
 
-def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path):
+def test_a_missing_folder_is_an_error_and_stays_missing(tmp_path, keep):
+    keep()
     with pytest.raises(FileNotFoundError):
         write_figures(TWO, tmp_path / "missing")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
+def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch, keep):
+    keep()
     old = tmp_path / "nominal-path.png"
     old.write_bytes(b"old")
 

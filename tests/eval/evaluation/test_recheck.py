@@ -57,6 +57,12 @@ def one_line_error(capsys):
     return err
 
 
+@pytest.fixture
+def repeated(evaluation, monkeypatch):
+    """A check runs no episode: the evaluation comes out again."""
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", lambda *_: evaluation)
+
+
 def differences(folder, document, evaluation, monkeypatch):
     """What a check of a document finds if this evaluation comes out."""
     monkeypatch.setattr("fuzzyarm.eval.evaluation.recheck.evaluate", lambda *_: evaluation)
@@ -64,7 +70,9 @@ def differences(folder, document, evaluation, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["results.json", "."])
-def test_a_fresh_evaluation_agrees_with_itself_and_nothing_is_written(folder, document, capsys, name):
+def test_a_fresh_evaluation_agrees_with_itself_and_nothing_is_written(folder, document, capsys, request, name):
+    if name == ".":
+        request.getfixturevalue("repeated")  # the other way to name the file runs the episodes
     path = write(folder, document)
     before = path.read_bytes()
     assert main(["evaluate", "--check", name]) == 0
@@ -79,7 +87,7 @@ def test_each_number_is_compared(folder, document, evaluation, monkeypatch):
     """Twice the tolerance is seen, half of it is not."""
     names = [k for k, v in document["results"][0].items() if isinstance(v, float) and k != "predict_us"]
     assert len(names) == 16
-    for row in range(4):
+    for row in (0, 3):  # of each policy one
         for name in names:
             for factor, expected in ((1.0 + 2e-6, [name]), (1.0 - 5e-7, [])):
                 changed = copy.deepcopy(document)
@@ -111,7 +119,7 @@ def test_the_clock_is_not_compared(folder, document, evaluation, monkeypatch):
     assert differences(folder, document, evaluation, monkeypatch) == []
 
 
-def test_what_differs_is_shown_with_both_values(folder, document, capsys):
+def test_what_differs_is_shown_with_both_values(folder, document, capsys, repeated):
     document["results"][0]["energy"] = 100.0
     document["results"][3]["return"] = 1.0
     assert main(["evaluate", "--check", str(write(folder, document))]) == 1
@@ -121,7 +129,7 @@ def test_what_differs_is_shown_with_both_values(folder, document, capsys):
     assert lines[3] == ["2", "values", "of", "4", "rows", "differ"]
 
 
-def test_other_versions_are_a_note(folder, document, capsys):
+def test_other_versions_are_a_note(folder, document, capsys, repeated):
     document["versions"]["numpy"], document["commit"] = "1.0", "abc"
     assert main(["evaluate", "--check", str(write(folder, document))]) == 0
     out = capsys.readouterr().out
@@ -311,7 +319,7 @@ def test_an_unknown_policy_is_named(folder, document, capsys, old, new):
     assert f"unknown policy '{new}'; choose from" in one_line_error(capsys)
 
 
-def test_files_from_before_the_digests_still_read(folder, document, capsys):
+def test_files_from_before_the_digests_still_read(folder, document, capsys, repeated):
     for key in ("policy_files", "certified_bounds", "command", "date"):
         del document[key]
     assert main(["evaluate", "--check", str(write(folder, document))]) == 0

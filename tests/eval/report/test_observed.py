@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
-from fuzzyarm.eval.report.observed import observe_policies
+from fuzzyarm.eval.report.observed import observe, observe_policies
 from fuzzyarm.policies import load_policy
 
 ROOT = Path(__file__).parents[3]
@@ -22,11 +23,28 @@ def controller():
     return load_policy("fuzzy-4").controller
 
 
-def test_it_is_what_the_benchmark_finds_and_within_the_certificate(controller, seen):
-    decay, gain = STORED["decay_per_s"], STORED["gain_rad_per_Nm"]
-    np.testing.assert_allclose([seen.decay, seen.gain], [decay["observed"], gain["observed"]], rtol=2e-3)
+def assert_within_the_certificate(controller, seen):
     assert controller.alpha <= seen.decay and seen.gain <= controller.gamma
     assert seen.probe == "worst torque found"
+
+
+def test_of_a_short_motion_it_is_the_decay_and_nearly_the_gain_of_the_benchmark(controller, seen):
+    """The gain of a part of a motion is no larger; at the worst posture 0.3 s are enough for all but 2 % of it.
+
+    Along the circle alone it would be 8 % less.
+    """
+    decay, gain = STORED["decay_per_s"]["observed"], STORED["gain_rad_per_Nm"]["observed"]
+    assert seen.decay == pytest.approx(decay, rel=2e-3)
+    assert 0.98 * gain < seen.gain < gain
+    assert_within_the_certificate(controller, seen)
+
+
+@pytest.mark.slow
+def test_it_is_what_the_benchmark_finds_and_within_the_certificate(controller):
+    seen = observe(RigidLoop(controller), JointReference())
+    decay, gain = STORED["decay_per_s"], STORED["gain_rad_per_Nm"]
+    np.testing.assert_allclose([seen.decay, seen.gain], [decay["observed"], gain["observed"]], rtol=2e-3)
+    assert_within_the_certificate(controller, seen)
 
 
 def test_the_bounds_are_those_of_the_controller(controller):

@@ -21,13 +21,14 @@ from fuzzyarm.eval.report.payload import replay_data
 from fuzzyarm.eval.report.stored import read_evaluation
 
 ROBOT = robot_named("ur5")
+REFERENCE = default_reference(ROBOT)
 CASES = ("nominal", "machining", "payload")
 POLICIES = ("computed-torque", "elastic-observer")
 
 
 def rollout(case, policy, offset):
     """A run of the reference with the joints off by `offset` [rad], and bent; nothing is simulated."""
-    reference = default_reference(ROBOT)
+    reference = REFERENCE
     time = 1e-3 * np.arange(1, round(1e3 * reference.duration) + 1)
     sample, asked = reference.sample(time), reference.tip(time).position
     q = sample.q + offset * np.sin(3.0 * time)[:, np.newaxis]

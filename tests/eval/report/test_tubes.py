@@ -12,11 +12,13 @@ from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
 from fuzzyarm.eval.report.tubes import checked_bounds, tube_section
 
+STEPS = 15
+
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     out = tmp_path_factory.mktemp("tube") / "bound.json"
-    save_bound(find_bound(TipClaim("fuzzy-4-tip", "nominal", "table-1", PlantSet(), steps=25)), out)
+    save_bound(find_bound(TipClaim("fuzzy-4-tip", "nominal", "table-1", PlantSet(), steps=STEPS)), out)
     return out
 
 
@@ -28,7 +30,7 @@ def test_the_simulated_tip_is_drawn_within_the_tube(evaluation, path):
         name: np.array([list(map(float, pair.split(","))) for pair in points.split()])
         for name, points in re.findall(r'class="(band|path|tip)" points="([^"]*)"', section)
     }
-    outer, inner = drawn["band"][:25], drawn["band"][:24:-1]
+    outer, inner = drawn["band"][:STEPS], drawn["band"][: STEPS - 1 : -1]
     np.testing.assert_allclose(0.5 * (outer + inner), drawn["path"], atol=0.11)
     half = 0.5 * np.hypot(*(outer - inner).T)
     assert (np.hypot(*(drawn["tip"] - drawn["path"]).T) <= half + 0.2).all()  # a digit of a pixel each

@@ -63,6 +63,12 @@ class Forgetful(Springs):
         return super().predict(observation)[0], ()
 
 
+@pytest.fixture(autouse=True)
+def few_postures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linearise at 4 postures of the path, not 16."""
+    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
+
+
 @functools.cache
 def nominal() -> dict[str, Any]:
     """Two policies with the arm of Table 1, measured once and not to be changed."""
@@ -228,6 +234,21 @@ def test_bad_configurations(tmp_path: Path) -> None:
     load_policy("fuzzy-1").controller.save(tmp_path / "fuzzy-1.json")  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match="two of them have the same name"):
         measure_margins(MarginsConfig(("fuzzy-1", str(tmp_path / "fuzzy-1.json"))))
+
+
+def test_an_arm_without_a_path_is_refused_before_anything_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_path(arm: ArmParameters) -> None:
+        assert arm == ARM
+        raise ValueError("no path")
+
+    monkeypatch.setattr(margins_table, "default_reference", no_path)
+    monkeypatch.setattr(margins_table, "policy_margins", None)
+    with pytest.raises(ValueError, match="no path"):
+        measure_margins(MarginsConfig(("computed-torque",)))
+
+
+@pytest.mark.slow
+def test_an_arm_that_cannot_hold_its_weight_along_the_path_is_refused(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text("length = [0.3, 0.3]\ntorque_limit = [10.0, 5.0]\n")
     with pytest.raises(ValueError, match="to hold its weight"):
         measure_margins(MarginsConfig(("computed-torque",), str(tmp_path / "short.toml")))
@@ -235,8 +256,9 @@ def test_bad_configurations(tmp_path: Path) -> None:
 
 def test_a_robot_carries_the_payload_of_its_case() -> None:
     """Its name is in the heading; the other conditions are those of every arm."""
-    payload = case_for("payload", robot_named("ur5")).disturbance.payload
-    *others, loaded = conditions_for(robot_named("ur5"))
+    robot = robot_named("planar-3r")
+    payload = case_for("payload", robot).disturbance.payload
+    *others, loaded = conditions_for(robot)
     assert tuple(others) == CONDITIONS[:-1] and conditions_for(ARM) == CONDITIONS
     assert loaded.payload == payload and loaded.name == f"{payload.mass:g} kg payload" and payload.mass != 5.0
 

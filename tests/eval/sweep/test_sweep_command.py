@@ -30,10 +30,21 @@ def refused(capsys, folder, arguments, expected):
     assert contents(folder) == before
 
 
+SWEEP_FIGURES = "fuzzyarm.eval.sweep.figures.write_sweep_figures"
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Draw no figures of a sweep, which take most of a small one's time."""
+    monkeypatch.setattr(SWEEP_FIGURES, lambda *_: [])
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished") / "sweep"
-    assert main(["sweep", *QUICK, "--out", str(folder)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SWEEP_FIGURES, lambda *_: [])
+        assert main(["sweep", *QUICK, "--out", str(folder)]) == 0
     return folder
 
 
@@ -65,7 +76,7 @@ def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys):
     assert len(row["worst"]) == 2 and row["worst"][0]["max_mm"] == episodes["max_mm"].max()
 
 
-def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folder, capsys, monkeypatch):
+def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folder, capsys, monkeypatch, undrawn):
     def run_chunk(*_):
         raise AssertionError("all chunks are there")
 
@@ -78,7 +89,8 @@ def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folde
     assert contents(folder / "chunks") == before
 
 
-def test_a_replay_gives_the_number_of_the_sweep(folder, capsys):
+def test_a_replay_gives_the_number_of_the_sweep(folder, capsys, monkeypatch):
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.time_figures", lambda joints: {})  # the overview is enough
     worst = json.loads((folder / "sweep.json").read_text())["rows"][0]["worst"][0]
     assert main(["sweep", "--replay", "fuzzy-4", "nominal", str(worst["plant"]), "--out", str(folder)]) == 0
     assert f"tip error up to {worst['max_mm']:.6g} mm" in capsys.readouterr().out
@@ -133,7 +145,7 @@ def test_another_sweep_is_not_mixed_in(folder, capsys, option):
 
 
 @pytest.mark.parametrize("keep", slow_but([400], [0, 10, 400]))
-def test_a_broken_chunk_is_named(folder, capsys, keep):
+def test_a_broken_chunk_is_named(folder, capsys, keep, undrawn):
     path = folder / "chunks" / "000001.npz"
     path.write_bytes(path.read_bytes()[:keep])
     refused(capsys, folder, ["--resume", "--out", str(folder)], "000001.npz is damaged")
@@ -141,7 +153,7 @@ def test_a_broken_chunk_is_named(folder, capsys, keep):
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
 
 
-def test_a_chunk_of_another_sweep_is_named(folder, capsys, tmp_path):
+def test_a_chunk_of_another_sweep_is_named(folder, capsys, tmp_path, undrawn):
     other = tmp_path / "other"
     assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
     capsys.readouterr()
@@ -169,7 +181,7 @@ def test_versions_are_not_mixed(folder, capsys, monkeypatch, name):
 
 
 @pytest.mark.slow
-def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys):
+def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys, undrawn):
     file, out = tmp_path / "mine.json", tmp_path / "sweep"
     shipped = resources.files("fuzzyarm.fuzzy_policy.controllers")
     file.write_bytes((shipped / "fuzzy-1.json").read_bytes())
@@ -180,7 +192,7 @@ def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys):
     refused(capsys, out, resumed, "other policy files than there are now (mine: mine.json ")
 
 
-def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys):
+def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys, undrawn):
     """The folder of the chunks is made before the file that says what is run."""
     out = tmp_path / "sweep"
     (out / "chunks").mkdir(parents=True)
@@ -204,7 +216,7 @@ def test_a_disk_that_is_full_at_the_beginning_leaves_nothing(tmp_path, capsys, m
 
 
 @pytest.mark.slow
-def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, capsys):
+def test_a_sweep_holds_no_absolute_path_and_finds_its_policy_again(tmp_path, capsys, undrawn):
     file, out = tmp_path / "there" / "mine.json", tmp_path / "sweep"
     file.parent.mkdir()
     shipped = Path(str(resources.files("fuzzyarm.fuzzy_policy.controllers"))) / "fuzzy-1.json"

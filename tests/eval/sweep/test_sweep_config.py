@@ -127,12 +127,12 @@ def test_a_missing_field_is_named():
 
 def test_a_robot_has_columns_for_its_joints_and_payloads_of_its_case():
     """It comes back from its own document, and a shipped one has a command line."""
-    robot = robot_named("ur5")
+    robot = robot_named("planar-3r")
     config = SweepConfig.of({"robot": robot})
-    assert config.policies == ANY_ROBOT and config.joints == 6
-    assert len(config.drawn().varying(config.joints)) == 6 * 6 + 2
+    assert config.policies == ANY_ROBOT and config.joints == 3
+    assert len(config.drawn().varying(config.joints)) == 6 * 3 + 2
     assert config.drawn().payload == (0.0, case_for("payload", robot).disturbance.payload.mass)
     assert config.titles["payload"] == case_for("payload", robot).title != CASES["payload"].title
     assert SweepConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-    assert "--robot ur5" in config.command()
+    assert "--robot planar-3r" in config.command()
     assert dataclasses.replace(config, robot=robot.with_payload(1.0)).command() is None

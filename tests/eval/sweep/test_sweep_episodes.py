@@ -6,6 +6,7 @@ from collections import deque
 
 import numpy as np
 import pytest
+from slow_twins import slow_but
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import MEASURED
@@ -92,7 +93,7 @@ def test_noise_and_delay_cover_their_ranges_and_depend_on_nothing_else_drawn():
             assert abs(correlation) < 0.09 or name == extra
 
 
-@pytest.mark.parametrize("size", [1, 4])
+@pytest.mark.parametrize("size", slow_but([4], [1, 4]))
 def test_no_number_depends_on_the_chunk_it_was_computed_in(whole, size):
     parts = [run_plants(CONFIG, POLICIES, range(6)[start : start + size]) for start in range(0, 6, size)]
     joined = SweepResults.joined(parts).arrays()

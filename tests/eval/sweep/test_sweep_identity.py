@@ -23,7 +23,7 @@ from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.policies import load_policy
 
 names = ("fuzzy-4-tip", "elastic-observer", "ppo-residual")
-run_plants(SweepConfig(), {name: load_policy(name) for name in names}, range(1))
+run_plants(SweepConfig(cases=("machining",)), {name: load_policy(name) for name in names}, range(1))
 print(json.dumps([module.__file__ for name, module in sys.modules.items() if name.startswith("fuzzyarm.")]))
 """
 

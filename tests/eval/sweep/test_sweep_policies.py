@@ -15,6 +15,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.sweep.store import Store
 
 QUICK = ["--case", "nominal", "--plants", "4", "--chunk", "2"]
+ONE_CHUNK = ["--case", "nominal", "--plants", "2", "--jobs", "1"]
 
 LAW = """
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
@@ -138,7 +139,7 @@ def test_ray_sends_the_package_of_a_policy_of_ones_own(imported, tmp_path):
 
 def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys):
     policy = package(tmp_path, "swept_with_consent")
-    begun = ["--policy", policy, "--policy", "fuzzy-1", *QUICK, "--jobs", "1", "--out", "sweep"]
+    begun = ["--policy", policy, "--policy", "fuzzy-1", *ONE_CHUNK, "--out", "sweep"]
     assert main(["sweep", *begun]) == 0
     capsys.readouterr()
     forget("swept_with_consent")
@@ -157,7 +158,7 @@ def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys
 
 def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys):
     policy = package(tmp_path, "swept_twice")
-    assert main(["sweep", "--policy", policy, *QUICK, "--jobs", "1", "--out", "sweep"]) == 0
+    assert main(["sweep", "--policy", policy, *ONE_CHUNK, "--out", "sweep"]) == 0
     capsys.readouterr()
     package(tmp_path, "swept_twice", share=0.998)
     assert main(["sweep", "--resume", "--policy", policy, "--out", "sweep"]) == 2
@@ -214,7 +215,7 @@ def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys):
     out, other = tmp_path / "sweep", tmp_path / "other.toml"
     other.write_text("mass = [13.0, 8.0]\n")
     policy = ["--policy", "computed-torque"]
-    assert main(["sweep", *policy, "--robot", str(arm / "arm.toml"), *QUICK, "--jobs", "1", "--out", str(out)]) == 0
+    assert main(["sweep", *policy, "--robot", str(arm / "arm.toml"), *ONE_CHUNK, "--out", str(out)]) == 0
     capsys.readouterr()
     assert main(["sweep", "--resume", "--robot", str(other), "--out", str(out)]) == 2
     assert "holds a sweep of another robot (mass [14.0, 8.0] and [13.0, 8.0], stiffness" in capsys.readouterr().err
@@ -225,7 +226,7 @@ def test_a_learned_policys_folder_is_the_policy_of_its_name(tmp_path):
     with resources.as_file(shipped) as folder:
         shutil.copytree(folder, tmp_path / "mine")
     for policy, out in ((str(tmp_path / "mine"), "by-folder"), ("ppo-nominal", "by-name")):
-        assert main(["sweep", "--policy", policy, *QUICK, "--jobs", "1", "--out", str(tmp_path / out)]) == 0
+        assert main(["sweep", "--policy", policy, *ONE_CHUNK, "--out", str(tmp_path / out)]) == 0
     assert_equal(episodes(tmp_path / "by-folder"), episodes(tmp_path / "by-name"))
 
 

@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.randomisation import ROBUST
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
@@ -45,7 +46,7 @@ def steps_of_the_interpreter(function):
 
 def observations(lanes, seed=0, steps=10):
     """What a batch of different noisy arms shows some way into its episodes."""
-    envs = gym.make_vec("FuzzyArm-v0", num_envs=lanes, disturbance=NOISY, randomisation="robust")
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=lanes, disturbance=NOISY, randomisation=ROBUST)
     observation, _ = envs.reset(seed=seed)
     for action in np.random.default_rng(seed).uniform(-20.0, 20.0, (steps, lanes, 2)):
         observation, *_ = envs.step(action)
@@ -79,7 +80,7 @@ def test_a_thousand_controllers_answer_as_each_would_alone_bit_for_bit(name, sho
     actions, after = policy.predict(batch, state=states, episode_start=starts)
     assert actions.shape == (LANES, 2) and after.shape == (LANES, policy.memory_size)
     assert len(np.unique(actions, axis=0)) > LANES / 2
-    for lane in range(0, LANES, 5):
+    for lane in range(0, LANES, 16):
         state = None if starts[lane] else states[lane]
         action, following = policy.predict(batch[lane], state=state)
         assert action.tobytes() == actions[lane].tobytes() and following.tobytes() == after[lane].tobytes()
@@ -126,7 +127,7 @@ def test_a_loop_over_lanes_would_show_in_the_count():
     assert in_python > LANES + steps_of_the_interpreter(lambda: list(range(LANES)))
 
 
-@pytest.mark.parametrize("name", slow_but(["fuzzy-4", "computed-torque"], ["fuzzy-4", "fuzzy-32", "computed-torque"]))
+@pytest.mark.parametrize("name", slow_but(["fuzzy-4"], ["fuzzy-4", "fuzzy-32", "computed-torque"]))
 def test_a_thousand_different_arms_are_tracked_to_the_end(name, monkeypatch):
     policy, calls = load(name), []
     act = policy.act

@@ -5,12 +5,14 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
+from support.randomisation import ROBUST
 from support.two_joints import hold
 
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, mass_matrix, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.stability.linearisation import gain_margin, spectral_radius
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
@@ -277,9 +279,8 @@ def test_the_policy_without_dry_friction_is_the_same_but_for_the_friction():
 @pytest.fixture(scope="module")
 def batch():
     """Observations and policy states of different noisy arms, some way into their episodes."""
-    envs = gym.make_vec(
-        "FuzzyArm-v0", num_envs=64, disturbance=Disturbance(encoder_noise=NOISE), randomisation="robust"
-    )
+    calm = dataclasses.replace(ROBUST, references=(JointReference(), JointReference(duration=2.0)))
+    envs = gym.make_vec("FuzzyArm-v0", num_envs=64, disturbance=Disturbance(encoder_noise=NOISE), randomisation=calm)
     (observation, _), policy, state = envs.reset(seed=0), ElasticObserverPolicy(), None
     for _ in range(50):
         action, state = policy.predict(observation, state)

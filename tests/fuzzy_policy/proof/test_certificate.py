@@ -71,7 +71,7 @@ def test_dissipation_holds_at_the_corners_of_the_box(controller):
     rng = np.random.default_rng(1)
     for signs in itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 1.0), (-1.0, 1.0)):
         q, dq = np.array(signs[:2]) * p.joint_limit, np.array(signs[2:]) * p.velocity_limit
-        for _ in range(5):
+        for _ in range(2):
             e = root @ rng.normal(size=len(root))
             assert dissipation(controller, q, dq, e, worst_disturbance(controller, q, dq, e)) < 0.0
 
@@ -92,10 +92,10 @@ def test_a_faster_decay_than_certified_is_refuted(controller):
 def test_the_lyapunov_function_decays_at_the_certified_rate(controller):
     """Integrated error dynamics on the moving rigid arm, premises along a swing through the whole box."""
     rng = np.random.default_rng(3)
-    h = 1e-4
+    h = 2e-4
     e = np.linalg.cholesky(controller.P) @ rng.normal(size=6)
     energy = [e @ np.linalg.solve(controller.P, e)]
-    for step in range(2000):
+    for step in range(1000):
         phase = 40.0 * h * step
         q, dq = np.array([3.0 * np.sin(phase), 3.0 * np.cos(0.7 * phase)]), 14.0 * np.array([np.cos(phase), -1.0])
         F, _ = closed_loop(controller, q, dq)
@@ -143,7 +143,7 @@ def growth_backwards(controller, beta):
     """Return the largest -V'/2V - β over all errors at random states of the box, its corners included."""
     p, rng, largest = controller.model.parameters, np.random.default_rng(5), -np.inf
     root = np.linalg.cholesky(controller.P)
-    for _ in range(2000):
+    for _ in range(500):
         corner = rng.uniform(-1, 1, (2, 2)) if rng.random() < 0.5 else rng.choice([-1.0, 0.0, 1.0], (2, 2))
         F, _ = closed_loop(controller, corner[0] * p.joint_limit, corner[1] * p.velocity_limit)
         scaled = np.linalg.solve(root, F @ root)  # of the error in units in which V is its square

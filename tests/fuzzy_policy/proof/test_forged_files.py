@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from slow_twins import slow_but
 
 from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.eval.certified import frozen
 from fuzzyarm.eval.certified.frozen import find_worst_point, gain_at, pole_rate
 from fuzzyarm.eval.certified.rigid import RigidLoop
 from fuzzyarm.eval.certified.verification import verify_file
@@ -35,10 +37,15 @@ def shipped(name):
 
 @functools.cache
 def limits(name):
-    """Return the slowest pole [1/s] of the loop frozen anywhere in the box, and its largest gain: no proof beats it."""
+    """Return the slowest pole [1/s] of the loop frozen anywhere in the box, and its largest gain: no proof beats it.
+
+    After a short search, which finds them nearly.
+    """
     loop = RigidLoop(shipped(name))
-    slowest = -find_worst_point(loop, lambda F, G, omega: -pole_rate(F)).value
-    return slowest, find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(frozen, "GENERATIONS", 40)
+        slowest = -find_worst_point(loop, lambda F, G, omega: -pole_rate(F)).value
+        return slowest, find_worst_point(loop, lambda F, G, omega: gain_at(F, G, 1j * omega)).value
 
 
 def signed(document, folder):
@@ -113,7 +120,7 @@ def attack(data, name):
             assert_true_on_frozen_loops(Controller.load(path))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(data=st.data(), name=st.sampled_from(BASES))
 def test_any_changed_field_is_refused_in_a_line_or_reported_on(data, name):
     attack(data, name)
@@ -146,7 +153,7 @@ def assert_true_on_frozen_loops(controller):
 # Claims tighter than what was proven ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     name=st.sampled_from(["fuzzy-1", "fuzzy-4"]),
     tighter=st.sampled_from(["alpha", "gamma", "both"]),
@@ -166,7 +173,7 @@ def test_a_claim_beyond_what_holds_is_never_proven(name, tighter, factor, scales
     assert not certify(forged).proven
 
 
-@pytest.mark.parametrize("name", ["fuzzy-1", "fuzzy-2", "fuzzy-4", "fuzzy-8"])
+@pytest.mark.parametrize("name", slow_but(["fuzzy-1", "fuzzy-4"], ["fuzzy-1", "fuzzy-2", "fuzzy-4", "fuzzy-8"]))
 def test_the_frozen_loop_shows_how_far_a_claim_may_go(name):
     slowest, largest = limits(name)
     assert slowest > shipped(name).alpha and largest < shipped(name).gamma
@@ -208,7 +215,7 @@ def test_one_extreme_entry_of_P_is_refused(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("field", ["P", "Q", "X", "tau", "gains"])
-@pytest.mark.parametrize("value", [LARGEST, -LARGEST, 1e-300, 0.0])
+@pytest.mark.parametrize("value", slow_but([LARGEST, 0.0], [LARGEST, -LARGEST, 1e-300, 0.0]))
 def test_numbers_at_the_end_of_the_range_prove_nothing(field, value):
     controller = shipped("fuzzy-4")
     array = np.full_like(getattr(controller, field), value)
