@@ -10,7 +10,7 @@ import pytest
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-FAST, SLOW = 4.7, 14.0  # min of processor time, on an AMD EPYC and an Intel Xeon; the slow ones by the sum of their parts
+FAST, SLOW = 4.7, 14.0  # min of processor time on an AMD EPYC; the slow ones on an Intel Xeon, the sum of their parts
 COMPILING = 1.9  # min more the first time
 
 # Files of tests, see `pytest_collection_modifyitems`.
