@@ -81,8 +81,8 @@ def _learned_observer(folder: Path, control_period: float, robot: AnyArm) -> Lea
     )
     if control_period != bundle.control_period:
         raise ValueError(
-            f"{folder.name} was trained for control_period = {bundle.control_period:g} s, not {control_period:g} s: "
-            "take that period, or elastic-observer"
+            f"{resolve(str(folder)).label} was trained for control_period = {bundle.control_period:g} s, not "
+            f"{control_period:g} s: take that period, or elastic-observer"
         )
     return LearnedObserverPolicy(bundle.network, robot, control_period)
 
@@ -95,4 +95,4 @@ _OTHERS = (
 
 def _check_arm(folder: Path, same: bool, name: str, instead: str = _OTHERS) -> None:
     if not same:
-        raise ValueError(f"{folder.name} was trained on {name} and knows no other; take {instead}")
+        raise ValueError(f"{resolve(str(folder)).label} was trained on {name} and knows no other; take {instead}")
