@@ -181,7 +181,7 @@ class Policy(abc.ABC):
         else:
             remembered = array_of("state", state)
             real_entries("state", remembered)
-            memory = np.array(remembered, dtype=np.float64, ndmin=2)
+            memory = np.array(remembered, dtype=np.float64, order="C", ndmin=2)
             if memory.shape != (lanes, self.memory_size):
                 allowed = (*np.shape(observation)[:-1], self.memory_size)
                 raise ValueError(f"state has shape {np.shape(state)}; allowed: {allowed}")
@@ -199,7 +199,10 @@ class Policy(abc.ABC):
 
 
 def checked_observation(observation: Any, joints: int) -> np.ndarray:
-    """Return observations (5 n,) or (lanes, 5 n) of n joints as a contiguous batch (lanes, 5 n) of finite numbers.
+    """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers.
+
+    The batch is laid out as the laws were compiled for: rows one after the other, aligned, writable. It is the
+    observation itself where that is laid out so. Another layout would have a law compiled again, within a step.
 
     Raises:
         TypeError: it holds something else than real numbers.
@@ -211,6 +214,8 @@ def checked_observation(observation: Any, joints: int) -> np.ndarray:
     if seen.ndim not in (1, 2) or seen.shape[-1] != size:
         raise ValueError(f"observation has shape {seen.shape}; allowed: ({size},) or (lanes, {size})")
     batch = np.array(seen, dtype=np.float64, order="C", ndmin=2, copy=None)
+    if not batch.flags.carray:
+        batch = batch.copy()
     if not np.isfinite(batch).all():
         lane, entry = (int(k) for k in np.argwhere(~np.isfinite(batch))[0])
         place = f"observation[{entry}]" if seen.ndim == 1 else f"observation[{lane}, {entry}]"

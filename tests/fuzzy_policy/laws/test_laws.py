@@ -14,6 +14,7 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.ts_model import premises
 from fuzzyarm.policies import NAMES
 
@@ -32,6 +33,18 @@ def some_state(policy, batch):
     """A state as the policy has it after two calls."""
     _, state = policy.predict(batch)
     return policy.predict(batch + 1e-3, state)[1]
+
+
+def read_only(array):
+    array = array.copy()
+    array.flags.writeable = False
+    return array
+
+
+def unaligned(array):
+    moved = np.zeros(array.nbytes + 1, np.uint8)[1:].view(np.float64).reshape(array.shape)
+    moved[:] = array
+    return moved
 
 
 def fuzzy_law(controller, o, integral):
@@ -85,6 +98,15 @@ class TestProtocol:
             action, state = policy.predict(batch[lane], state=states[lane])
             np.testing.assert_array_equal(action, actions[lane])
             np.testing.assert_array_equal(state, after[lane])
+
+    @pytest.mark.parametrize("laid_out", [np.asfortranarray, read_only, unaligned])
+    def test_the_layout_of_what_is_given_changes_nothing(self, name, laid_out):
+        policy, batch = loaded(name), observations(3)
+        states = some_state(policy, batch)
+        for given, wanted in zip(
+            policy.predict(laid_out(batch), state=laid_out(states)), policy.predict(batch, state=states), strict=True
+        ):
+            np.testing.assert_array_equal(given, wanted)
 
     def test_episode_start_resets_only_its_lanes(self, name):
         policy, batch = loaded(name), observations(3)
@@ -141,6 +163,21 @@ class TestProtocol:
     def test_bad_control_period_is_refused(self, name):
         with pytest.raises(ValueError, match="control_period"):
             load_policy(name, control_period=0.0)
+
+
+class Layouts(Policy):
+    """Sees how the arrays are laid out that a law is given."""
+
+    def act(self, observation, memory, torque):
+        self.seen = [array.flags.carray for array in (observation, memory, torque)]
+        torque[:] = 0.0
+
+
+@pytest.mark.parametrize("laid_out", [np.array, np.asfortranarray, read_only, unaligned])
+def test_a_law_is_given_the_one_layout_it_was_compiled_for(laid_out):
+    policy = Layouts(ARM, 1e-3)
+    policy.predict(laid_out(np.ones((3, 10))), state=laid_out(np.ones((3, 2))))
+    assert all(policy.seen)
 
 
 def test_bad_bandwidth_is_refused():
