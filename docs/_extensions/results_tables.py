@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from docutils import nodes
@@ -20,11 +21,19 @@ class Results(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the parsed table and the line that says how it was made."""
-        from readme import RESULTS, sections
+        from readme import RESULTS
 
         for path in RESULTS.glob("*.json"):
             self.env.note_dependency(str(path))
-        return self.parse_text_to_nodes(sections()[self.arguments[0]])
+        return self.parse_text_to_nodes(_sections()[self.arguments[0]])
+
+
+@functools.cache
+def _sections() -> dict[str, str]:
+    """Return all sections, made once in a build."""
+    from readme import sections
+
+    return sections()
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

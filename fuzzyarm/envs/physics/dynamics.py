@@ -7,6 +7,7 @@ Elementwise source, see `friction`.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -189,8 +190,16 @@ def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
 
 def arm_constants(parameters: ArmParameters, payload: Payload | None = None) -> Arm:
     """Return the constants of (3) for parameters and a payload, see `lump` and `loaded`."""
-    payload = payload or Payload()
-    arm: Arm = loaded(lump(plant_of(parameters)), payload.mass, payload.radius(parameters), parameters.gravity)
+    arm = _unloaded(parameters)
+    if payload is not None:
+        arm = loaded(arm, payload.mass, payload.radius(parameters), parameters.gravity)
+    return arm
+
+
+@functools.lru_cache(maxsize=64)
+def _unloaded(parameters: ArmParameters) -> Arm:
+    """Return the constants without a payload; simulations ask for those of one arm at every step."""
+    arm: Arm = lump(plant_of(parameters))
     return arm
 
 
