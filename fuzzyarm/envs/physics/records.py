@@ -239,8 +239,14 @@ def writer(record: type, address: Callable[[int], str], where: Any = None) -> An
 
 def _defined(source: str, names: dict[str, Any]) -> Any:
     """Return the one function that a source defines, for use in compiled code."""
+    return _compiled(source, tuple(names.items()))
+
+
+@functools.cache
+def _compiled(source: str, names: tuple[tuple[str, Any], ...]) -> Any:
+    """Return the function; the same one again for the same source, so that it is compiled once."""
     defined: dict[str, Any] = {}
-    exec(source, names, defined)
+    exec(source, dict(names), defined)
     (function,) = defined.values()
     return register_jitable(forceinline=True)(function)
 
