@@ -69,11 +69,11 @@ def scratch() -> Path:
 
 
 @functools.cache
-def evaluation() -> Path:
-    """The folder of an evaluation, without figures."""
-    folder = room() / "evaluation"
+def evaluation(policy: str = "fuzzy-1") -> Path:
+    """The folder of an evaluation, without figures. Of a certified policy, a report simulates the proven loop."""
+    folder = room() / f"evaluation-{policy}"
     folder.mkdir()
-    done = evaluate(EvaluationConfig(policies=("fuzzy-1",), cases=("nominal",)))
+    done = evaluate(EvaluationConfig(policies=(policy,), cases=("nominal",)))
     write_results(done, folder)
     write_rollouts(done.rollouts, folder)
     return folder
