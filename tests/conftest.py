@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 import pytest
@@ -60,6 +61,12 @@ def pytest_collection_modifyitems(items) -> None:
     first = [_COMPILING[0], *_PROOFS[:1], _COMPILING[1], *_PROOFS[1:]]
     places = {name: place for place, name in enumerate(first)}
     items.sort(key=lambda item: places.get(item.path.name, len(first)))
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what is imported and collected by now: it stays to the end."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import functools
 import inspect
 import itertools
 import re
@@ -122,6 +123,7 @@ def _placeholder(hint: Any) -> str:
     return {int: "N", float: "X", str: "NAME"}.get(hint, getattr(hint, "__name__", "VALUE").upper())
 
 
+@functools.cache
 def _texts(config: type) -> dict[str, str]:
     """Return what is written about each field of a dataclass: the text after it, or its entry under ``Attributes:``."""
     texts: dict[str, str] = {}

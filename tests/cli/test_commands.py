@@ -1,6 +1,7 @@
 """The command line from a user's view: outputs, exit codes, one-line errors, whole files."""
 
 import dataclasses
+import functools
 import json
 import os
 import re
@@ -15,14 +16,24 @@ from support.processes import running
 
 from fuzzyarm.cli import main
 from fuzzyarm.eval.evaluation import figures
+from fuzzyarm.eval.evaluation.run import evaluate
 from fuzzyarm.fuzzy_policy.controller import Controller, consistent_feedforward
 
 QUICK = ["evaluate", "--policy", "fuzzy-4", "--case", "nominal"]
+evaluate_once = functools.cache(evaluate)
+
+
+@pytest.fixture
+def evaluated_once(monkeypatch):
+    """Let the tests run the episode of `QUICK` once, each time the same: they are about what becomes of it."""
+    monkeypatch.setattr("fuzzyarm.eval.evaluation.run.evaluate", lambda config, progress=None: evaluate_once(config))
 
 
 def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys, monkeypatch):
-    """Of the figures the overview; each takes longer than the episode."""
+    """Of the figures the overview, and of it the first row: each takes longer than the episode."""
     draw = figures.draw_figures
+    monkeypatch.setattr(figures, "time_figures", lambda joints: {})
+    monkeypatch.setattr(figures, "OVERVIEW", figures.OVERVIEW[:1])
     monkeypatch.setattr(figures, "draw_figures", lambda *given: {"overview": draw(*given)["overview"]})
     assert main([*QUICK, "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
@@ -36,7 +47,7 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
     assert not [name for name in names if name.endswith(".part")]
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "evaluated_once")
 def test_evaluate_json_is_the_results_file(tmp_path, capsys):
     assert main([*QUICK, "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "results.json").read_text())
@@ -82,6 +93,7 @@ def test_an_unwritable_folder_is_named_before_anything_runs(tmp_path, capsys):
     assert str(tmp_path / "file" / "sub") in one_line_error(capsys)
 
 
+@pytest.mark.usefixtures("evaluated_once")
 def test_a_full_disk_leaves_no_half_file(tmp_path, capsys, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
@@ -92,6 +104,7 @@ def test_a_full_disk_leaves_no_half_file(tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("evaluated_once")
 def test_an_interrupt_leaves_whole_files_and_one_line(tmp_path, capsys, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt

@@ -18,11 +18,11 @@ from fuzzyarm.common.console import SPELLED_OUT, escaped, output, say
 CONTROLLER = str(resources.files("fuzzyarm.fuzzy_policy.controllers") / "paper-1-common.json")
 NAMES = [name for commands in GROUPS.values() for name in commands]
 HELP = [["--help"], ["--version"], *([name, "--help"] for name in NAMES), ["train", "ppo", "--help"]]
-RUNS = {"verify": ["verify", CONTROLLER]}
 BRIEF = ["--n-steps", "32", "--batch-size", "64", "--hidden", "4"]
-LONG_RUNS = {
+RUNS = {
     "leaderboard": ["leaderboard", "evaluated"],
     "leaderboard as Markdown": ["leaderboard", "evaluated", "--markdown"],
+    "verify": ["verify", CONTROLLER],
     "verify as JSON": ["verify", "--json", CONTROLLER],
     "check": ["evaluate", "--check", "evaluated"],
     "evaluate": ["evaluate", "--policy", "fuzzy-4", "--case", "nominal", "--out", "new"],
@@ -35,10 +35,7 @@ LONG_RUNS = {
     "paper": ["paper", "--out", "new"],
     "bench": ["bench", "--seconds", "1e-4", "--json"],
 }
-EVERY_RUN = [
-    *(pytest.param(words, id=name) for name, words in RUNS.items()),
-    *(pytest.param(words, id=name, marks=pytest.mark.slow) for name, words in LONG_RUNS.items()),
-]
+EVERY_RUN = [pytest.param(words, id=name, marks=pytest.mark.slow) for name, words in RUNS.items()]
 BAD = [["fly"]]
 
 
@@ -78,7 +75,7 @@ def test_a_closed_standard_output_is_refused_before_anything_is_done(folder, wor
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("words", [*slow_but(HELP[:1], [HELP[0], HELP[-1]]), *EVERY_RUN])
+@pytest.mark.parametrize("words", [*slow_but(HELP[-1:], [HELP[0], HELP[-1]]), *EVERY_RUN])
 def test_a_full_standard_output_is_one_line_and_no_success(folder, words):
     code, _, err = shell(folder, words, ">/dev/full")
     name = " ".join(["fuzzyarm", *(words[:1] if words[0] in NAMES else [])])
@@ -93,9 +90,9 @@ WITHOUT_ERROR = ("2>/dev/full", "<&- 2>&-", "2>&-")
 @pytest.mark.parametrize(
     ("words", "redirections"),
     [
-        (BAD[0], WITHOUT_ERROR[:2]),
-        pytest.param(BAD[0], WITHOUT_ERROR[2:], marks=pytest.mark.slow),
-        pytest.param(LONG_RUNS["leaderboard"], WITHOUT_ERROR, marks=pytest.mark.slow),
+        (BAD[0], WITHOUT_ERROR[:1]),
+        pytest.param(BAD[0], WITHOUT_ERROR[1:], marks=pytest.mark.slow),
+        pytest.param(RUNS["leaderboard"], WITHOUT_ERROR, marks=pytest.mark.slow),
     ],
 )
 def test_without_standard_error_the_exit_code_and_the_output_are_the_same(folder, words, redirections):
@@ -125,7 +122,8 @@ def test_micro_is_spelled_out():
     assert "γ \udcff".encode("latin-1", SPELLED_OUT) == rb"\u03b3 \udcff"
 
 
-@pytest.mark.parametrize("words", [HELP[0], pytest.param(LONG_RUNS["evaluate"], marks=pytest.mark.slow)])
+@pytest.mark.slow  # the help loads no Matplotlib, see test_help.py
+@pytest.mark.parametrize("words", [HELP[0], RUNS["evaluate"]])
 def test_the_drawing_back_end_of_the_user_is_not_asked(folder, words):
     code, _, err = shell(folder, words, MPLBACKEND="nope")
     assert code == 0, err

@@ -23,7 +23,7 @@ from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefiniti
 
 ALLOWED = (TypeError, ValueError, ResetNeeded)
 LONGEST = 600  # characters of a message
-PAIRS = 40  # random calls of each
+PAIRS = 20  # random calls of each
 
 KINDS = {
     FuzzyArmEnv: {},

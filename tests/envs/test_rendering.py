@@ -84,9 +84,19 @@ def window(monkeypatch):
     env.close()
 
 
-def test_arrays_need_no_display():
-    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
-    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+HIDDEN = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
+
+
+def test_arrays_need_no_display(monkeypatch):
+    for name in HIDDEN:
+        monkeypatch.delenv(name, raising=False)
+    pygame.quit()
+    exec(HEADLESS, {})
+
+
+@pytest.mark.slow
+def test_arrays_need_no_display_in_a_fresh_interpreter():
+    environment = {name: value for name, value in os.environ.items() if name not in HIDDEN}
     command = [sys.executable, "-W", "error", "-c", HEADLESS]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

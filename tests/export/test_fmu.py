@@ -133,7 +133,7 @@ def test_controller_and_plant_are_the_loop_of_the_environment(tmp_path):
     env = FuzzyArmEnv("nominal")
     env.policy = load_policy("fuzzy-4-tip")
     controller, plant = Host(exported(tmp_path, "fuzzy-4-tip")), Host(exported(tmp_path, "plant"))
-    assert loop_of_hosts(controller, plant, env, 2, 400) == 0.0
+    assert loop_of_hosts(controller, plant, env, 2, 150) == 0.0
 
 
 @needs_compiler

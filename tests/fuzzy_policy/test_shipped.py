@@ -27,7 +27,7 @@ def load(name):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if "-32" in name else name for name in FILES]
+    "name", [pytest.param(name, marks=pytest.mark.slow) if "-32" in name or "-16" in name else name for name in FILES]
 )
 def test_every_file_is_proven(name):
     assert certify(load(name)).proven

@@ -165,6 +165,13 @@ def test_a_folder_of_that_name_is_meant_first(tmp_path, monkeypatch):
     assert resolve("a:b").kind is Kind.LEARNED
 
 
+@pytest.fixture
+def few_postures(monkeypatch):
+    """Linearise at four postures of the path."""
+    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
+
+
+@pytest.mark.usefixtures("few_postures")
 def test_margins_take_a_law_that_acts_on_batches(module):
     policy = loaded(f"{module(TORQUE)}:factory")
     named = spectral_radius(load_policy("computed-torque"), ARM, control_period=1e-3)
@@ -196,6 +203,7 @@ def test_margins_name_a_law_that_does_not(module):
     assert f"{name}: predict returned an action of shape (2,)" in row["reasons"]["nominal"]
 
 
+@pytest.mark.usefixtures("few_postures")
 def test_margins_heed_the_time_an_action_is_held(module):
     source = TORQUE.replace("return", "law =") + "    law.action_period = 4e-3\n    return law\n"
     assert loaded(f"{module(source)}:factory").action_period == 4e-3

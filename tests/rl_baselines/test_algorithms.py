@@ -86,6 +86,7 @@ def contents(folder):
     return {name: (folder / name).read_bytes() for name in names}
 
 
+@pytest.mark.usefixtures("brief_evaluations")
 def test_an_algorithm_from_outside_is_trained_shipped_and_resumed(added, tmp_path):
     Training(added, tmp_path / "whole").run()
     lines = (tmp_path / "whole" / "curve.csv").read_text().splitlines()

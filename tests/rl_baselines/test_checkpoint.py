@@ -24,7 +24,7 @@ CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_ep
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def whole(tmp_path_factory, brief_evaluations):
     """The folder of a short run."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     Training(CONFIG, folder).run()

@@ -22,7 +22,7 @@ CONFIG = PPOConfig(total_timesteps=128, lanes=2, n_steps=64, batch_size=64, n_ep
 
 
 @pytest.fixture(scope="module")
-def content(tmp_path_factory):
+def content(tmp_path_factory, brief_evaluations):
     """What the checkpoint of a short run holds."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     Training(CONFIG, folder).run()

@@ -19,6 +19,8 @@ from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, w
 from fuzzyarm.rl_baselines.config import TrainingConfig  # noqa: E402
 from fuzzyarm.rl_baselines.training import CHECKPOINT, Training  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("brief_evaluations")
+
 SMALL = {
     "total_timesteps": 120,
     "lanes": 3,
@@ -110,7 +112,7 @@ def test_quantiles_that_do_not_fit_are_named():
 
 
 @pytest.fixture(scope="module")
-def begun(tmp_path_factory):
+def begun(tmp_path_factory, brief_evaluations):
     """The folder of a training with SAC."""
     folder = tmp_path_factory.mktemp("begun") / "run"
     Training(KINDS[0], folder).run()

@@ -28,6 +28,8 @@ from fuzzyarm.rl_baselines.checkpoint import CheckpointError, read_checkpoint, w
 from fuzzyarm.rl_baselines.progress import train_with_progress  # noqa: E402
 from fuzzyarm.rl_baselines.training import Training  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("brief_evaluations")
+
 # A dozen updates; everything is on: drawn plants and references, a base, evaluations and checkpoints between them.
 FLAGS = {
     "preset": "residual",
@@ -44,10 +46,10 @@ FLAGS = {
     "seed": 11,
 }
 SHORT = {
-    "total_timesteps": 1024,
+    "total_timesteps": 512,
     "lanes": 8,
-    "n_steps": 64,
-    "batch_size": 256,
+    "n_steps": 32,
+    "batch_size": 128,
     "n_epochs": 2,
     "evaluation_interval": 10**6,
 }
@@ -66,7 +68,7 @@ def results(folder):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def whole(tmp_path_factory, brief_evaluations):
     """The folder of an uninterrupted run."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     assert main(["train", "ppo", *words(FLAGS), "--no-tensorboard", "--out", str(folder)]) == 0
@@ -77,7 +79,12 @@ WAITS = """
 import sys, time
 from stable_baselines3 import PPO
 from fuzzyarm.cli import main
+from fuzzyarm.envs.scenario.paths import Line
+from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.rl_baselines import case_evaluation
 train, updates = PPO.train, []
+brief = JointReference(Line((0.4, 0.5), (0.42, 0.5)), duration=0.1)  # as in `brief_evaluations`
+case_evaluation.default_reference = lambda arm: brief
 
 def waits(self):
     if len(updates) == 5:
@@ -171,12 +178,12 @@ def unevaluated(monkeypatch):
 
 @pytest.mark.usefixtures("unevaluated")
 def test_a_training_shorter_than_an_update_has_no_negative_rate_and_can_be_extended(tmp_path):
-    Training(replace(SMALL, total_timesteps=64), tmp_path / "run").run()  # an update has 512 steps
+    Training(replace(SMALL, total_timesteps=64), tmp_path / "run").run()  # an update has 256 steps
     optimizer = read_checkpoint(tmp_path / "run" / "checkpoint.pt")["learner"]["optimizer"]
     assert [group["lr"] for group in optimizer["param_groups"]] == [0.0]
-    extended = Training.resume(tmp_path / "run", total_timesteps=1024)
+    extended = Training.resume(tmp_path / "run", total_timesteps=512)
     extended.run()
-    assert extended.algorithm.steps == 1024
+    assert extended.algorithm.steps == 512
 
 
 @pytest.mark.usefixtures("unevaluated")

@@ -24,13 +24,16 @@ from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, de
 from fuzzyarm.synthesis import search as synthesis_search
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
-# None, one premise of each kind, and two of one side and of both.
-FAST = [(), *SUBSETS[1:6], ("z1", "z3"), ("z2", "z4")]
+# None, one premise of each side, and two of one side and of both.
+FAST = [(), ("z1",), ("z2",), ("z1", "z3"), ("z2", "z4")]
+
+
+designed_once = functools.cache(design)
 
 
 @pytest.fixture(scope="module")
 def designed():
-    return design(Specification())
+    return designed_once(Specification())
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +82,7 @@ def test_poles_lie_left_of_the_decay_rate(designed):
     ids=lambda k: "+".join(k) or "none",
 )
 def test_every_model_up_to_4_rules_is_designed_and_proven(kept):
-    assert design(Specification(kept=kept)).certificate.proven
+    assert designed_once(Specification(kept=kept)).certificate.proven
 
 
 @pytest.mark.slow
@@ -90,7 +93,7 @@ def test_every_larger_model_is_designed_and_proven(kept):
 
 @pytest.mark.parametrize(
     "kept",
-    slow_but([(), ("z1",), ("z2",)], [subset for subset in SUBSETS if len(subset) <= 1]),
+    slow_but([(), ("z1",)], [subset for subset in SUBSETS if len(subset) <= 1]),
     ids=lambda k: "+".join(k) or "none",
 )
 def test_every_model_up_to_2_rules_in_the_form_of_the_paper(kept):
@@ -125,7 +128,7 @@ def test_every_larger_model_in_the_form_of_the_paper(kept):
 
 def test_more_gain_gives_a_smaller_gamma():
     """The bound on K P K' is a little stronger than on |K|, so a design meets its own gamma at some more gain."""
-    first = design(Specification(kept=()))
+    first = designed_once(Specification(kept=()))
     gain = synthesis_search.scaled_gain(first.controller)
     gammas = [design(Specification(kept=(), gamma=None, gain_bound=f * gain)).controller.gamma for f in (1.0, 1.5)]
     assert gammas[0] > gammas[1]

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy import stats
 
 from fuzzyarm.envs.batch.randomness import GAMMA, draw, key_of, mix, normal_pair, uniform
+from fuzzyarm.envs.physics.compiled import kernel
 
 WORDS = 1 << 64
 # The generator's first words for the seed 1234567, as Rosetta Code prints them.
@@ -174,7 +174,7 @@ def test_keys_are_numpys_and_all_different():
     assert key_of(42) == np.random.SeedSequence(42).generate_state(1, np.uint64)[0]
 
 
-@njit
+@kernel
 def _loop(key, counter, word, number, pairs):
     for i in range(len(key)):
         word[i], number[i] = draw(key[i], counter[i]), uniform(key[i], counter[i])

@@ -3,8 +3,8 @@
 import mpmath
 import numpy as np
 import pytest
-from numba import njit
 
+from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, root, select, sign, sine_cosine, smaller
 
 PRECISE = mpmath.MPContext()
@@ -156,13 +156,13 @@ def test_select_takes_the_first_where_the_condition_holds():
 # --- one code, the same bits -------------------------------------------------------------------------------------
 
 
-@njit(error_model="numpy")
+@kernel
 def _one(x, y):
     first, second = sine_cosine(x)
     return first, second, gaussian(x), sign(x), positive_part(x), smaller(x, y), root(abs(x)), select(x < y, x, y)
 
 
-@njit(error_model="numpy")
+@kernel
 def _loop(x, y, out):
     for i in range(len(x)):
         first, second = sine_cosine(x[i])

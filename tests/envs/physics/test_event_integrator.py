@@ -80,7 +80,7 @@ def test_agrees_with_tiny_substeps_through_events(case):
     assert coarse > 10.0 * fine  # converges with second order to the reference solution itself
 
 
-@pytest.mark.parametrize("case", EVENTS)
+@pytest.mark.parametrize("case", slow_but(set(EVENTS) - {"many"}, EVENTS))
 def test_one_call_is_many_short_calls(case):
     start, torque, seconds, _ = EVENTS[case]
     state = in_pieces(start, torque, seconds, 13)[-1]

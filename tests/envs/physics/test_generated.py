@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from slow_twins import slow_but
 from support.robots import ROBOTS, with_drives, without_losses
 
 from fuzzyarm.envs.physics import rigid_body
@@ -17,7 +18,7 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 LANES = 7
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=slow_but(ROBOTS.keys() - {"panda"}, ROBOTS))
 def robot(request):
     return ROBOTS[request.param]
 

@@ -28,7 +28,7 @@ class Counting:
         return self
 
 
-def test_each_pass_begins_with_what_begin_pass_returned():
+def test_each_pass_begins_with_what_begin_pass_returned(short):
     policy = Counting()
     runs = record_passes(FuzzyArmEnv(), policy, 3, policy_name="counting", case="nominal", seed=0)
     assert [run.torque[0, 0] for run in runs] == [0.0, 1.0, 2.0]
@@ -36,13 +36,13 @@ def test_each_pass_begins_with_what_begin_pass_returned():
     assert policy.looked_back == 2  # nothing is learned from the last one
 
 
-def test_a_policy_that_learns_nothing_repeats_itself():
+def test_a_policy_that_learns_nothing_repeats_itself(short):
     policy = load_policy("computed-torque")
     first, second = record_passes(FuzzyArmEnv(), policy, 2, policy_name="x", case="nominal", seed=0)
     np.testing.assert_array_equal(first.tip_error, second.tip_error)
 
 
-def test_rows_hold_the_errors_of_every_pass_and_the_file_is_read_back(tmp_path):
+def test_rows_hold_the_errors_of_every_pass_and_the_file_is_read_back(tmp_path, short):
     config = EvaluationConfig(policies=("fuzzy-4-tip",), cases=("machining",), passes=2)
     done = evaluate(config)
     (row,) = done.rows

@@ -73,7 +73,7 @@ def test_two_evaluations_agree_bit_for_bit_but_for_the_clock(evaluation):
     assert first == second
 
 
-def test_noise_is_seeded():
+def test_noise_is_seeded(short):
     config = EvaluationConfig(policies=("fuzzy-4",), cases=("nominal",), seeds=2, encoder_noise=(1e-5, 1e-3))
     first, second = evaluate(config), evaluate(config)
     assert [r["tip_error_max_mm"] for r in first.rows] == [r["tip_error_max_mm"] for r in second.rows]
@@ -87,9 +87,8 @@ def test_certificates_are_told_apart_from_their_absence(evaluation):
     assert "Not covered: the elastic joints" in evaluation.certificates["fuzzy-4"]
 
 
-def test_the_tip_policy_keeps_the_certificate_and_says_what_it_means():
-    texts = evaluate(EvaluationConfig(policies=("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip"), cases=("nominal",)))
-    texts = texts.certificates
+def test_the_tip_policy_keeps_the_certificate_and_says_what_it_means(evaluation):
+    texts = evaluation.certificates
     assert texts["fuzzy-4-tip"].startswith(texts["fuzzy-4"])
     assert "for the error from theta_d" in texts["fuzzy-4-tip"]
     assert "takes 64 % of the box" in texts["fuzzy-4-tip"]
@@ -97,7 +96,7 @@ def test_the_tip_policy_keeps_the_certificate_and_says_what_it_means():
     assert texts["computed-torque-tip"] is None
 
 
-def test_the_paper_form_has_no_certificate_for_the_tip():
+def test_the_paper_form_has_no_certificate_for_the_tip(short):
     """Its proof is of a law with the reference model in the loop, which the feedforward for the tip replaces."""
     with resources.as_file(resources.files("fuzzyarm.fuzzy_policy.controllers") / "paper-4.json") as path:
         config = EvaluationConfig(policies=(str(path), f"{path}-tip"), cases=("nominal",))

@@ -185,7 +185,7 @@ def test_an_empty_folder_is_one_line(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_table_of_real_results(tmp_path, capsys):
+def test_the_table_of_real_results(tmp_path, capsys, short):
     config = EvaluationConfig(policies=("fuzzy-4", "computed-torque-tip"), cases=("nominal",))
     evaluation = evaluate(config)
     path, _ = write_results(evaluation, tmp_path)

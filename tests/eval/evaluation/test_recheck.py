@@ -138,7 +138,7 @@ def test_other_versions_are_a_note(folder, document, capsys, repeated):
     assert out.count("note:") == 2
 
 
-def test_the_name_of_a_file_in_the_results_is_quoted(folder):
+def test_the_name_of_a_file_in_the_results_is_quoted(folder, short):
     write_results(evaluate(EvaluationConfig(policies=("fuzzy-1",), cases=("nominal",))), folder)
     document = json.loads((folder / "results.json").read_text())
     document["policy_files"]["fuzzy-1"] = {"a\nb\x1b[31m": "0" * 64}
@@ -148,7 +148,7 @@ def test_the_name_of_a_file_in_the_results_is_quoted(folder):
     assert str(caught.value).isprintable()
 
 
-def test_another_file_of_the_same_name_is_noticed(folder, capsys):
+def test_another_file_of_the_same_name_is_noticed(folder, capsys, short):
     mine = folder / "mine.json"
     shutil.copy(SHIPPED / "fuzzy-1.json", mine)
     write_results(evaluate(EvaluationConfig(policies=("mine.json-tip",), cases=("nominal",))), folder)
@@ -196,7 +196,7 @@ def test_results_hold_no_absolute_path_and_the_file_is_found_again(folder, capsy
     assert "or says where a policy's file is now" in one_line_error(capsys)
 
 
-def test_a_file_alone_runs_no_code(folder, capsys):
+def test_a_file_alone_runs_no_code(folder, capsys, short):
     """Only with the same --policy on the command line; then the source must be the one that was measured."""
     source = folder / "my_checked.py"
     source.write_text(LAW)

@@ -11,12 +11,12 @@ from fuzzyarm.policies import load_policy
 
 
 def loaded(policy):
-    return load_policy(policy, allow_unproven=Path(policy).stem == "paper-32-integral")
+    return load_policy(policy, allow_unproven=Path(policy).stem in ("paper-32-integral", "fuzzy-32"))
 
 
 @pytest.fixture(scope="session")
 def evidence():
-    """What `gather` returns; the proof of the printed form's 32 rules is left to `test_every_file_is_proven`."""
+    """What `gather` returns; the proofs with 32 rules are left to `test_every_file_is_proven`."""
     steps = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fuzzyarm.eval.paper.controllers.load_policy", loaded)

@@ -1,5 +1,6 @@
 """`fuzzyarm sweep` from a user's view: outputs, exit codes, one-line errors, and nothing overwritten."""
 
+import importlib
 import json
 import os
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from slow_twins import slow_but
 
 from fuzzyarm.cli import main
@@ -39,6 +41,12 @@ def undrawn(monkeypatch):
     monkeypatch.setattr(SWEEP_FIGURES, lambda *_: [])
 
 
+def empty_pages(monkeypatch, module, draw):
+    """Draw the figures and write empty ones of their names: to lay out and to render them takes most of the time."""
+    drawn = getattr(importlib.import_module(module), draw)
+    monkeypatch.setattr(f"{module}.{draw}", lambda *given: {name: Figure() for name in drawn(*given)})
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished") / "sweep"
@@ -57,7 +65,8 @@ def folder(finished, tmp_path):
     return copy
 
 
-def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys):
+def test_a_sweep_prints_a_table_and_writes_everything(tmp_path, capsys, monkeypatch):
+    empty_pages(monkeypatch, "fuzzyarm.eval.sweep.figures", "draw_sweep")
     out = tmp_path / "new" / "sweep"
     assert main(["sweep", *QUICK, "--bound", "5", "--worst", "2", "--out", str(out)]) == 0
     printed = capsys.readouterr()
@@ -91,6 +100,7 @@ def test_json_is_the_summary_file_and_looking_at_a_sweep_anew_runs_nothing(folde
 
 def test_a_replay_gives_the_number_of_the_sweep(folder, capsys, monkeypatch):
     monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.time_figures", lambda joints: {})  # the overview is enough
+    empty_pages(monkeypatch, "fuzzyarm.eval.evaluation.figures", "draw_figures")
     worst = json.loads((folder / "sweep.json").read_text())["rows"][0]["worst"][0]
     assert main(["sweep", "--replay", "fuzzy-4", "nominal", str(worst["plant"]), "--out", str(folder)]) == 0
     assert f"tip error up to {worst['max_mm']:.6g} mm" in capsys.readouterr().out
@@ -115,7 +125,9 @@ def test_a_replay_gives_the_number_of_the_sweep(folder, capsys, monkeypatch):
         (["--backend", "dask"], "choose from: local, ray"),
         (["--address", "auto"], "--backend ray"),
         (["--jobs", "0"], "jobs = 0"),
-        (["--backend", "ray", "--address", "127.0.0.1:9"], "no Ray cluster at"),
+        pytest.param(  # a second to import Ray; that it is refused is also tested of the engine
+            ["--backend", "ray", "--address", "127.0.0.1:9"], "no Ray cluster at", marks=pytest.mark.slow
+        ),
         (["--resume"], "holds no sweep to go on with"),
         (["--replay", "fuzzy-4", "nominal", "0"], "holds no sweep to go on with"),
     ],
@@ -145,7 +157,7 @@ def test_another_sweep_is_not_mixed_in(folder, capsys, option):
 
 
 @pytest.mark.parametrize("keep", slow_but([400], [0, 10, 400]))
-def test_a_broken_chunk_is_named(folder, capsys, keep, undrawn):
+def test_a_broken_chunk_is_named(folder, capsys, keep, undrawn, short):
     path = folder / "chunks" / "000001.npz"
     path.write_bytes(path.read_bytes()[:keep])
     refused(capsys, folder, ["--resume", "--out", str(folder)], "000001.npz is damaged")
@@ -153,7 +165,7 @@ def test_a_broken_chunk_is_named(folder, capsys, keep, undrawn):
     assert main(["sweep", "--resume", "--jobs", "1", "--out", str(folder)]) == 0
 
 
-def test_a_chunk_of_another_sweep_is_named(folder, capsys, tmp_path, undrawn):
+def test_a_chunk_of_another_sweep_is_named(folder, capsys, tmp_path, undrawn, short):
     other = tmp_path / "other"
     assert main(["sweep", *QUICK, "--seed", "1", "--out", str(other)]) == 0
     capsys.readouterr()
@@ -192,7 +204,7 @@ def test_a_policy_file_that_changed_is_not_mixed_in(tmp_path, capsys, undrawn):
     refused(capsys, out, resumed, "other policy files than there are now (mine: mine.json ")
 
 
-def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys, undrawn):
+def test_what_a_run_leaves_that_is_killed_at_its_beginning_is_no_obstacle(tmp_path, capsys, undrawn, short):
     """The folder of the chunks is made before the file that says what is run."""
     out = tmp_path / "sweep"
     (out / "chunks").mkdir(parents=True)

@@ -33,11 +33,11 @@ def whole():
     return run_plants(CONFIG, POLICIES, range(6))
 
 
-def tip_errors(env, policy, seed, delay=0, noise=1.0):
-    """Return the tip errors of an episode of one environment, by a second, independent loop."""
+def tip_errors(env, policy, seed, delay=0, noise=1.0, most=math.inf):
+    """Return the tip errors of (the first steps of) an episode of one environment, by a second, independent loop."""
     observation, info = env.reset(seed=seed)
     waiting, state, errors, done = None, None, [], False
-    while not done:
+    while not done and len(errors) < most:
         true = np.concatenate([info["q_motor"], info["dq_motor"]])
         read = observation.copy()
         read[MEASURED] = true + noise * (read[MEASURED] - true)
@@ -50,23 +50,27 @@ def tip_errors(env, policy, seed, delay=0, noise=1.0):
     return np.array(errors), truncated
 
 
-def test_the_numbers_are_those_of_single_environments(whole):
+@pytest.mark.parametrize(
+    "where",
+    slow_but([("nominal", 1), ("machining", 4)], [(case, i) for case in ("nominal", "machining") for i in (1, 4)]),
+    ids=str,
+)
+def test_the_numbers_are_those_of_single_environments(whole, where):
     """Each plant alone: drawn by the environment from its seed, with its own noise and delay."""
     plants = Plants.draw(CONFIG, range(6))
-    for case in ("nominal", "machining"):
-        c = CONFIG.cases.index(case)
-        for i in (1, 4):
-            noise, delay = plants.values["noise"][i], int(plants.values["delay"][i])
-            noisy = CASES[case].disturbance.__class__(
-                tip_force=CASES[case].disturbance.tip_force, encoder_noise=EncoderNoise(NOISE.position, NOISE.velocity)
-            )
-            env = FuzzyArmEnv(disturbance=noisy, randomisation=DISTRIBUTIONS["all"].randomisation())
-            for p, policy in enumerate(POLICIES.values()):
-                errors, completed = tip_errors(env, policy, 40 + i, delay, noise)
-                assert whole.max_mm[p, c, i] == 1e3 * errors.max()
-                assert whole.rms_mm[p, c, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-12)
-                assert whole.completed[p, c, i] == completed
-                assert whole.seconds[p, c, i] == pytest.approx(1e-3 * len(errors))
+    case, i = where
+    c = CONFIG.cases.index(case)
+    noise, delay = plants.values["noise"][i], int(plants.values["delay"][i])
+    noisy = CASES[case].disturbance.__class__(
+        tip_force=CASES[case].disturbance.tip_force, encoder_noise=EncoderNoise(NOISE.position, NOISE.velocity)
+    )
+    env = FuzzyArmEnv(disturbance=noisy, randomisation=DISTRIBUTIONS["all"].randomisation())
+    for p, policy in enumerate(POLICIES.values()):
+        errors, completed = tip_errors(env, policy, 40 + i, delay, noise)
+        assert whole.max_mm[p, c, i] == 1e3 * errors.max()
+        assert whole.rms_mm[p, c, i] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-12)
+        assert whole.completed[p, c, i] == completed
+        assert whole.seconds[p, c, i] == pytest.approx(1e-3 * len(errors))
 
 
 def test_what_is_drawn_is_what_the_environment_draws_from_the_same_seed():
@@ -172,13 +176,13 @@ def test_a_grid_sets_every_pair_of_values_once_for_each_of_its_plants():
         ((Axis("payload", 1.0, 5.0, 2), Axis("force", 0.5, 1.5, 2)), False),  # the order of a sum differs
     ],
 )
-def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(grid, exact):
+def test_a_grid_sets_what_the_environment_would_draw_from_a_range_of_one_point(grid, exact, short):
     config = SweepConfig(policies=("fuzzy-4",), cases=("machining",), grid=grid, distribution="nominal", plants=1)
     policies = {"fuzzy-4": POLICIES["fuzzy-4"]}
     found = run_plants(config, policies, range(4)).max_mm[0, 0]
     for i, (first, second) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
         drawn = DomainRandomisation(**{grid[0].quantity: (first, first), grid[1].quantity: (second, second)})
-        errors, _ = tip_errors(FuzzyArmEnv("machining", randomisation=drawn), policies["fuzzy-4"], 0)
+        errors, _ = tip_errors(FuzzyArmEnv("machining", randomisation=drawn), policies["fuzzy-4"], 0, most=short)
         assert found[i] == (1e3 * errors.max() if exact else pytest.approx(1e3 * errors.max(), rel=1e-9))
 
 
@@ -191,7 +195,7 @@ def test_a_lane_that_ended_does_not_disturb_its_neighbours():
     assert np.array_equal(run_plants(SOFT, {"fuzzy-4": WINDING}, range(4)).max_mm[..., :1], alone.max_mm)
 
 
-def test_plants_are_drawn_around_the_robot():
+def test_plants_are_drawn_around_the_robot(short):
     """Each plant is the robot with the factors of its record, and starts where the robot does."""
     robot = ArmParameters(length=(0.45, 0.55), mass_center=(0.22, 0.27), stiffness=(5e4, 1e4))
     config = SweepConfig(
@@ -206,13 +210,13 @@ def test_plants_are_drawn_around_the_robot():
             reference=JointReference(parameters=robot),
             randomisation=DISTRIBUTIONS["plants"].randomisation(),
         )
-        errors, _ = tip_errors(env, policies["computed-torque"], i)
+        errors, _ = tip_errors(env, policies["computed-torque"], i, most=short)
         assert found.max_mm[0, 0, i] == 1e3 * errors.max()
     run = replay(config, policies, 1, "computed-torque", "machining")
     assert 1e3 * run.tip_error.max() == found.max_mm[0, 0, 1]
 
 
-def test_a_grid_scales_the_robot():
+def test_a_grid_scales_the_robot(short):
     robot = ArmParameters(stiffness=(5e4, 1e4))
     grid = Axis("stiffness", 0.8, 1.2, 2), Axis("mass", 0.9, 1.1, 2)
     config = SweepConfig(
@@ -222,7 +226,8 @@ def test_a_grid_scales_the_robot():
     found = run_plants(config, policies, range(4)).max_mm[0, 0]
     for i, (stiffness, mass) in enumerate((a, b) for a in grid[0].values for b in grid[1].values):
         drawn = DomainRandomisation(stiffness=(stiffness,) * 2, mass=(mass,) * 2)
-        errors, _ = tip_errors(FuzzyArmEnv(parameters=robot, randomisation=drawn), policies["computed-torque"], 0)
+        env = FuzzyArmEnv(parameters=robot, randomisation=drawn)
+        errors, _ = tip_errors(env, policies["computed-torque"], 0, most=short)
         assert found[i] == 1e3 * errors.max()
 
 

@@ -137,7 +137,7 @@ def test_ray_sends_the_package_of_a_policy_of_ones_own(imported, tmp_path):
     assert any("py_modules" in place for place in places), places  # the copy that Ray sent
 
 
-def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys):
+def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys, short):
     policy = package(tmp_path, "swept_with_consent")
     begun = ["--policy", policy, "--policy", "fuzzy-1", *ONE_CHUNK, "--out", "sweep"]
     assert main(["sweep", *begun]) == 0
@@ -156,7 +156,7 @@ def test_code_that_only_the_folder_names_does_not_run(imported, tmp_path, capsys
         assert main(["sweep", "--resume", *words, "--out", "sweep"]) == 0
 
 
-def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys):
+def test_code_that_changed_is_not_mixed_in(imported, tmp_path, capsys, short):
     policy = package(tmp_path, "swept_twice")
     assert main(["sweep", "--policy", policy, *ONE_CHUNK, "--out", "sweep"]) == 0
     capsys.readouterr()
@@ -211,7 +211,7 @@ def test_another_arm_with_a_controller_that_was_designed_for_it(arm, tmp_path, c
     assert main(["sweep", "--resume", *policies, "--robot", robot, "--out", str(out)]) == 0
 
 
-def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys):
+def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys, short):
     out, other = tmp_path / "sweep", tmp_path / "other.toml"
     other.write_text("mass = [13.0, 8.0]\n")
     policy = ["--policy", "computed-torque"]
@@ -221,7 +221,7 @@ def test_a_sweep_goes_on_only_with_the_same_arm(arm, tmp_path, capsys):
     assert "holds a sweep of another robot (mass [14.0, 8.0] and [13.0, 8.0], stiffness" in capsys.readouterr().err
 
 
-def test_a_learned_policys_folder_is_the_policy_of_its_name(tmp_path):
+def test_a_learned_policys_folder_is_the_policy_of_its_name(tmp_path, short):
     shipped = resources.files("fuzzyarm.learned_policy.policies") / "ppo-nominal"
     with resources.as_file(shipped) as folder:
         shutil.copytree(folder, tmp_path / "mine")

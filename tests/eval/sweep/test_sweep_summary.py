@@ -26,7 +26,10 @@ def test_the_intervals_of_quantiles_are_those_of_infinitely_many_resamples(count
         assert tail[last] > 0.975 - slack and (last == 0 or tail[last - 1] < 0.975 + slack)
 
 
-@pytest.mark.parametrize(("count", "least"), [(300, 0.79), (1000, 0.91), (3000, 0.94), (10000, 0.94)])
+@pytest.mark.parametrize(
+    ("count", "least"),
+    [(300, 0.79), (1000, 0.91), (3000, 0.94), pytest.param(10000, 0.94, marks=pytest.mark.slow)],
+)
 def test_how_often_the_intervals_cover_the_quantiles_of_a_continuous_distribution(count, least):
     """Of n values a binomial number lies at or below the quantile: it must be above the low rank, not the high one."""
     _, low, high = quantile_ranks(count)

@@ -124,14 +124,14 @@ def test_tip_error_with_an_unknown_payload(errors):
     ("plant", "arguments"),
     [
         (ARM, {}),
-        (ARM, {"loop_gain": 0.67}),
-        (ARM, {"loop_gain": 1.5}),
-        (ARM, {"delay": 0.5}),
-        (ARM, {"delay": 1.0}),
+        pytest.param(ARM, {"loop_gain": 0.67}, marks=pytest.mark.slow),
+        pytest.param(ARM, {"loop_gain": 1.5}, marks=pytest.mark.slow),
+        pytest.param(ARM, {"delay": 0.5}, marks=pytest.mark.slow),
+        pytest.param(ARM, {"delay": 1.0}, marks=pytest.mark.slow),
         (ARM, {"loop_gain": 0.67, "delay": 1.0}),
         (ARM, {"loop_gain": 1.5, "delay": 1.0}),
         (stiffer(0.8), {}),
-        (stiffer(1.2), {}),
+        pytest.param(stiffer(1.2), {}, marks=pytest.mark.slow),
         (ARM, {"payload": Payload(5.0)}),
     ],
 )
@@ -238,7 +238,10 @@ def test_with_perfect_knowledge_the_torque_is_the_feedforward():
     assert np.sqrt(np.mean(difference**2)) < 0.05 and difference.max() < 1.0  # N m; largest at start and reversals
 
 
-@pytest.mark.parametrize(("parameters", "period", "limit"), [(LIGHT, 1e-3, 0.02), (ARM, 5e-4, 0.02), (ARM, 2e-3, 0.1)])
+@pytest.mark.parametrize(
+    ("parameters", "period", "limit"),
+    [(LIGHT, 1e-3, 0.02), pytest.param(ARM, 5e-4, 0.02, marks=pytest.mark.slow), (ARM, 2e-3, 0.1)],
+)
 def test_another_arm_and_another_period(parameters, period, limit):
     policy = ElasticObserverPolicy(parameters, period)
     envs = gym.make_vec("FuzzyArm-v0", num_envs=1, parameters=parameters, control_period=period)

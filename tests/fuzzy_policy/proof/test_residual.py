@@ -62,8 +62,8 @@ def random_path(kind, rng):
 
 # Every kind of path, and every model on one that bends and one that does not.
 FAST = [
-    *((1, path) for path in ("circle", "line", "open spline")),
-    *((4, path) for path in PATHS if path != "open spline"),
+    *((1, path) for path in ("circle", "line")),
+    *((4, path) for path in PATHS),
     (16, "circle"),
     (16, "line"),
 ]
@@ -74,7 +74,7 @@ def test_the_bound_is_not_below_a_dense_sampling_and_close_to_it(case):
     rules, path = case
     kept = NAMED_RULES[rules]
     model, reference = TSModel(ArmParameters(), kept), JointReference(PATHS[path], duration=2.0)
-    found, largest = feedforward_residual(model, reference), dense(model, reference, 20_001 if kept else 100_001)
+    found, largest = feedforward_residual(model, reference), dense(model, reference, 20_001 if kept else 50_001)
     assert np.all(found.bound >= largest)
     assert found.bound == pytest.approx(largest, rel=1e-3)
     assert found.sampled == pytest.approx(dense(model, reference, 2001), rel=1e-12)
@@ -101,7 +101,7 @@ def check_any_path_and_arm(kind, seed, kept):
 KINDS = st.sampled_from([Circle, Line, Lemniscate, Spline])
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(kind=KINDS, seed=st.integers(0, 2**32), kept=RULES)
 def test_it_holds_on_any_path_and_arm(kind, seed, kept):
     check_any_path_and_arm(kind, seed, kept)

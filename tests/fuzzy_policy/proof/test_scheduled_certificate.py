@@ -21,7 +21,7 @@ from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled,
 from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, rule_weights
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
-from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled
+from fuzzyarm.synthesis import DesignFailed, ScheduledSpecification, design_scheduled, scheduled_design
 from fuzzyarm.synthesis.inertia_samples import InertiaSamples
 from fuzzyarm.synthesis.metric_search import MetricSearch, relative
 from fuzzyarm.synthesis.scalar_design import best_feedback
@@ -30,10 +30,17 @@ COS_2, COS_3 = Premise(1, "cos q"), Premise(2, "cos q")
 TIGHT = 0.98  # share of a bound that samples reach
 
 
+def quickly(specification, robot):
+    """Return a design from fewer samples, which are enough for three joints: it is tested at thousands of others."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scheduled_design, "SAMPLES", 600)
+        return design_scheduled(specification, robot)
+
+
 @functools.cache
 def designed(*premises):
     """Return the design for α = 20 1/s: the largest with margins is 15 or 20 where LAPACK's last digits differ."""
-    return design_scheduled(ScheduledSpecification(premises=premises, alpha=20.0), robot_named("planar-3r"))
+    return quickly(ScheduledSpecification(premises=premises, alpha=20.0), robot_named("planar-3r"))
 
 
 FAST, SCHEDULES = ((), (COS_2, COS_3)), ((), (COS_2,), (COS_2, COS_3))
@@ -280,7 +287,7 @@ def test_what_cannot_be_had_is_said(asked, message):
 
 def test_a_given_gain_is_met():
     asked = ScheduledSpecification(premises=(), gamma=5e-3)
-    controller = design_scheduled(asked, robot_named("paper")).controller
+    controller = quickly(asked, robot_named("paper")).controller
     assert controller.gamma / controller.floor <= 5e-3 * 1.001
     assert controller.gamma / controller.floor > 4.5e-3
 
@@ -297,13 +304,13 @@ def test_two_joints_agree_with_the_closed_form():
     """M̄ of the paper's arm is affine in cos q2: with that premise κ is 1 but for the widening, and with one rule the
     smallest fastest pole is near that of the consistent form's one-rule design (153 1/s at α = 20)."""
     two = robot_named("paper")
-    exact_schedule = design_scheduled(ScheduledSpecification(premises=(COS_2,)), two).controller
+    exact_schedule = quickly(ScheduledSpecification(premises=(COS_2,)), two).controller
     assert exact_schedule.kappa < 1.01
     _, inertia, scheduled = inertias(exact_schedule, 200)
     diagonal = np.diagonal(inertia, axis1=-2, axis2=-1)  # the product of inertia passes through zero
     scale = np.sqrt(diagonal[..., :, np.newaxis] * diagonal[..., np.newaxis, :])
     assert np.abs((inertia - scheduled) / scale).max() < 0.02
-    one = design_scheduled(ScheduledSpecification(premises=()), two).controller
+    one = quickly(ScheduledSpecification(premises=()), two).controller
     assert (3.0 * one.kappa - 2.0) * one.alpha == pytest.approx(153.0, rel=0.2)
 
 

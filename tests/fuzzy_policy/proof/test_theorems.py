@@ -27,6 +27,7 @@ SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PRE
 FAST = [(), *((premise,) for premise in PREMISES), ("z1", "z3"), tuple(PREMISES)]
 every_subset = pytest.mark.parametrize("kept", slow_but(FAST, SUBSETS), ids=lambda kept: "+".join(kept) or "none")
 with_and_without_integral = pytest.mark.parametrize("integral", [False, True], ids=["e", "e+x_I"])
+with_integral_or_slow = pytest.mark.parametrize("integral", slow_but([True], [False, True]), ids=["e", "e+x_I"])
 both_multipliers = pytest.mark.parametrize("common", [False, True], ids=["own-tau", "common-tau"])
 every_form = pytest.mark.parametrize("form", ["theorem2", "consistent", "fastest pole"])
 
@@ -109,7 +110,7 @@ def general_psi(system, i, k, *, P, M, Q, X, tau, gamma2, L=None):
 
 
 @every_subset
-@with_and_without_integral
+@with_integral_or_slow
 @both_multipliers
 def test_theorem_2_is_the_general_form_up_to_the_scale_of_z(kept, integral, common):
     """D Ψ D with D = Q^(1/2) in the rows of z: there the paper has -Q⁻¹, the general form -I."""
@@ -259,7 +260,7 @@ def check_dissipation(family, model, data, z, *, x, x_dot, w, y_error_rate, sign
 
 
 @every_subset
-@with_and_without_integral
+@with_integral_or_slow
 @both_multipliers
 def test_theorem_2_is_the_dissipation_of_the_nonlinear_arm(kept, integral, common):
     """The proof's identity at random states, with r, x_r, d and the decision variables at random and independent.
@@ -301,7 +302,7 @@ def test_theorem_2_is_the_dissipation_of_the_nonlinear_arm(kept, integral, commo
 
 
 @every_subset
-@with_and_without_integral
+@with_integral_or_slow
 @both_multipliers
 def test_the_consistent_form_is_the_dissipation_of_the_nonlinear_arm(kept, integral, common):
     """Likewise with x_r = (q_d, q̇_d) and the cancelling feedforward; d holds what the dropped premises leave of it."""
@@ -508,7 +509,7 @@ def test_a_feasible_point_bounds_the_dissipation_of_the_nonlinear_arm(kept, comm
 
 
 exactly = np.vectorize(lambda entry: fmpq(*float(entry).as_integer_ratio()) / 3, otypes=[object])
-some_models = pytest.mark.parametrize("rules", [32, 4, 1])
+some_models = pytest.mark.parametrize("rules", slow_but([4, 1], [32, 4, 1]))
 
 
 def converted(data, convert):

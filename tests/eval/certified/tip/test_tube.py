@@ -291,7 +291,7 @@ def test_sets_by_name():
 def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
     path = tmp_path / "set.toml"
     path.write_text("payload = [0.0, 0.3]\n")
-    words = ["prove", "--set", str(path), "--steps", "6", "--json"]
+    words = ["prove", "--set", str(path), "--steps", "4", "--json"]
     assert main([*words, "--cells", "payload", "3"]) == 0
     found = json.loads(capsys.readouterr().out)
     ends = [cell["payload"] for cell in found["cells"]]
@@ -308,10 +308,10 @@ def test_cells_cover_the_range_and_the_largest_counts(tmp_path, capsys):
 def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
     wanted, out = tmp_path / "set.toml", tmp_path / "loads.json"
     wanted.write_text("payload = [0.0, 0.2]\n")
-    words = ["prove", "--set", str(wanted), "--steps", "4", "--cells", "payload", "2", "--out", str(out)]
+    words = ["prove", "--set", str(wanted), "--steps", "2", "--cells", "payload", "2", "--out", str(out)]
     assert main(words) == 0
     assert {path.name for path in tmp_path.glob("*.json")} == {"loads.json", "loads-001.json", "loads-002.json"}
-    assert "at the first 4 of 1500 samples of the circle" in capsys.readouterr().out
+    assert "at the first 2 of 1500 samples of the circle" in capsys.readouterr().out
     assert main(["verify", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["cells"] == 2
     assert "for set " + str(wanted) + ", cell 2, proven" in check_bound(tmp_path / "loads-002.json").sentence

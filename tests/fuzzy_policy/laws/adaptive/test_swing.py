@@ -61,7 +61,7 @@ def test_a_loop_that_swings_is_handed_to_the_certified_law():
     assert alone.max() > 20.0
 
 
-@pytest.mark.parametrize("case", slow_but(["machining", "payload"], ["nominal", "machining", "payload"]))
+@pytest.mark.parametrize("case", slow_but(["machining"], ["nominal", "machining", "payload"]))
 def test_the_loads_of_the_cases_are_no_swing(case):
     run = record_rollout(FuzzyArmEnv(case=case), POLICY, policy_name="own", case=case, seed=0)
     assert "swung" not in run.note

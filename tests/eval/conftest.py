@@ -1,0 +1,50 @@
+"""What the tests of this folder share: proofs of the controllers that they load, and shorter episodes."""
+
+import pickle
+
+import pytest
+
+from fuzzyarm.eval.episodes import loop
+from fuzzyarm.fuzzy_policy.proof.certificate import certify
+from fuzzyarm.policies import controller_policy
+
+VERDICTS = {}
+
+
+def proven_once(controller):
+    """What `certify` returns, which depends on the numbers of the controller alone."""
+    numbers = pickle.dumps(controller)
+    if numbers not in VERDICTS:
+        VERDICTS[numbers] = certify(controller)
+    return VERDICTS[numbers]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def proofs_are_kept():
+    """Let the policies that are loaded share their proofs, which other folders test."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(controller_policy, "certify", proven_once)
+        yield
+
+
+SHORT = 300  # steps, of 1500
+
+
+def first_steps(*given, **more):
+    """The first `SHORT` steps of `episodes`, as if the reference ended there."""
+    for k, step in enumerate(loop.episodes(*given, **more), 1):
+        if k == SHORT:
+            yield step._replace(ended=step.running, completed=step.running)
+            return
+        yield step
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Let the episodes of sweeps and evaluations in this process have 300 of 1500 steps, and return that number.
+
+    What is compared step by step, or is said of files, is the same after a fifth of the circle.
+    """
+    monkeypatch.setattr("fuzzyarm.eval.sweep.episodes.episodes", first_steps)
+    monkeypatch.setattr("fuzzyarm.eval.episodes.rollout.episodes", first_steps)
+    return SHORT
