@@ -94,3 +94,9 @@ def undrawn(monkeypatch) -> None:
 def unmeasured(monkeypatch) -> None:
     """Let `fuzzyarm design` measure no margins, which takes longer than a small design."""
     monkeypatch.setattr("fuzzyarm.eval.stability.margins.margins_in_words", lambda *_: "")
+
+
+@pytest.fixture
+def few_postures(monkeypatch) -> None:
+    """Let margins be taken at 4 postures of the path, not at 16."""
+    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)

@@ -57,9 +57,8 @@ def test_stored_results_still_hold(policies, cases):
 
 
 @pytest.mark.usefixtures("undrawn", "unmeasured")
-def test_commands_run(tmp_path, monkeypatch, capsys):
+def test_commands_run(tmp_path, monkeypatch, capsys, few_postures):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
     monkeypatch.syspath_prepend(ROOT)  # the template in examples/
     commands = [shlex.split(line)[1:] for line in COMMANDS if line.startswith("fuzzyarm ")]
     assert len(commands) >= 4

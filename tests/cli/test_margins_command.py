@@ -83,8 +83,7 @@ def test_the_table_says_where_the_file_is(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("computed_torque_once")
-def test_by_default_all_policies_there_are(capsys, monkeypatch):
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
+def test_by_default_all_policies_there_are(capsys, monkeypatch, few_postures):
     for module in ("fuzzyarm.policies", "fuzzyarm.eval.stability.margins"):
         monkeypatch.setattr(f"{module}.NAMES", ("fuzzy-1", "computed-torque"))
     assert main(["margins", "--json"]) == 0
@@ -104,8 +103,7 @@ def test_another_arm_is_that_of_plant_and_policy(tmp_path, capsys):
     assert "computed-torque, no 'loop gain from' or 'to' or 'to, one sample later': unstable with its own" in out
 
 
-def test_a_controller_file(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
+def test_a_controller_file(tmp_path, capsys, few_postures):
     path = tmp_path / "mine.json"
     design(Specification(kept=(), integral=False)).controller.save(path)
     assert main(["margins", "--policy", str(path)]) == 0

@@ -121,8 +121,7 @@ def test_the_evaluation_can_be_checked_and_shown(evaluated, capsys):
     assert "spring" in capsys.readouterr().out
 
 
-def test_a_controller_has_margins_and_a_sweep(page, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
+def test_a_controller_has_margins_and_a_sweep(page, tmp_path, capsys, few_postures):
     assert main(["margins", "--policy", "spring"]) == 0
     words = [
         "--policy",

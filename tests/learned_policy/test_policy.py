@@ -181,9 +181,8 @@ class TestRegistry:
         assert "\n" not in str(caught.value)
 
 
-def test_margins_are_taken_over_the_action_period(tmp_path, monkeypatch):
+def test_margins_are_taken_over_the_action_period(tmp_path, few_postures):
     """A network that always answers zero leaves the base alone, at the period of the network."""
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
     mine = bundle(action=ActionDefinition(scale=(0.02, 0.01), base="fuzzy-4", period=2e-3))
     silent = [np.zeros_like(part) for part in (*mine.network.weights, *mine.network.biases)]
     half = len(silent) // 2

@@ -117,9 +117,8 @@ class TestAddedPolicy:
         monkeypatch.setattr(registry, "POLICIES", registry.POLICIES.copy())
         monkeypatch.setattr("fuzzyarm.policies.spec.POLICIES", registry.POLICIES)
 
-    def test_it_is_known_everywhere_by_its_name(self, tmp_path, capsys, monkeypatch):
+    def test_it_is_known_everywhere_by_its_name(self, tmp_path, capsys, monkeypatch, few_postures):
         monkeypatch.setattr("fuzzyarm.eval.evaluation.figures.write_figures", lambda *_: [])
-        monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
         add_policy("soft", lambda robot, control_period: ComputedTorquePolicy(robot, control_period, 5.0), has_tip=True)
         spec = resolve("soft-tip")
         assert (spec.kind, spec.label, spec.files(), spec.named) == (Kind.LAW, "soft-tip", {}, True)

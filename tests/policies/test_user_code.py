@@ -165,12 +165,6 @@ def test_a_folder_of_that_name_is_meant_first(tmp_path, monkeypatch):
     assert resolve("a:b").kind is Kind.LEARNED
 
 
-@pytest.fixture
-def few_postures(monkeypatch):
-    """Linearise at four postures of the path."""
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
-
-
 @pytest.mark.usefixtures("few_postures")
 def test_margins_take_a_law_that_acts_on_batches(module):
     policy = loaded(f"{module(TORQUE)}:factory")

@@ -63,10 +63,7 @@ class Forgetful(Springs):
         return super().predict(observation)[0], ()
 
 
-@pytest.fixture(autouse=True)
-def few_postures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Linearise at 4 postures of the path, not 16."""
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)
+pytestmark = pytest.mark.usefixtures("few_postures")
 
 
 @functools.cache

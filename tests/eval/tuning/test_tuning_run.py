@@ -55,8 +55,7 @@ def contents(folder):
     return files, margins["rows"]
 
 
-def test_a_tuning_writes_a_whole_folder(tmp_path, calls, capsys, monkeypatch):
-    monkeypatch.setattr("fuzzyarm.eval.stability.linearisation.POSTURES", 4)  # of 16
+def test_a_tuning_writes_a_whole_folder(tmp_path, calls, capsys, few_postures):
     out = tmp_path / "my-arm"
     assert main(["tune", "--out", str(out), "--jobs", "1"]) == 0
     said = capsys.readouterr().out
