@@ -24,7 +24,7 @@ from flint import arb
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, solve_mass_matrix
 from fuzzyarm.envs.physics.friction import stick_slip
-from fuzzyarm.eval.certified.tip.curve import check_curve, steepest_fall
+from fuzzyarm.eval.certified.tip.curve import check_curve, steepest_fall, strength
 from fuzzyarm.eval.certified.tip.defects import dry_friction
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, ball, centre, low_high, radius_of
 from fuzzyarm.eval.certified.tip.forms import Forms
