@@ -91,7 +91,7 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     from fuzzyarm.common.checks import whole
     from fuzzyarm.common.console import progress
     from fuzzyarm.common.rounding import at_most
-    from fuzzyarm.eval.certified.tip.bound import plain, problem_of
+    from fuzzyarm.eval.certified.tip.bound import arm_in_words, plain, problem_of
     from fuzzyarm.eval.certified.tip.cells import bounds_of_cells, cells
     from fuzzyarm.eval.certified.tip.cells_file import save_cells
 
@@ -112,7 +112,8 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     rows = [{**{name: cell.plants.to_dict()[name] for name in fields}, "bound": cell.bound} for cell in found]
     named = {"policy": options.policy, "case": options.case, "set": claim.named_set(arm)}
     text = f"{plain(options.policy)}, {len(found)} cells of {', '.join(names)}"
+    plants = f"set {claim.named_set(arm)} ({arm_in_words(arm)})"
     return (
         named | {"proven": True, "bound": most, "cells": rows},
-        f"{text}: the tip error is at most {at_most(1e3 * most, 4)} mm for {claim.about(arm)}\n  {motion}: PROVEN",
+        f"{text}: the tip error is at most {at_most(1e3 * most, 4)} mm for {plants}\n  {motion}: PROVEN",
     )

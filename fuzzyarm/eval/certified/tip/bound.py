@@ -34,6 +34,7 @@ __all__ = [
     "PERIOD",
     "TipBound",
     "TipClaim",
+    "arm_in_words",
     "find_bound",
     "own_duration",
     "plain",
@@ -100,13 +101,6 @@ class TipClaim:
         name = next((name for name, plants in SETS.items() if plants == self.plants), None)
         return name or f"with {ranges_in_words(self.plants)}"
 
-    def about(self, arm: ArmParameters) -> str:
-        """Return the set and the arm in its middle in words that are made from their numbers."""
-        table, fields = ArmParameters(), dataclasses.fields(arm)
-        changed = [f for f in fields if getattr(arm, f.name) != getattr(table, f.name)]
-        own = ", ".join(f"{f.name} = {getattr(arm, f.name)} {f.metadata['unit']}" for f in changed)
-        return f"set {self.named_set(arm)}, {f'an arm that is not that of Table 1: {own}' if own else 'arm of Table 1'}"
-
 
 @dataclasses.dataclass(frozen=True)
 class TipBound:
@@ -159,8 +153,9 @@ class TipBound:
         c, spent = self.claim, self.spent()
         parts = ", ".join(f"{name} {at_most(1e3 * x, 4)}" for name, x in spent.items() if x > 1e-3 * self.largest)
         at = PERIOD * (int(self.tip.argmax()) + 1)
+        plants = f"set {c.named_set(self.arm)} ({arm_in_words(self.arm)})"
         return (
-            f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for {c.about(self.arm)}\n"
+            f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for {plants}\n"
             f"  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s\n"
             f"  largest at t = {at:.3f} s; made of, in mm: {parts}"
         )
@@ -169,6 +164,13 @@ class TipBound:
 def plain(name: str) -> str:
     """Return a name or path in ASCII: no letter looks like another one."""
     return ascii(name)[1:-1]
+
+
+def arm_in_words(arm: ArmParameters) -> str:
+    """Return an arm as Table 1's, or by all of its numbers that are not Table 1's."""
+    own = {f: getattr(arm, f.name) for f in dataclasses.fields(arm) if getattr(arm, f.name) != f.default}
+    numbers = ", ".join(f"{f.name} = {value} {f.metadata['unit']}" for f, value in own.items())
+    return f"an arm with {numbers} instead of Table 1's" if own else "the arm of Table 1"
 
 
 def reference_of(claim: TipClaim, arm: ArmParameters) -> JointReference:

@@ -27,6 +27,7 @@ from fuzzyarm.eval.certified.tip.bound import (
     Claims,
     TipBound,
     TipClaim,
+    arm_in_words,
     find_bound,
     plain,
     reference_of,
@@ -112,7 +113,8 @@ class BoundCheck:
         c, most = self.claim, at_most(1e3 * self.bound, 4)
         said = "claimed" if self.reason else "proven"
         motion = c.motion(len(self.tip))
-        return f"tip within {most} mm for {c.about(self.arm)}, {said} (elastic arm, sampled control; {motion})"
+        within = f"tip within {most} mm for set {c.named_set(self.arm)}, {said}"
+        return f"{within} (elastic arm, {arm_in_words(self.arm)}; sampled control; {motion})"
 
     def reference(self) -> JointReference:
         """Return the motion that the bound is about."""
