@@ -206,7 +206,7 @@ def test_the_table_of_real_results(tmp_path, capsys, short):
     assert "\x1b" not in out
     rows = [line.split() for line in out.splitlines()[1:3]]
     best, second = evaluation.rows[1]["tip_error_max_mm"], evaluation.rows[0]["tip_error_max_mm"]
-    assert rows[0][:3] == ["1", "computed-torque-tip", f"{best:#.3g}"] and rows[0][-2:] == ["no", str(path)]
+    assert rows[0][:3] == ["1", "computed-torque-tip", f"{best:#.3g}"] and rows[0][-2:] == ["-", str(path)]
     assert rows[1][:3] == ["2", "fuzzy-4", f"{second:#.3g}"] and rows[1][-3:] == ["rigid", "arm", str(path)]
     assert "Score: largest tip error of all cases. Lost:" in out
     assert "control period 1 ms, 1 seed, no noise" in out
