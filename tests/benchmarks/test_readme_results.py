@@ -1,7 +1,6 @@
 """The README's column of proofs: only stored rows that are proven, and which set of arms each is for."""
 
 import pytest
-from readme_results import _proven, overview_table
 
 CIRCLE = {"case": "nominal", "path": "circle", "duration": 1.5, "proven": True}
 
@@ -11,11 +10,17 @@ def bound(policy, name, millimetres, payload=0.0, **others):
     return {**CIRCLE, **row, **others}
 
 
-def words(*rows, certificates=None):
-    return _proven({"certificates": certificates or {"a": None}}, {"rows": rows})["a"]
+@pytest.fixture
+def words(module):
+    """Return what is proven of a policy, given rows of bounds."""
+
+    def words(*rows, certificates=None):
+        return module("readme_results")._proven({"certificates": certificates or {"a": None}}, {"rows": rows})["a"]
+
+    return words
 
 
-def test_bounds_for_arms_nearby_are_shown_and_that_for_one_arm_is_labelled_or_left_out():
+def test_bounds_for_arms_nearby_are_shown_and_that_for_one_arm_is_labelled_or_left_out(words):
     exact, near = bound("a", "table-1", 0.00226), bound("a", "near", 0.6747)
     assert words(exact) == "tip within 0.0023 mm (exact)"
     assert words(exact, near) == words(near, exact) == "tip within 0.68 mm (near)"
@@ -28,16 +33,16 @@ def test_bounds_for_arms_nearby_are_shown_and_that_for_one_arm_is_labelled_or_le
 @pytest.mark.parametrize(
     "others", [{"proven": False}, {"case": "payload"}, {"path": "lemniscate"}, {"duration": 1.2}, {"policy": "b"}]
 )
-def test_what_is_not_proven_or_of_another_motion_is_not_shown(others):
+def test_what_is_not_proven_or_of_another_motion_is_not_shown(words, others):
     assert words(bound("a", "near", 0.5) | others) == "no"
 
 
-def test_the_rigid_arm_is_named_apart():
+def test_the_rigid_arm_is_named_apart(words):
     row = bound("a", "near", 0.5)
     assert words(row, certificates={"a": "For the rigid arm ..."}) == "rigid arm; tip within 0.5 mm (near)"
 
 
-def test_below_a_micrometre_the_table_gives_no_number_and_above_it_two_digits():
+def test_below_a_micrometre_the_table_gives_no_number_and_above_it_two_digits(module):
     errors = {"nominal": (0.00042, 0.00226), "machining": (4.98, 10.8), "payload": (0.00101, 0.000999)}
     results = [
         {"policy": "a", "case": case, "tip_error_rms_mm": rms, "tip_error_max_mm": largest}
@@ -45,5 +50,7 @@ def test_below_a_micrometre_the_table_gives_no_number_and_above_it_two_digits():
     ]
     versions = dict.fromkeys(("python", "numpy", "numba", "clarabel"), "1")
     made = {"versions": versions, "machine": {"cpu": "x", "cores": 2}, "commit": "c"}
-    text = overview_table({"results": results, "certificates": {"a": None}, **made}, {"rows": [], "command": "y"})
+    text = module("readme_results").overview_table(
+        {"results": results, "certificates": {"a": None}, **made}, {"rows": [], "command": "y"}
+    )
     assert "| a | < 0.001 / 0.0023 | 5.0 / 11 | 0.0010 / < 0.001 | no |" in text
