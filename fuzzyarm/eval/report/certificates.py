@@ -56,7 +56,7 @@ class _BoundChart:
 
 DECAY, GAIN = ("consistent", "semidefinite"), ("consistent",)  # forms whose bounds are of the rigid arm's error
 _CHARTS = (
-    _BoundChart("Decay rate", "decay rate of the error [1/s]", "alpha", 0, True, lambda seen: seen.decay, DECAY),
+    _BoundChart("Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, True, lambda seen: seen.decay, DECAY),
     _BoundChart(
         "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, False, lambda seen: seen.gain, GAIN
     ),

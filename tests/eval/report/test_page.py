@@ -20,7 +20,7 @@ from fuzzyarm.eval.report.observed import Observed
 from fuzzyarm.eval.report.page import command, render_page
 from fuzzyarm.eval.report.payload import _shown, _within, replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
-from fuzzyarm.eval.report.summary import best, metrics_table
+from fuzzyarm.eval.report.summary import best, error_charts, metrics_table
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
@@ -187,6 +187,15 @@ def test_a_bound_lies_between_what_it_rules_out_and_what_was_seen():
         seen = float(re.search(r'circle class="dot" cx="([\d.]+)"', svg).group(1))
         assert seen == pytest.approx(axis.x(bound.observed), abs=0.06)
         assert not left < seen < left + width
+
+
+def test_below_a_micrometre_the_chart_gives_no_number_and_all_share_the_star(evaluation):
+    rows = [
+        dict(evaluation.rows[0], policy=name, tip_error_rms_mm=rms)
+        for name, rms in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011))
+    ]
+    charts = error_charts(rows)
+    assert charts.count("★ </tspan>&lt; 0.001<") == 2 and ">0.00110<" in charts
 
 
 def test_digits():
