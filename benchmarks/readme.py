@@ -64,6 +64,7 @@ from readme_results import (
     accuracy_table,
     leaderboard_table,
     learned_tables,
+    markdown_table,
     overview_table,
     paper_line,
     peer_line,
@@ -77,8 +78,6 @@ from readme_results import (
 )
 from readme_robots import robot_comparison_tables, robot_learned_table, robot_speed_table, robots_table
 from readme_speed import batch_threads_table, sweep_before_table
-
-from fuzzyarm.eval.evaluation.result_table import markdown_table
 
 ROOT = Path(__file__).parent.parent
 FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"

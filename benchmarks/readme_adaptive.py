@@ -8,6 +8,7 @@ from typing import Any
 from readme_markdown import made_with, table
 
 from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval.episodes.metrics import millimetres
 
 __all__ = [
     "adaptive_cases_table",
@@ -285,7 +286,13 @@ def adaptive_swing_table(document: dict[str, Any]) -> str:
 
 def _text(value: float | None) -> str:
     """Return two significant digits, without an exponent."""
-    return "ended early" if value is None else f"{float(f'{value:.2g}'):g}" if value >= 10.0 else f"{value:#.2g}"
+    return (
+        "ended early"
+        if value is None
+        else f"{float(f'{value:.2g}'):g}"
+        if value >= 10.0
+        else millimetres(value, "{:#.2g}".format)
+    )
 
 
 def _made(document: dict[str, Any]) -> str:

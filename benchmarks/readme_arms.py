@@ -6,6 +6,8 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
+from fuzzyarm.eval.episodes.metrics import millimetres
+
 __all__ = ["own_arm_tables", "tuned_arms_table"]
 
 
@@ -35,7 +37,7 @@ def tuned_arms_table(document: dict[str, Any]) -> str:
             unstable = [name for name, radius in radii.items() if radius is None or radius >= 1.0]
             worst = f"unstable in {len(unstable)} of {len(radii)}" if unstable else f"{max(radii.values()):.4f}"
             cases = [
-                f"{errors[policy, case]['tip_error_max_mm']:.3g}"
+                millimetres(errors[policy, case]["tip_error_max_mm"], "{:.3g}".format)
                 if errors[policy, case]["completed"]
                 else "ended early"
                 for case in row["titles"]
@@ -62,7 +64,14 @@ def _errors(row: dict[str, Any]) -> str:
     policies = list(row["spectral_radius"])
     errors = {(one["policy"], one["case"]): one for one in row["results"]}
     rows = [
-        [policy, *(f"{errors[policy, case][f'tip_error_{kind}_mm']:.3g}" for case in row["titles"] for kind in _KINDS)]
+        [
+            policy,
+            *(
+                millimetres(errors[policy, case][f"tip_error_{kind}_mm"], "{:.3g}".format)
+                for case in row["titles"]
+                for kind in _KINDS
+            ),
+        ]
         for policy in policies
     ]
     return table(["tip error [mm]", *(f"{title}, {kind}" for title in row["titles"].values() for kind in _KINDS)], rows)

@@ -8,6 +8,8 @@ from typing import Any
 from compared_policies import POLICIES, preparation_s
 from readme_markdown import made_with, table
 
+from fuzzyarm.eval.episodes.metrics import millimetres
+
 __all__ = ["comparison_table"]
 
 _OF_THE_PAPER = ("nominal", "machining", "payload")
@@ -80,7 +82,7 @@ def _stable(radii: Collection[float | None] | None) -> str:
 def _task(found: list[dict[str, Any]]) -> str:
     """Return the largest of some tasks' errors; a dash where all runs of one were lost."""
     means = [None if task["rms_mm"] is None else task["rms_mm"]["mean"] for task in found]
-    return "-" if None in means else _digits(max(mean for mean in means if mean is not None), 2)
+    return "-" if None in means else millimetres(max(mean for mean in means if mean is not None), _two_digits)
 
 
 def _score(found: dict[str, Any]) -> str:
@@ -112,6 +114,10 @@ def _measured_at(document: dict[str, Any]) -> str:
     others = {row["name"]: row["commits"] for row in document["rows"] if row["commits"] != [document["commit"]]}
     words = "; ".join(f"`{name}` at {', '.join(one[:10] for one in commits)}" for name, commits in others.items())
     return f" Errors over plants measured at other commits: {words}." if others else ""
+
+
+def _two_digits(value: float) -> str:
+    return _digits(value, 2)
 
 
 def _digits(value: float, count: int) -> str:

@@ -6,6 +6,8 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
+from fuzzyarm.eval.episodes.metrics import millimetres
+
 __all__ = [
     "estimate_front",
     "estimate_parts",
@@ -190,7 +192,10 @@ def estimate_sweeps(sweeps: list[dict[str, Any]]) -> str:
 
 
 def _errors(cases: dict[str, float]) -> list[str]:
-    return [f"{cases[f'{name}_rms_mm']:.4f} / {cases[f'{name}_max_mm']:.3f}" for name in _CASES]
+    forms = {"rms": "{:.4f}".format, "max": "{:.3f}".format}
+    return [
+        " / ".join(millimetres(cases[f"{name}_{kind}_mm"], form) for kind, form in forms.items()) for name in _CASES
+    ]
 
 
 def _named(policy: str) -> str:
@@ -215,7 +220,7 @@ def estimate_parts(document: dict[str, Any]) -> str:
         rows.append(
             [
                 _named(name),
-                *(f"{row['cases'][case]['rms_mm']:.4f}" for case in _CASES),
+                *(millimetres(row["cases"][case]["rms_mm"], "{:.4f}".format) for case in _CASES),
                 " / ".join(f"{case['rms_mm']:.3f}" for case in late),
                 " / ".join(f"{case['torque_rate']:.1f}" for case in late),
                 *(" / ".join(f"{value:.2f}" for value in values) for values in errors),

@@ -7,6 +7,8 @@ from typing import Any
 
 from readme_markdown import made_with, table
 
+from fuzzyarm.eval.episodes.metrics import millimetres
+
 __all__ = ["dataset_table", "gradients_table", "observer_tables", "training_speed_table"]
 
 
@@ -145,7 +147,7 @@ def _measured(name: str, runs: list[dict[str, Any]]) -> list[str]:
         ),
         _range([row["lost"] for row in seen], "g"),
         _range([row.get("torque_rate") for row in seen], ".2f"),
-        *(_in_cases(runs, at, "rms_mm", ".2g") for at in ("cases", "late")),
+        *(_in_cases(runs, at, "rms_mm", "mm") for at in ("cases", "late")),
         *(_in_cases(runs, at, "torque_rate", form) for at, form in (("cases", ".2f"), ("late", ".3g"))),
         " / ".join(_range([run["radius"][delay] for run in runs], ".3f") for delay in runs[0]["radius"]),
         _range([run.get("cpu_time_s") for run in runs], ".0f"),
@@ -162,6 +164,11 @@ def _range(values: list[float | None], form: str) -> str:
     if len(known) < len(values):
         return "-"
     if len(known) == 1:
-        return format(known[0], form)
-    middle, least, largest = (format(value, form) for value in (statistics.median(known), min(known), max(known)))
+        return _formatted(known[0], form)
+    middle, least, largest = (_formatted(value, form) for value in (statistics.median(known), min(known), max(known)))
     return f"{middle} ({least} to {largest})"
+
+
+def _formatted(value: float, form: str) -> str:
+    """Return a number in a format, "mm" for a length."""
+    return millimetres(value, "{:.2g}".format) if form == "mm" else format(value, form)

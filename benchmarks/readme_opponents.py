@@ -7,6 +7,7 @@ from typing import Any
 from readme_markdown import made_with, table
 
 from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval.episodes.metrics import millimetres
 
 __all__ = ["predictive_table", "reward_table"]
 
@@ -50,4 +51,4 @@ def reward_table(document: dict[str, Any]) -> str:
 
 
 def _text(error: float) -> str:
-    return f"{error:.2g}" if error < 10.0 else f"{error:.0f}"
+    return millimetres(error, "{:.2g}".format) if error < 10.0 else f"{error:.0f}"

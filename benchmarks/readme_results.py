@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,16 @@ from readme_markdown import made_with, table
 
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
+from fuzzyarm.eval.episodes.metrics import millimetres
 from fuzzyarm.eval.evaluation.ranking import markdown, rank_policies
+from fuzzyarm.eval.evaluation.result_table import COLUMNS, table_rows
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
 
 __all__ = [
     "accuracy_table",
     "leaderboard_table",
     "learned_tables",
+    "markdown_table",
     "paper_line",
     "peer_line",
     "plants_leaderboard",
@@ -65,21 +69,35 @@ def overview_table(document: dict[str, Any], bounds: dict[str, Any]) -> str:
     )
 
 
-_OF_THE_TIP = "Tip: in the nominal case, at every sample, of the elastic arm of Table 1 with sampled control."
+_NEARBY = ("near", "any-friction")
+_OF_THE_TIP = (
+    "[Proven](docs/theory/certificate.md), of the rigid arm: decay and L2 gain in a box; of the tip: a bound at every "
+    "sample of the nominal case, on the elastic arm with sampled control, for every arm of a set. `near`: stiffness "
+    "± 2 %, damping ± 10 %, masses ± 0.5 %, motor inertias ± 1 %, dry friction ± 20 %; any friction: any torque up to "
+    "the static one; exact: the arm of Table 1 alone, known exactly."
+)
 
 
 def _proven(document: dict[str, Any], bounds: dict[str, Any]) -> dict[str, str]:
-    """Return what is proven of each policy of an evaluation, of the rigid arm and of the tip, in a few words."""
-    circle = {"case": "nominal", "set": "table-1", "path": "circle", "duration": 1.5, "proven": True}
-    tips = {
-        row["policy"]: f"tip within {at_most(row['bound_mm'], 2)} mm"
-        for row in bounds["rows"]
-        if {key: row[key] for key in circle} == circle
-    }
-    return {
-        policy: "; ".join(filter(None, ["" if certificate is None else "rigid arm", tips.get(policy, "")])) or "no"
-        for policy, certificate in document["certificates"].items()
-    }
+    """Return what is proven of each policy of an evaluation, of the rigid arm and of the tip, in a few words.
+
+    Of the tip the bounds for arms near that of Table 1 and for the widest range of payloads; where there are none, that
+    for this arm alone, which is said.
+    """
+    circle = {"case": "nominal", "path": "circle", "duration": 1.5, "proven": True}
+    tips: dict[str, dict[str, str]] = {}
+    rows = [row for row in bounds["rows"] if {key: row[key] for key in circle} == circle]
+    for row in sorted(rows, key=lambda row: row["plants"]["payload"][1]):
+        kind = "payload" if row["set"].startswith("payload") else row["set"]
+        words = {"any-friction": "any friction", "table-1": "exact"}.get(row["set"], row["set"])
+        tips.setdefault(row["policy"], {})[kind] = f"{at_most(row['bound_mm'], 2)} mm ({words})"
+    proven = {}
+    for policy, certificate in document["certificates"].items():
+        found = tips.get(policy, {})
+        nearby = [found[kind] for kind in (*_NEARBY, "payload") if kind in found] or [*found.values()][:1]
+        parts = ["rigid arm"] * (certificate is not None) + [f"tip within {', '.join(nearby)}"] * bool(nearby)
+        proven[policy] = "; ".join(parts) or "no"
+    return proven
 
 
 def speed_lines(bench: dict[str, Any]) -> str:
@@ -100,20 +118,31 @@ def speed_lines(bench: dict[str, Any]) -> str:
 
 
 def _two_figures(value: float) -> str:
-    return f"{value:#.2g}".rstrip(".")
+    return millimetres(value, lambda length: f"{length:#.2g}".rstrip("."))
 
 
 def tip_table(document: dict[str, Any]) -> str:
     """Return the table of tip errors of the laws with and without compensation of the bending."""
     cases = {"nominal": "Case 1", "machining": "Case 2", "payload": "Case 3"}
+    keys = (*cases, "stiffness_wrong")
     wrong = f"Case 1, stiffness {100 * document['wrong']:.0f} % off"
     headings = ["law", "variant", *(f"{name}: max / rms [mm]" for name in (*cases.values(), wrong))]
     rows = [
         [row["law"], row["variant"]]
-        + [f"{row[key]['max_mm']:#.3g} / {row[key]['rms_mm']:#.3g}" for key in (*cases, "stiffness_wrong")]
+        + [f"{millimetres(row[key]['max_mm'])} / {millimetres(row[key]['rms_mm'])}" for key in keys]
         for row in document["rows"]
     ]
     return f"{table(headings, rows, left=2)}\n\n`{document['command']}`; {made_with(document)}"
+
+
+def markdown_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the table as Markdown."""
+    lines = [
+        "| case | policy | " + " | ".join(heading for heading, _, _ in COLUMNS) + " |",
+        "| --- | --- |" + " ---: |" * len(COLUMNS),
+    ]
+    lines += [f"| {case} | {policy} | {' | '.join(cells)} |" for case, policy, cells in table_rows(rows)]
+    return "\n".join(lines)
 
 
 def saturation_table(document: dict[str, Any]) -> str:
@@ -158,7 +187,7 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
     failed = f"{row['failed']} of {row['episodes']} failed" if row["failed"] else ""
     if row[key] is None:
         return failed
-    mean, low, high = ("" if value is None else _two_digits(value) for value in row[key].values())
+    mean, low, high = ("" if value is None else _two_figures(value) for value in row[key].values())
     interval = f" ({low} to {high})" if low else ""
     return f"{mean}{interval}{', ' if failed else ''}{failed}"
 
@@ -169,8 +198,9 @@ def leaderboard_table(results: Path, bounds: dict[str, Any]) -> str:
     words, lines = {"policy": "proven", "---": "---", **proven}, []
     for line in markdown(rank_policies([results])).splitlines():
         cells = line.split(" | ")
-        lines.append(f"{' | '.join(cells[:-2])} | {words[cells[1]]} |" if line.startswith("|") else line)
-    return "\n".join([*lines, "", _OF_THE_TIP])
+        note = re.sub("Proven: .* All:", "All:", line)  # of the bounds that are stored, and not of files of --bound
+        lines.append(f"{' | '.join(cells[:-2])} | {words[cells[1]]} |" if line.startswith("|") else note)
+    return "\n".join([*lines, "", _OF_THE_TIP.replace("docs/", "../")])
 
 
 def plants_leaderboard(results: Path) -> str:
@@ -205,10 +235,6 @@ def _interval(found: dict[str, float | None], text: Callable[[float], str]) -> s
     if value is None:
         return "ended early"
     return value if low is None or high is None else f"{value} ({low} to {high})"
-
-
-def _two_digits(value: float) -> str:
-    return f"{value:#.2g}".removesuffix(".")
 
 
 def speed_table(bench: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
+from fuzzyarm.eval.episodes.metrics import millimetres
 
 __all__ = ["robot_comparison_tables", "robot_learned_table", "robot_speed_table", "robots_table"]
 
@@ -76,7 +77,11 @@ def robot_learned_table(document: dict[str, Any]) -> str:
 def _error(row: dict[str, Any], case: str) -> str:
     if row[f"{case}_share"] < 1.0:
         return "ended early"
-    return f"{row[f'{case}_rms_mm']:.3g} ({row[f'{case}_max_mm']:.3g})"
+    return _rms_and_max(row[f"{case}_rms_mm"], row[f"{case}_max_mm"])
+
+
+def _rms_and_max(*errors: float) -> str:
+    return "{} ({})".format(*(millimetres(error, "{:.3g}".format) for error in errors))
 
 
 def _comparison(document: dict[str, Any]) -> str:
@@ -134,7 +139,7 @@ def _policies(document: dict[str, Any]) -> str:
         of_case = {row["case"]: row for row in document["cases"] if row["policy"] == policy}
         swept = {row["case"]: row for row in document["sweep"] if row["policy"] == policy}
         errors = [
-            f"{row['tip_error_rms_mm']:.3g} ({row['tip_error_max_mm']:.3g})" if row["completed"] else "ended early"
+            _rms_and_max(row["tip_error_rms_mm"], row["tip_error_max_mm"]) if row["completed"] else "ended early"
             for row in (of_case[case] for case in cases)
         ]
         radius, gain = margins["spectral_radius"]["nominal"], margins["loop_gain"]["upper"]

@@ -52,7 +52,7 @@ class Options:
     that has a method repeated (1 to 1000; default: 1)"""
     declared: bool = False
     """Also print what each policy declares: its objective, what it was tuned on, what it knows of the arm, sees and
-    remembers, and its certificate"""
+    remembers, and what is proven of it on the rigid arm"""
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None
     """Folder for results and figures, made if needed (default: fuzzyarm-evaluation)"""
     json: bool = False
@@ -156,7 +156,7 @@ def _config(options: Options) -> EvaluationConfig:
 
 def _certificates(evaluation: Evaluation) -> list[str]:
     return [
-        f"{name}: {'no certificate' if text is None else 'certificate. ' + text}"
+        f"{name}: {'nothing proven of the rigid arm' if text is None else 'proven. ' + text}"
         for name, text in evaluation.certificates.items()
     ]
 

@@ -64,9 +64,9 @@ class LawSheet:
             for quantity in quantities:
                 unit = "" if quantity.unit == "-" else f" [{quantity.unit}]"
                 lines += ["", f"  {quantity.name}{unit}: {quantity.meaning}", *_rows(quantity.values)]
-        lines += ["", "certificate:", ""]
+        lines += ["", "proven of the rigid arm:", ""]
         if self.certificate is None:
-            lines.append("  none")
+            lines.append("  nothing")
         else:
             numbers = certified_numbers(self.certificate)
             lines += [f"  {name} = {value}" for name, value in numbers.items()]

@@ -38,7 +38,7 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
     assert main([*QUICK, "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert "Case 1: nominal" in out
-    assert "fuzzy-4: certificate." in out
+    assert "fuzzy-4: proven." in out
     assert "Not covered: the elastic joints" in out
     assert "\x1b" not in out  # plain when piped
     assert "tip error max [mm]" in out  # rich would take the unit for markup

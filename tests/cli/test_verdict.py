@@ -35,12 +35,17 @@ THREE = [
 
 def test_the_verdict_of_three_cases_has_five_lines():
     assert verdict(THREE, {"a": "For the ...", "b": None, "c": None}, Path("my folder"), 43) == [
-        "Case 1: nominal: b won, rms tip error 0.000419 mm",
-        "Case 2: machining force: a, b won, rms tip error 1.00 mm",
+        "Case 1: nominal: b won, rms tip error < 0.001 mm",
+        "Case 2: machining force: a, b tie, rms tip error 1.00 mm",
         "Case 3: 5 kg payload: no policy followed the path to its end",
-        "Proven of the rigid arm: a; 2 without a certificate",
+        "Proven of the rigid arm: a; nothing of 2 others",
         "43 files in 'my folder'; next: fuzzyarm report 'my folder'",
     ]
+
+
+def test_below_a_micrometre_nobody_wins():
+    rows = [row(name, "nominal", rms) for name, rms in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011))]
+    assert verdict(rows, {}, Path("x"), 3)[0] == "Case 1: nominal: a, b tie, rms tip error < 0.001 mm"
 
 
 def test_who_lost_the_path_once_cannot_win():
@@ -49,26 +54,26 @@ def test_who_lost_the_path_once_cannot_win():
     rows += [row("b", "nominal", rms, seed=seed) for seed, rms in enumerate((5.0, 1.0, 2.0))]
     assert verdict(rows, {"a": None}, Path("x"), 3)[:2] == [
         "Case 1: nominal: b followed, rms tip error 2.00 mm; a, far lost the path",
-        "Proven of the rigid arm: nothing, since none of these policies has a certificate",
+        "Proven of the rigid arm: nothing",
     ]
 
 
 def test_many_policies_are_counted():
     names = [f"policy-{number}" for number in range(18)]
     lines = verdict([row(name, "nominal", 1.0) for name in names], dict.fromkeys(names, "x"), Path("x"), 3)
-    assert "policy-0, policy-1, policy-2 and 15 more won" in lines[0]
+    assert "policy-0, policy-1, policy-2 and 15 more tie" in lines[0]
     assert lines[1].endswith("policy-0, policy-1, policy-2 and 15 more")
     assert max(map(len, lines)) <= 100
 
 
 @pytest.mark.parametrize(("width", "left_out"), [(200, ()), (80, (6,)), (60, (3, 4, 5, 6)), (34, (1, 3, 4, 5, 6))])
 def test_a_narrow_terminal_has_fewer_columns_and_every_digit_of_the_others(width, left_out):
-    rows = [row("computed-torque-tip", "nominal", 1234.5, largest=0.000412)]
+    rows = [row("computed-torque-tip", "nominal", 1234.5, largest=0.0412)]
     screen = rich.console.Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
     print_results(rows, screen)
     text = screen.file.getvalue()
     assert max(map(len, text.splitlines())) <= width and "…" not in text
-    assert "1.23e+03" in text and "0.000412" in text  # rms and the largest error are always there
+    assert "1.23e+03" in text and "0.0412" in text  # rms and the largest error are always there
     note = " ".join(text.split("Left out on")[1].split()) if left_out else ""
     assert ("Left out on" in text) == bool(left_out)
     for number in left_out:

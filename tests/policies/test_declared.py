@@ -163,7 +163,7 @@ def test_rows_stand_in_order_with_the_certificate():
     found = {"ppo-robust": declared("ppo-robust"), "mine": None}
     rows = declared_rows(found, {"ppo-robust": None, "mine": "proven"})
     assert [row[0] for row in rows] == ["ppo-robust", "mine"]
-    assert [row[-1] for row in rows] == ["no", "rigid arm"]
+    assert [row[-1] for row in rows] == ["nothing", "decay and L2 gain in the box"]
     assert rows[0][1:-1] == declared("ppo-robust") and set(rows[1][1:-1]) == {"not declared"}
 
 

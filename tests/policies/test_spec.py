@@ -128,7 +128,7 @@ class TestAddedPolicy:
         with pytest.raises(ValueError, match=r"choose from: .*learned-observer, soft, soft-tip, or the path"):
             load_policy("nobody")
         assert main(["evaluate", "--policy", "soft", "--case", "nominal", "--out", str(tmp_path)]) == 0
-        assert "\nsoft: no certificate\n" in capsys.readouterr().out
+        assert "\nsoft: nothing proven of the rigid arm\n" in capsys.readouterr().out
         assert main(["margins", "--policy", "soft"]) == 0
         assert "soft " in capsys.readouterr().out
 

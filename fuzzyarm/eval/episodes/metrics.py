@@ -14,10 +14,12 @@ import numpy as np
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.episodes.rollout import Rollout
 
-__all__ = ["LOST", "METRICS", "Metric", "add_metric", "is_lost", "metrics_of"]
+__all__ = ["LOST", "METRICS", "RESOLUTION", "Metric", "add_metric", "is_lost", "metrics_of", "millimetres"]
 
 LOST = 100.0
 """Tip error [mm], half the radius of the paper's circle, above which an episode is lost; see `is_lost`."""
+
+RESOLUTION = 1e-3  # [mm] below which texts give no number and rankings no order: the time step errs by a fifth of it
 
 _FRINGE = 0.1  # s, at both ends of an episode
 
@@ -167,6 +169,12 @@ def is_lost(row: Mapping[str, Any]) -> bool:
     reference did is said to have "ended early".
     """
     return not row["completed"] or bool(row["tip_error_max_mm"] > LOST)
+
+
+def millimetres(length: float, form: Callable[[float], str] = "{:#.3g}".format) -> str:
+    """Return a length [mm] as text, "< 0.001" below `RESOLUTION`; a negative one above minus that is "> -0.001"."""
+    small = f"> -{RESOLUTION}" if length < 0.0 else f"< {RESOLUTION}"
+    return small if abs(length) < RESOLUTION else form(length)
 
 
 def _middle(rollout: Rollout) -> np.ndarray:

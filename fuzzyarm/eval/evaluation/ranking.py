@@ -26,7 +26,7 @@ from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells, print_declared
-from fuzzyarm.eval.episodes.metrics import LOST, is_lost
+from fuzzyarm.eval.episodes.metrics import LOST, RESOLUTION, is_lost, millimetres
 from fuzzyarm.eval.evaluation.conditions import conditions_in_words, conditions_of
 from fuzzyarm.eval.evaluation.results_file import Results, read_results
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
@@ -48,7 +48,7 @@ __all__ = [
     "standings_of",
 ]
 
-_LEFT = ("policy", "certificate", "from")  # headings of the columns that are aligned left
+_LEFT = ("policy", "proven", "from")  # headings of the columns that are aligned left
 
 
 class Table(NamedTuple):
@@ -106,7 +106,7 @@ class Standing:
     @property
     def order(self) -> tuple[int, float]:
         """Sort key, the best policy first."""
-        return self.lost, math.inf if self.score is None else self.score.mean
+        return self.lost, math.inf if self.score is None else max(self.score.mean, RESOLUTION)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,20 +118,20 @@ class Leaderboard:
 
     @property
     def ranks(self) -> list[int]:
-        """Rank of each standing, from 1; policies of equal score share a rank."""
+        """Rank of each standing, from 1; policies of equal `order` share a rank."""
         return ranks_of(self)
 
     def table(self) -> Table:
         """Return the table and its notes."""
         cases = list(self.standings[0].rms)
-        headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases), "certificate", "from"]
+        headings = ["rank", "policy", "score [mm]", *(f"rms, {case} [mm]" for case in cases), "proven", "from"]
         cells = [
             [
                 str(rank),
                 standing.policy,
                 f"lost in {standing.lost} of {standing.episodes}" if standing.score is None else shown(standing.score),
-                *("lost" if value is None else f"{value:#.3g}" for value in standing.rms.values()),
-                _proven(standing),
+                *("lost" if value is None else millimetres(value) for value in standing.rms.values()),
+                "; ".join(filter(None, ["rigid arm" if standing.certified else "", standing.tip])) or "-",
                 standing.source,
             ]
             for rank, standing in zip(self.ranks, self.standings, strict=True)
@@ -140,14 +140,15 @@ class Leaderboard:
         notes = (
             "Score: largest tip error of all cases"
             + (", interquartile mean over seeds with a bootstrap interval of 95 %" if interval else "")
-            + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. All: "
+            + f". Lost: an episode that ended early or a tip more than {LOST:g} mm off; such policies rank last. "
+            + "Proven: of the rigid arm, decay and L2 gain in its box; of the tip, what the files of --bound say. All: "
             + f"{self.conditions}."
         )
         return Table(headings, cells, notes)
 
 
 def ranks_of(board: Ranking) -> list[int]:
-    """Return the rank of each standing, from 1; policies of equal score share a rank."""
+    """Return the rank of each standing, from 1; policies of equal `order` share a rank."""
     orders = [standing.order for standing in board.standings]
     return [1 + orders.index(order) for order in orders]
 
@@ -221,15 +222,10 @@ def standings_of(
     return standings
 
 
-def _proven(standing: Standing) -> str:
-    """Return what is proven of a policy: of the rigid arm, of the tip of the elastic one, or nothing."""
-    return "; ".join(filter(None, ["rigid arm" if standing.certified else "", standing.tip])) or "no"
-
-
 def shown(score: Estimate) -> str:
     """Return a score [mm] with its interval, if it has one."""
     mean, low, high = score
-    return f"{mean:#.3g}" + ("" if low is None else f" ({low:#.3g} to {high:#.3g})")
+    return millimetres(mean) + ("" if low is None or high is None else f" ({millimetres(low)} to {millimetres(high)})")
 
 
 def print_leaderboard(board: Ranking, console: Console, *, declared: bool = False) -> None:

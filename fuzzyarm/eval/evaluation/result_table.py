@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from statistics import median
 from typing import Any
 
@@ -13,17 +14,10 @@ from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.declarations import ROW, declared_cells
+from fuzzyarm.eval.episodes.metrics import millimetres
 from fuzzyarm.policies.declared import Declared
 
-__all__ = [
-    "COLUMNS",
-    "DECLARED",
-    "declared_rows",
-    "markdown_table",
-    "print_passes",
-    "print_results",
-    "table_rows",
-]
+__all__ = ["COLUMNS", "DECLARED", "declared_rows", "print_passes", "print_results", "table_rows"]
 
 _DISPENSABLE = (7, 6, 5, 4, 2)
 """Columns of the table, with the policy as number 0, that a narrow terminal does without, in this order."""
@@ -40,7 +34,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
 )
 """Heading, the metrics shown in one cell, and their format. Metrics of the motor side are left out: they do not say
 where the tip is."""
-DECLARED = (*ROW, "certificate")
+DECLARED = (*ROW, "proven of the rigid arm")
 """Headings of the table of what policies declare."""
 
 
@@ -69,9 +63,10 @@ def _cell(runs: Sequence[dict[str, Any]], keys: tuple[str, ...], form: str) -> s
         keys = tuple(key for key in runs[0] if key.startswith("torque_peak_"))
     for key in keys:
         values = [run[key] for run in runs]
-        text = form.format(median(values))
+        shown = partial(millimetres, form=form.format) if key.endswith("_mm") else form.format
+        text = shown(median(values))
         if len(values) > 1:
-            text += f" ({form.format(min(values))} to {form.format(max(values))})"
+            text += f" ({shown(min(values))} to {shown(max(values))})"
         parts.append(text)
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
 
@@ -99,7 +94,7 @@ def print_passes(rows: Sequence[dict[str, Any]], passes: int, console: Console) 
         groups.setdefault((row["case"], row["policy"]), []).append(row)
     for (case, policy), runs in groups.items():
         errors = (median(run[f"pass_{number}_max_mm"] for run in runs) for number in range(1, passes + 1))
-        table.add_row(Text(f"{case}, {policy}"), *(f"{error:#.3g}" for error in errors))
+        table.add_row(Text(f"{case}, {policy}"), *(millimetres(error) for error in errors))
     print_table(table, console, dispensable=tuple(range(2, passes)))
 
 
@@ -108,16 +103,6 @@ def declared_rows(
 ) -> list[tuple[str, ...]]:
     """Return the cells below `DECLARED` of each policy, given declarations and certificates in words by label."""
     return [
-        (label, *declared_cells(own), "no" if certificates[label] is None else "rigid arm")
+        (label, *declared_cells(own), "nothing" if certificates[label] is None else "decay and L2 gain in the box")
         for label, own in declared.items()
     ]
-
-
-def markdown_table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the table as Markdown."""
-    lines = [
-        "| case | policy | " + " | ".join(heading for heading, _, _ in COLUMNS) + " |",
-        "| --- | --- |" + " ---: |" * len(COLUMNS),
-    ]
-    lines += [f"| {case} | {policy} | {' | '.join(cells)} |" for case, policy, cells in table_rows(rows)]
-    return "\n".join(lines)

@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.episodes.metrics import is_lost
+from fuzzyarm.eval.episodes.metrics import RESOLUTION, is_lost, millimetres
 
 __all__ = ["verdict"]
 
@@ -53,18 +53,16 @@ def _won(rows: Sequence[Mapping[str, Any]], title: str) -> str:
     if not errors:
         return f"{title}: no policy followed the path to its end"
     best = min(errors.values())
-    winners = [policy for policy, error in errors.items() if error == best]
+    winners = [policy for policy, error in errors.items() if error <= max(best, RESOLUTION)]
     after = f"; {_named(sorted(lost))} lost the path" if lost else ""
-    verb = "followed" if len(errors) == 1 else "won"
-    return f"{title}: {_named(winners)} {verb}, rms tip error {best:#.3g} mm{after}"
+    verb = "followed" if len(errors) == 1 else "won" if len(winners) == 1 else "tie"
+    return f"{title}: {_named(winners)} {verb}, rms tip error {millimetres(best)} mm{after}"
 
 
 def _proven(certificates: Mapping[str, str | None]) -> str:
     proven = [policy for policy, text in certificates.items() if text is not None]
-    if not proven:
-        return "Proven of the rigid arm: nothing, since none of these policies has a certificate"
-    others = len(certificates) - len(proven)
-    return f"Proven of the rigid arm: {_named(proven)}" + (f"; {others} without a certificate" if others else "")
+    others = f"; nothing of {len(certificates) - len(proven)} others" if 0 < len(proven) < len(certificates) else ""
+    return f"Proven of the rigid arm: {_named(proven) or 'nothing'}{others}"
 
 
 def _named(policies: Sequence[str]) -> str:

@@ -101,6 +101,23 @@ def write_report(comparison: Comparison, figures: Sequence[Path], folder: Path) 
     return [text, data]
 
 
+def _outcome(comparison: Comparison) -> list[str]:
+    """Return how many numbers have drifted, which the exit code is about, and how many of the paper's agree."""
+    judged = [
+        (claim.key, claim.agrees(label, value))
+        for claim in CLAIMS
+        for label, value in comparison.measured[claim.key].items()
+        if claim.papers_number(label) is not None
+    ]
+    others = dict.fromkeys(key for key, agrees in judged if not agrees)
+    return [
+        f"{len(comparison.drifted)} of {sum(map(len, comparison.measured.values()))} numbers differ from the stored "
+        "ones by more than allowed: the exit code is about these alone.",
+        f"{sum(bool(agrees) for _, agrees in judged)} of {len(judged)} numbers agree with the paper's; those without * "
+        f"do not: {', '.join(others)}.",
+    ]
+
+
 class _Table(NamedTuple):
     """A table of the report: its title, its headings and its rows of cells."""
 
@@ -122,9 +139,9 @@ def print_report(comparison: Comparison, console: Console) -> None:
         for row in shown.rows:
             table.add_row(*map(escape, row))
         terminal.print_table(table, console)
-    console.print(LEGEND, highlight=False, markup=False)
-    for reason, number in _reason_numbers().items():
-        console.print(f"({number}) {reason}", highlight=False, markup=False)
+    reasons = (f"({number}) {reason}" for reason, number in _reason_numbers().items())
+    for line in (LEGEND, *reasons, *_outcome(comparison)):
+        console.print(line, highlight=False, markup=False)
 
 
 def _tables(comparison: Comparison, narrow: bool) -> list[_Table]:
@@ -227,14 +244,12 @@ def _markdown(comparison: Comparison, figures: Sequence[Path]) -> str:
 
 
 def _drift_lines(comparison: Comparison) -> list[str]:
-    count = sum(len(values) for values in comparison.measured.values())
     groups: dict[str, list[str]] = {}
     for claim in CLAIMS:
         groups.setdefault(_allowance(claim), []).append(claim.key)
     allowed = "; ".join(f"{allowance}: {', '.join(keys)}" for allowance, keys in groups.items())
     moved = [f"- {entry}" for entry in comparison.drifted]
-    head = f"{len(moved)} of {count} numbers differ from the stored ones by more than allowed. Allowed: {allowed}."
-    return [head, "", *moved]
+    return [*_outcome(comparison), f"Allowed: {allowed}.", "", *moved]
 
 
 def _allowance(claim: Claim) -> str:

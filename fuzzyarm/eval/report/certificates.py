@@ -56,7 +56,7 @@ class _BoundChart:
 
 DECAY, GAIN = ("consistent", "semidefinite"), ("consistent",)  # forms whose bounds are of the rigid arm's error
 _CHARTS = (
-    _BoundChart("Decay rate", "decay rate of the error [1/s]", "alpha", 0, True, lambda seen: seen.decay, DECAY),
+    _BoundChart("Decay rate", "decay rate of the root of V [1/s]", "alpha", 0, True, lambda seen: seen.decay, DECAY),
     _BoundChart(
         "L2 gain, disturbance to error", "L2 gain [µrad/(N m)]", "gamma", 6, False, lambda seen: seen.gain, GAIN
     ),
@@ -77,7 +77,7 @@ def bound_charts(stored: StoredEvaluation, observed: Observations) -> str:
 
 def _row(spec: _BoundChart, claimed: Mapping[str, Any] | None, seen: Observed | str | None) -> Bound | str:
     if claimed is None:
-        return "no certificate"
+        return "nothing proven"
     if claimed["form"] not in spec.forms:
         return "of other quantities"
     worst = 10.0**spec.digits * spec.worst(seen) if isinstance(seen, Observed) else None
@@ -93,13 +93,12 @@ def bound_note(observed: Observations) -> str:
 
 
 def statements(certificates: Mapping[str, str | None]) -> str:
-    """Return every certificate in words, as a folded paragraph, and the names of the policies that have none."""
+    """Return every certificate in words, as a folded paragraph, and the names of the policies without one."""
     parts = [
         f'<details class="note"><summary>{escape(name)}: what is proven</summary><p>{escape(text)}</p></details>'
         for name, text in certificates.items()
         if text is not None
     ]
-    without = [name for name, text in certificates.items() if text is None]
-    if without:
-        parts.append(f'<p class="note">No certificate: {escape(", ".join(without))}.</p>')
+    if without := ", ".join(name for name, text in certificates.items() if text is None):
+        parts.append(f'<p class="note">Nothing is proven of the rigid arm: {escape(without)}.</p>')
     return "".join(parts)

@@ -10,6 +10,8 @@ import math
 from collections.abc import Sequence
 from html import escape
 
+from fuzzyarm.eval.episodes.metrics import millimetres
+
 __all__ = ["PALETTE", "Axis", "Bound", "Errors", "digits", "draw_chart", "figure"]
 
 WIDTH, LEFT, RIGHT, TOP, ROW, BOTTOM = 390, 150, 76, 6, 25, 40  # [px]: of the chart, its margins, and a row
@@ -108,11 +110,11 @@ def _row(axis: Axis, name: str, index: int, content: Errors | Bound | str) -> st
 def _errors(axis: Axis, y: float, errors: Errors) -> str:
     """Return a disc at the rms, a stroke at the maximum, and the rms in digits."""
     rms, maximum = axis.x(errors.rms), axis.x(errors.maximum)
-    star = '<tspan class="star">★ </tspan>' if errors.best else ""
+    text = ('<tspan class="star">★ </tspan>' if errors.best else "") + escape(millimetres(errors.rms, digits))
     return (
         f'<path class="span" d="M{rms:.1f} {y}H{maximum:.1f}"/><path class="end" d="M{maximum:.1f} {y - 6}v12"/>'
         f'<circle class="dot" cx="{rms:.1f}" cy="{y}" r="5"/>'
-        f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{star}{digits(errors.rms)}{errors.note}</text>'
+        f'<text class="value" x="{WIDTH - 2}" y="{y + 4}">{text}{errors.note}</text>'
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from fuzzyarm.envs.scenario.cases import CASES
-from fuzzyarm.eval.episodes.metrics import LOST
+from fuzzyarm.eval.episodes.metrics import LOST, millimetres
 from fuzzyarm.eval.evaluation.ranking import Standing
 from fuzzyarm.eval.report.chart import digits
 
@@ -75,8 +75,8 @@ def _alone(standing: Standing, titles: Mapping[str, str]) -> str:
 
 def _winners(values: Mapping[str, float]) -> tuple[str, ...]:
     """Return the policies whose value reads the same as the smallest one."""
-    smallest = digits(min(values.values()))
-    return tuple(policy for policy, value in values.items() if digits(value) == smallest)
+    smallest = _length(min(values.values()))
+    return tuple(policy for policy, value in values.items() if _length(value) == smallest)
 
 
 def _lost(standings: Sequence[Standing]) -> list[str]:
@@ -112,8 +112,8 @@ def _title(title: str) -> str:
     return escape(re.sub(r"^([^:]+): (.+)$", r"\1 (\2)", title))
 
 
-def _length(millimetres: float) -> str:
-    return f"{digits(millimetres)}\u00a0mm"
+def _length(error: float) -> str:
+    return f"{escape(millimetres(error, digits))}\u00a0mm"
 
 
 def _episodes(count: int) -> str:

@@ -6,12 +6,12 @@ const CARD_GAP = 8, CARD_TEXT = 52, NARROWEST = 165;
 const plots = PLOTS.map((kind) => new Plot(kind));
 const arms = report.policies.map((_, policy) => new Arm(policy));
 
-/** Return a length in millimetres, or in micrometres if it is small. */
+/** Return a length in millimetres, or in micrometres if it is small; below one it is not told. */
 function lengthText(metres) {
   const millimetres = 1e3 * metres;
   if (millimetres >= 100) return `${millimetres.toFixed(0)} mm`;
   if (millimetres >= 0.01) return `${millimetres.toFixed(millimetres < 10 ? (millimetres < 1 ? 3 : 2) : 1)} mm`;
-  return `${(1e3 * millimetres).toFixed(millimetres < 1e-3 ? 3 : 2)} µm`;
+  return millimetres < 1e-3 ? "< 0.001 mm" : `${(1e3 * millimetres).toFixed(2)} µm`;
 }
 
 const signed = (value) => value.toFixed(1).replace("-", "−");

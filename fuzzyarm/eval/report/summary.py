@@ -10,6 +10,7 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.scenario.cases import CASES
+from fuzzyarm.eval.episodes.metrics import RESOLUTION
 from fuzzyarm.eval.evaluation.result_table import COLUMNS, DECLARED, declared_rows, table_rows
 from fuzzyarm.eval.report.chart import PALETTE, Axis, Errors, draw_chart, figure
 from fuzzyarm.policies.declared import Declared
@@ -45,7 +46,7 @@ def error_charts(rows: Sequence[Row], titles: Mapping[str, str] | None = None) -
         for policy, runs in group.items():
             rms, maximum = errors[case][policy]
             mark = "" if finished(runs) else " ×"
-            drawn.append((policy, Errors(rms, maximum, finished(runs) and rms == best_rms, mark)))
+            drawn.append((policy, Errors(rms, maximum, finished(runs) and rms <= max(best_rms, RESOLUTION), mark)))
         title = known[case]
         description = f"{title}: root mean square and maximum of the tip error in mm"
         figures.append(figure(title, draw_chart(axis, drawn, description)))

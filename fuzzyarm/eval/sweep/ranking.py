@@ -22,6 +22,7 @@ from fuzzyarm.common.checks import listed, real, whole
 from fuzzyarm.common.documents import DocumentError, read_checked, read_json
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.eval.declarations import read_declarations
+from fuzzyarm.eval.episodes.metrics import RESOLUTION, millimetres
 from fuzzyarm.eval.evaluation.ranking import Table, ranks_of, shown
 from fuzzyarm.eval.evaluation.statistics import Estimate
 from fuzzyarm.eval.sweep.run import SUMMARY
@@ -59,7 +60,7 @@ class PlantStanding:
     @property
     def order(self) -> tuple[int, float]:
         """Sort key, the best policy first."""
-        return (1, self.ended_early / self.plants) if self.score is None else (0, self.score.mean)
+        return (1, self.ended_early / self.plants) if self.score is None else (0, max(self.score.mean, RESOLUTION))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +80,7 @@ class PlantBoard:
                 str(rank),
                 standing.policy,
                 "ended early" if standing.score is None else shown(standing.score),
-                *("ended early" if value is None else f"{value:#.3g}" for value in standing.cases.values()),
+                *("ended early" if value is None else millimetres(value) for value in standing.cases.values()),
                 f"{standing.ended_early} of {standing.plants * len(cases)}",
                 str(standing.plants),
                 standing.source,

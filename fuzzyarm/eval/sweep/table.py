@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -10,6 +10,7 @@ from rich.text import Text
 
 from fuzzyarm.common.console import print_paragraphs, print_table, table
 from fuzzyarm.common.files import csv_text
+from fuzzyarm.eval.episodes.metrics import millimetres
 from fuzzyarm.eval.sweep.summary import QUANTILES
 
 __all__ = ["print_sweep", "summary_csv"]
@@ -33,8 +34,8 @@ def print_sweep(document: dict[str, Any], console: Console) -> None:
         for row in document["rows"]:
             if row["case"] == case:
                 success = {name: 100.0 * share for name, share in row["success"].items()}
-                cells = [_cell(success, "{:.2f}", terminal)]
-                cells += [_cell(row[metric][level], "{:#.3g}", terminal) for metric, _, level in _SHOWN]
+                cells = [_cell(success, "{:.2f}".format, terminal)]
+                cells += [_cell(row[metric][level], millimetres, terminal) for metric, _, level in _SHOWN]
                 rows.add_row(Text(row["policy"]), *cells)
     print_table(rows, console)
     note = (
@@ -60,10 +61,10 @@ def summary_csv(rows: Sequence[dict[str, Any]]) -> str:
     return csv_text(flat)
 
 
-def _cell(found: dict[str, float | None], form: str, terminal: bool) -> Text:
+def _cell(found: dict[str, float | None], form: Callable[[float], str], terminal: bool) -> Text:
     """Return a value and its interval, on two lines of a terminal."""
     value, low, high = (
-        _ENDED_EARLY if found[name] is None else form.format(found[name]) for name in ("value", "low", "high")
+        _ENDED_EARLY if number is None else form(number) for number in map(found.get, ("value", "low", "high"))
     )
     if found["low"] is None and found["value"] is not None:
         return Text(value)  # a single plant has no interval

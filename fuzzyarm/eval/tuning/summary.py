@@ -124,9 +124,9 @@ def _transposed(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
 def _proven(findings: Sequence[Finding]) -> str:
     certified = [finding.policy for finding in findings if finding.chosen is not None and "alpha" in finding.chosen]
     if not certified:
-        return "Nothing: no controller of this folder has a certificate."
+        return "Nothing: no controller file of this folder is proven."
     return (
         f"{', '.join(certified)}: every inequality of the file, in exact arithmetic, for the rigid arm in continuous "
-        f"time; `fuzzyarm verify {certified[0]}.json` proves it again and says what it means. The others have no "
-        "certificate."
+        f"time; `fuzzyarm verify {certified[0]}.json` proves it again and says what it means. Of the others "
+        "nothing is."
     )

@@ -8,13 +8,15 @@ the Cholesky factor of A, which makes T A Tᵀ almost the identity; the product 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-__all__ = ["exact", "is_positive_definite", "rational", "smallest_eigenvalue", "stated"]
+__all__ = ["exact", "is_positive_definite", "largest_growth", "rational", "smallest_eigenvalue", "stated"]
 
 
 def rational(value: Any) -> fmpq:
@@ -75,6 +77,22 @@ def is_positive_definite(matrix: np.ndarray) -> bool:
         if not product[i, i] > others:
             return False
     return True
+
+
+def largest_growth(matrix: np.ndarray, size: int) -> float:
+    """Return c² with |x_1(t)| <= c exp(-αt) |x_1(0)| if V = xᵀAx, or xᵀA⁻¹x, falls at least as exp(-2αt); else inf.
+
+    x_1 are the first `size` entries of x; the others are zero at first. c² is a proven upper bound of
+    λmax(A_11) λmax((A⁻¹)_11): A_11 < λI, and (A⁻¹)_11 < μI if A > diag(I/μ, 0). For all of A: its condition number.
+    """
+    A, first = exact(matrix), exact(np.diag(np.arange(len(matrix)) < size).astype(float))
+
+    def proven(values: np.ndarray, rest: Callable[[fmpq], np.ndarray]) -> float:
+        tried = (float(values[-1]) * (1.0 + 10.0**-digits) for digits in range(9, 1, -1))
+        return next((x for x in tried if 0.0 < x < math.inf and is_positive_definite(rest(rational(x)))), math.inf)
+
+    ends = [np.linalg.eigvalsh(M[:size, :size]) for M in (matrix, np.linalg.pinv(matrix))]
+    return proven(ends[0], lambda x: (x * first - A)[:size, :size]) * proven(ends[1], lambda x: A - first / x)
 
 
 def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

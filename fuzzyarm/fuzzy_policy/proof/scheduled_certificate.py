@@ -20,9 +20,9 @@ from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.fuzzy_policy.proof.ball_cover import proven_in_balls
 from fuzzyarm.fuzzy_policy.proof.box_cover import cover
 from fuzzyarm.fuzzy_policy.proof.certificate import Certificate, Claim, claim
-from fuzzyarm.fuzzy_policy.proof.definiteness import exact, smallest_eigenvalue, stated
+from fuzzyarm.fuzzy_policy.proof.definiteness import exact, largest_growth, smallest_eigenvalue, stated
 from fuzzyarm.fuzzy_policy.proof.inertia_bounds import Bound, bounds
-from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED, PolicyCertificate, claimed_bounds
+from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED, PolicyCertificate, claimed_bounds, decay_words
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay, fastest
 from fuzzyarm.fuzzy_policy.scheduled import FORM, ScheduledController
 
@@ -113,10 +113,13 @@ def scheduled_statement(controller: ScheduledController) -> str:
     )
     alpha, beta = at_least(controller.alpha, 6), at_most(controller.fastest_pole, 6)
     euclid = euclidean_gain(controller)
+    # V = xᵀ (X ⊗ M̂) x, where M̂ > σ I is a mean of the S_r, which are at most their largest sum of a row.
+    heaviest = np.abs(controller.inertia).sum(axis=-1).max() / controller.floor
+    growth = (heaviest * largest_growth(controller.lyapunov, size) for size in (len(controller.lyapunov), 1))
     return (
-        f"For the rigid arm of {len(robot)} joints in continuous time, as long as its angles lie in {ranges} rad"
-        f"{' and ' + speeds if speeds else ', at any speed'}, and for every twice differentiable reference: without "
-        f"disturbance the tracking error decays at least as exp(-{alpha} t), and the poles of the loop frozen at any "
+        f"For the rigid arm of {len(robot)} joints in continuous time, as long as it stays in the box, angles in "
+        f"{ranges} rad{' and ' + speeds if speeds else ', at any speed'}, and for every twice differentiable "
+        f"reference: without disturbance {decay_words(alpha, *growth)}; and the poles of the loop frozen at any "
         f"such state have real parts below -{alpha} 1/s and moduli of at most {beta} 1/s. From zero error the L2 "
         f"gain from the disturbance torque d to the position error is at most {at_most(controller.gamma, 3)} s^2 in "
         f"the norms of the scheduled inertia, and so at most {at_most(_up(euclid), 3)} rad/(N m). "

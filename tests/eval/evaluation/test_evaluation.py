@@ -14,7 +14,7 @@ from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.episodes.loop import episodes
 from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.rollout import Signals, record_rollout
-from fuzzyarm.eval.evaluation.result_table import markdown_table, table_rows
+from fuzzyarm.eval.evaluation.result_table import table_rows
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import tip_statement
@@ -146,10 +146,13 @@ def test_results_file_holds_what_a_rerun_needs(evaluation, tmp_path):
     assert len(document["results"]) == len(csv_path.read_text().splitlines()) - 1 == len(evaluation.rows)
 
 
-def test_markdown_table_has_a_line_for_each_result(evaluation):
-    lines = markdown_table(evaluation.rows).splitlines()
-    assert len(lines) == 2 + len(evaluation.rows)
-    assert len({line.count("|") for line in lines}) == 1
+def test_cells_below_a_micrometre_give_no_number(evaluation):
+    row = dict(evaluation.rows[0], tip_error_max_mm=0.00101, tip_error_rms_mm=0.00016)
+    row |= {"circularity_link_min_mm": -0.00099, "circularity_link_max_mm": 0.0}
+    ((_, _, cells),) = table_rows([row])
+    assert (cells[0], cells[2], cells[3]) == ("0.00101", "< 0.001", "[> -0.001, < 0.001]")
+    ((_, _, cells),) = table_rows([row, dict(row, tip_error_rms_mm=0.5)])
+    assert cells[2] == "0.250 (< 0.001 to 0.500)"
 
 
 def test_an_early_end_is_reported_not_hidden(tmp_path):

@@ -95,6 +95,18 @@ def test_the_smallest_comes_first_across_files_and_equals_share_a_rank(write):
     assert [s.source for s in rank_policies([one, two.parent]).standings] == [str(p) for p in (one, two, two, one)]
 
 
+def test_below_a_micrometre_nobody_is_ranked_and_no_number_is_printed(write):
+    """The raw numbers stay in the JSON; a zero and nine tenths of a micrometre share a rank."""
+    path = write("a", document({"a": [[4e-4]] * 3, "b": [[1e-4]] * 3, "c": [[6e-4]] * 3}))
+    board = rank_policies([path])  # scores are twice these errors
+    assert [(rank, one.policy) for rank, one in zip(board.ranks, board.standings, strict=True)] == [
+        (1, "a"), (1, "b"), (3, "c")
+    ]  # fmt: skip
+    assert [row[2] for row in board.table().cells] == ["< 0.001", "< 0.001", "0.00120"]
+    assert all(row[3] == "< 0.001" for row in board.table().cells)
+    assert board.standings[0].score.mean == pytest.approx(8e-4)
+
+
 def test_who_lost_the_path_ranks_last_by_how_often(write):
     results = document({name: [[error]] * 3 for name, error in (("a", 1.0), ("b", 2.0), ("c", 3.0), ("d", 4.0))})
     rows = {(row["policy"], row["case"]): row for row in results["results"]}
@@ -194,7 +206,7 @@ def test_the_table_of_real_results(tmp_path, capsys, short):
     assert "\x1b" not in out
     rows = [line.split() for line in out.splitlines()[1:3]]
     best, second = evaluation.rows[1]["tip_error_max_mm"], evaluation.rows[0]["tip_error_max_mm"]
-    assert rows[0][:3] == ["1", "computed-torque-tip", f"{best:#.3g}"] and rows[0][-2:] == ["no", str(path)]
+    assert rows[0][:3] == ["1", "computed-torque-tip", f"{best:#.3g}"] and rows[0][-2:] == ["-", str(path)]
     assert rows[1][:3] == ["2", "fuzzy-4", f"{second:#.3g}"] and rows[1][-3:] == ["rigid", "arm", str(path)]
     assert "Score: largest tip error of all cases. Lost:" in out
     assert "control period 1 ms, 1 seed, no noise" in out

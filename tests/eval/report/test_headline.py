@@ -43,6 +43,11 @@ def test_values_that_read_the_same_tie():
     assert words(*many).startswith("p0, p1, p2 and 6 others tie in ")
 
 
+def test_below_a_micrometre_all_tie():
+    a, b, c = (standing(name, nominal=error) for name, error in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011)))
+    assert words(a, b, c) == "a and b tie in Case 1 (nominal) with &lt; 0.001 mm rms."
+
+
 def test_who_lost_the_path_wins_neither_that_case_nor_overall():
     a, b = standing("a", nominal=4.0, machining=1.0), standing("b", lost=1, nominal=0.5, machining=None)
     assert words(a, b) == (

@@ -5,6 +5,7 @@ import dataclasses
 import hashlib
 import json
 import re
+from html import escape
 from html.parser import HTMLParser
 
 import numpy as np
@@ -19,7 +20,7 @@ from fuzzyarm.eval.report.observed import Observed
 from fuzzyarm.eval.report.page import command, render_page
 from fuzzyarm.eval.report.payload import _shown, _within, replay_data
 from fuzzyarm.eval.report.stored import StoredEvaluation, read_evaluation
-from fuzzyarm.eval.report.summary import best, metrics_table
+from fuzzyarm.eval.report.summary import best, error_charts, metrics_table
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import NOT_COVERED
 
 SEEN = {"fuzzy-4": Observed(20.5, 7e-5, "step"), "fuzzy-4-tip": "not observed: for a reason"}
@@ -131,7 +132,7 @@ def test_the_table_has_the_cells_of_the_terminal(evaluation, text):
         row = re.search(rf'<th scope="row"><span class="swatch"></span>{policy}</th>(.*?)</tr>', text).group(1)
         assert row.count("<td") == len(cells)
     cells = re.findall(r"<td[^>]*>(.*?)</td>", metrics_table(evaluation.rows))
-    expected = [re.sub(r"\.(?!\d)", "", cell) for _, _, row in table_rows(evaluation.rows) for cell in row]
+    expected = [escape(re.sub(r"\.(?!\d)", "", cell)) for _, _, row in table_rows(evaluation.rows) for cell in row]
     assert cells == expected
 
 
@@ -162,7 +163,7 @@ def test_certificates_stand_beside_what_was_observed(evaluation):
     assert "20.5 ≥ 20<" in text and "70.0 ≤ 140<" in text
     assert "> ≥ 20<" not in text and ">≥ 20<" in text  # the bound alone where nothing was observed
     assert "fuzzy-4-tip: not observed: for a reason." in text
-    assert text.count(">no certificate<") == 2 and "No certificate: computed-torque." in text
+    assert text.count(">nothing proven<") == 2 and "Nothing is proven of the rigid arm: computed-torque." in text
 
 
 def test_an_axis_is_linear_or_logarithmic():
@@ -186,6 +187,15 @@ def test_a_bound_lies_between_what_it_rules_out_and_what_was_seen():
         seen = float(re.search(r'circle class="dot" cx="([\d.]+)"', svg).group(1))
         assert seen == pytest.approx(axis.x(bound.observed), abs=0.06)
         assert not left < seen < left + width
+
+
+def test_below_a_micrometre_the_chart_gives_no_number_and_all_share_the_star(evaluation):
+    rows = [
+        dict(evaluation.rows[0], policy=name, tip_error_rms_mm=rms)
+        for name, rms in (("a", 0.00016), ("b", 0.00048), ("c", 0.0011))
+    ]
+    charts = error_charts(rows)
+    assert charts.count("★ </tspan>&lt; 0.001<") == 2 and ">0.00110<" in charts
 
 
 def test_digits():

@@ -45,7 +45,7 @@ def shown(page):
     result = {}
     for policy, line in zip(POLICIES, page.run(READOUT), strict=True):
         error, torques = line.split("Γ ")
-        size, unit = error.split()
+        *_, size, unit = error.split()  # of "< 0.001 mm" the limit
         first, second = torques.replace("−", "-").removesuffix(" N m").split(", ")
         result[policy] = float(size) * {"mm": 1.0, "µm": 1e-3}[unit], (float(first), float(second))
     return result

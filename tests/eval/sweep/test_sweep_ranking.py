@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.cli import main
-from fuzzyarm.eval.evaluation.ranking import markdown
+from fuzzyarm.eval.evaluation.ranking import markdown, ranks_of
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.quantities import plant_record
 from fuzzyarm.eval.sweep.ranking import rank_sweeps
@@ -50,6 +50,13 @@ def test_the_score_is_the_worst_case_s_quantile_over_the_plants(write):
     for standing, own, case in zip(board.standings, errors, (1, 0), strict=True):
         assert standing.score.mean == np.sort(own[case])[int(0.99 * PLANTS) - 1]
         assert standing.score.low <= standing.score.mean <= standing.score.high <= own.max()
+
+
+def test_below_a_micrometre_nobody_is_ranked(write):
+    errors = drawn(3) * np.array([4e-4, 1e-4, 1.0]).reshape(3, 1, 1)
+    board = rank_sweeps([write("a", document(errors))])
+    assert ranks_of(board) == [1, 1, 3]
+    assert [row[2] for row in board.table().cells][:2] == ["< 0.001 (< 0.001 to < 0.001)"] * 2
 
 
 def test_losing_more_than_one_in_a_hundred_ranks_last_and_losing_fewer_does_not(write):

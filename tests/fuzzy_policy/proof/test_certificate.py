@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -106,6 +107,24 @@ def test_the_lyapunov_function_decays_at_the_certified_rate(controller):
     assert np.all(np.array(energy) <= energy[0] * np.exp(-2.0 * controller.alpha * time) * (1.0 + 1e-9))
 
 
+def test_the_error_stays_below_the_constant_that_is_stated_and_not_below_one(controller):
+    """From an error of position alone the whole norm grows first: without its constant the bound would be false."""
+    text = certify(controller).statement
+    whole, of_position = (float(re.search(rf"<= (\S+) exp\(-20 t\) \|{x}\(0\)\|", text)[1]) for x in "xe")
+    angles = np.linspace(0.0, np.pi, 20)
+    errors = np.zeros((6, len(angles)))
+    errors[:2] = np.cos(angles), np.sin(angles)
+    F, h = closed_loop(controller, np.zeros(2), np.zeros(2))[0], 2e-4
+    largest = np.zeros(2)
+    for step in range(1, 500):
+        errors = errors + h * F @ (errors + 0.5 * h * F @ errors)
+        sizes = [np.linalg.norm(errors[:size], axis=0).max() for size in (6, 2)]
+        largest = np.maximum(largest, np.multiply(sizes, np.exp(controller.alpha * h * step)))
+    assert 10.0 < largest[0] < whole and largest[1] < of_position < 4.0
+    root = np.sqrt(np.linalg.cond(controller.P))
+    assert root <= whole < 1.001 * root
+
+
 def test_shipped_controller_holds_with_room(controller):
     certificate = certify(controller)
     assert certificate.proven
@@ -183,7 +202,7 @@ def test_every_inequality_of_both_claims_is_proven(limited):
     names = [claim.name for claim in certificate.claims]
     assert names[0] == "P > 0" and len(set(names)) == len(names)
     assert [name.replace("Phi", "Psi") for name in names[7:]] == names[1:7]
-    assert "no faster than exp(-180 t)" in certificate.statement
+    assert "root of V = x'P^-1 x decays no faster than exp(-180 t)" in certificate.statement
     assert "between -180 and -20 1/s" in certificate.statement
 
 

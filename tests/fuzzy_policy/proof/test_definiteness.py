@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from flint import fmpq
 
-from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue
+from fuzzyarm.fuzzy_policy.proof.definiteness import (
+    exact,
+    is_positive_definite,
+    largest_growth,
+    rational,
+    smallest_eigenvalue,
+)
 
 
 def random_definite(size, smallest, seed=0):
@@ -96,3 +102,30 @@ def test_numbers_beyond_floating_point_are_not_proven_and_raise_nothing(entry):
 def test_a_scale_that_overflows_is_not_proven():
     tiny, large = fmpq(1, 10) ** 300, fmpq(10) ** 200
     assert not is_positive_definite(np.array([[tiny, large], [large, tiny]], dtype=object))
+
+
+@pytest.mark.parametrize("smallest", [1.0, 1e-4, 1e-9])
+def test_the_growth_of_everything_is_the_condition_number_rounded_up(smallest):
+    matrix = random_definite(6, smallest)
+    values = np.linalg.eigvalsh(matrix)
+    found = largest_growth(matrix, 6)
+    assert values[-1] / values[0] * (1.0 - 1e-6) <= found <= values[-1] / values[0] * (1.0 + 1e-2)
+
+
+def test_the_growth_of_a_part_is_of_the_worst_start_and_the_worst_end_at_the_same_value():
+    """V = xᵀAx does not rise: from x = (a, 0), no state of the same V has a longer first part than c |a|."""
+    matrix, rng = random_definite(5, 1e-3, seed=2), np.random.default_rng(0)
+    c, inverse = np.sqrt(largest_growth(matrix, 2)), np.linalg.inv(matrix)
+    start = np.linalg.eigh(matrix[:2, :2])[1][:, -1]
+    along = np.linalg.eigh(inverse[:2, :2])[1][:, -1]
+    worst = inverse[:, :2] @ along
+    worst *= np.sqrt(start @ matrix[:2, :2] @ start / (worst @ matrix @ worst))
+    assert (1.0 - 1e-6) * c < np.linalg.norm(worst[:2]) <= c
+    for _ in range(100):
+        a, x = rng.normal(size=2), rng.normal(size=5)
+        x *= np.sqrt(a @ matrix[:2, :2] @ a / (x @ matrix @ x))
+        assert np.linalg.norm(x[:2]) <= c * np.linalg.norm(a)
+
+
+def test_an_indefinite_matrix_bounds_no_growth():
+    assert largest_growth(random_definite(4, -1e-3), 4) == np.inf

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import json
+import re
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
 from fuzzyarm.fuzzy_policy.laws.scheduled import scheduled_torque
 from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay
-from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate
+from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate, scheduled_statement
 from fuzzyarm.fuzzy_policy.proof.trigonometric import TrigMatrix
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController, rule_weights
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError
@@ -173,6 +174,21 @@ def test_the_inequality_is_the_one_of_the_closed_loop():
     expected = 2 * x @ X @ dx + 2 * rate * x @ X @ x + x[0] ** 2 - gamma**2 * d**2
     y = np.append(x, d)
     assert y @ decay(share, rate=rate, gamma2=gamma**2, X=X, k=k) @ y == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_stated_constants_hold_between_any_two_errors_at_any_two_postures(controller):
+    """No error of the same V, at another posture, is longer than the constant times the first."""
+    stated = [
+        float(one) for one in re.findall(r"<= (\S+) exp\(-\S+ t\) \|[xe]\(0\)\|", scheduled_statement(controller))
+    ]
+    rng, n, largest = np.random.default_rng(0), len(controller.robot), np.zeros(2)
+    postures = rng.uniform(*np.array([joint.angle_range for joint in controller.robot.joints]).T, (200, n))
+    metrics = [np.kron(controller.lyapunov, S) for S in controller.inertia_at(postures)]
+    for which, size in enumerate((3 * n, n)):
+        starts = max(np.linalg.eigvalsh(metric[:size, :size])[-1] for metric in metrics)
+        ends = max(np.linalg.eigvalsh(np.linalg.inv(metric)[:size, :size])[-1] for metric in metrics)
+        largest[which] = np.sqrt(starts * ends)
+    assert np.all(largest <= stated) and np.all(np.array(stated) < 3.0 * largest)
 
 
 @pytest.mark.slow
