@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import io
 import json
 import statistics
 import sys
@@ -25,7 +24,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -118,21 +116,14 @@ LINES = (
 
 
 def main() -> None:
-    """Measure or load, show, and write what is asked for."""
+    """Measure, show, and write what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw it here, as PNG")
-    parser.add_argument("--stored", type=Path, metavar="FILE", help="take the result from here, measure nothing")
     options = parser.parse_args()
-    document = json.loads(options.stored.read_text(encoding="utf-8")) if options.stored else measure()
+    document = measure()
     show(document)
     if options.json:
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
-    if options.figure:
-        content = io.BytesIO()
-        with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-            draw(document).savefig(content, format="png")
-        write_atomically(options.figure, content.getvalue())
 
 
 def measure() -> dict[str, Any]:

@@ -61,7 +61,8 @@ def overview_table(document: dict[str, Any], bounds: dict[str, Any]) -> str:
         for policy, words in _proven(document, bounds).items()
     ]
     return (
-        f"{table(headings, rows)}\n\n{_OF_THE_TIP}\n\n`fuzzyarm evaluate`, `{bounds['command']}`; {made_with(document)}"
+        f"{table(headings, rows)}\n\n{_OF_THE_TIP}\n\n`fuzzyarm evaluate`, `{bounds['command']}`; "
+        f"{made_with(document, _tips(bounds))}"
     )
 
 
@@ -70,16 +71,17 @@ _OF_THE_TIP = "Tip: in the nominal case, at every sample, of the elastic arm of 
 
 def _proven(document: dict[str, Any], bounds: dict[str, Any]) -> dict[str, str]:
     """Return what is proven of each policy of an evaluation, of the rigid arm and of the tip, in a few words."""
-    circle = {"case": "nominal", "set": "table-1", "path": "circle", "duration": 1.5, "proven": True}
-    tips = {
-        row["policy"]: f"tip within {at_most(row['bound_mm'], 2)} mm"
-        for row in bounds["rows"]
-        if {key: row[key] for key in circle} == circle
-    }
+    tips = {row["policy"]: f"tip within {at_most(row['bound_mm'], 2)} mm" for row in _tips(bounds)}
     return {
         policy: "; ".join(filter(None, ["" if certificate is None else "rigid arm", tips.get(policy, "")])) or "no"
         for policy, certificate in document["certificates"].items()
     }
+
+
+def _tips(bounds: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the proven bounds of the nominal case on the circle, of the arm of Table 1."""
+    circle = {"case": "nominal", "set": "table-1", "path": "circle", "duration": 1.5, "proven": True}
+    return [row for row in bounds["rows"] if {key: row[key] for key in circle} == circle]
 
 
 def speed_lines(bench: dict[str, Any]) -> str:
@@ -165,12 +167,14 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
 
 def leaderboard_table(results: Path, bounds: dict[str, Any]) -> str:
     """Return the output of `fuzzyarm leaderboard --markdown` for a results file, what is proven in its last column."""
-    proven = _proven(json.loads(results.read_text(encoding="utf-8")), bounds)
+    document = json.loads(results.read_text(encoding="utf-8"))
+    proven = _proven(document, bounds)
     words, lines = {"policy": "proven", "---": "---", **proven}, []
     for line in markdown(rank_policies([results])).splitlines():
         cells = line.split(" | ")
         lines.append(f"{' | '.join(cells[:-2])} | {words[cells[1]]} |" if line.startswith("|") else line)
-    return "\n".join([*lines, "", _OF_THE_TIP])
+    made = f"`{document['command']}`, `{bounds['command']}`; {made_with(document, _tips(bounds))}"
+    return "\n".join([*lines, "", _OF_THE_TIP, "", made])
 
 
 def plants_leaderboard(results: Path) -> str:
@@ -238,7 +242,7 @@ def peer_line(mujoco: dict[str, Any]) -> str:
         "Against the event integrator, without friction / with Coulomb friction alone, our tip error is "
         f"{frictionless['our_tip_error_um']:.2f} / {coulomb['our_tip_error_um']:.2f} µm, and MuJoCo's goes down to "
         f"{finest:.1g} / {min(row['tip_error_um'] for row in coulomb['mujoco']):.2g} µm as its step shrinks "
-        f"(`{mujoco['command']}`)."
+        f"(`{mujoco['command']}`; {made_with(mujoco).removesuffix('.')})."
     )
 
 
@@ -252,7 +256,10 @@ def soak_line(soak: dict[str, Any]) -> str:
             f"{row['actions']}: {row['env_steps']:.3g} env-steps, {row['episodes']} episodes, {row['seconds']:.0f} s, "
             f"memory {growth:+.1f} MB over the last three quarters"
         )
-    return f"Soak, without a number that is not finite: {'; '.join(parts)} (`python benchmarks/soak.py`)."
+    return (
+        f"Soak, without a number that is not finite: {'; '.join(parts)} (`python benchmarks/soak.py`; "
+        f"{made_with(soak).removesuffix('.')})."
+    )
 
 
 def accuracy_table(document: dict[str, Any]) -> str:
