@@ -1,6 +1,6 @@
 """Margins of the adaptive observer: the loop with adaptation frozen, the losses of the adapting one, and the front.
 
-    python benchmarks/adaptive_margins.py [--json FILE] [--figure FILE]
+    python benchmarks/adaptive_margins.py [--json FILE]
 
 Frozen: spectral radius and limits of the loop gain of the linear loop of `laws.adaptive.frozen`, in time and half a
 sample later, as `fuzzyarm margins` measures them.

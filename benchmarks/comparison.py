@@ -1,7 +1,6 @@
 """Model-based and learned policies in one table and one figure: eight tasks, new plants, forces not trained on.
 
     python benchmarks/comparison.py [--plants N] [--seed-plants N] [--jobs N] [--errors FOLDER] [--json FILE]
-                                    [--figure FILE.png] [--pairs FILE.png]
 
 The policies are those of `compared_policies`, the tasks those of `learned_tasks`. The plants are those of
 `comparison_plants`, in the paper's cases and under two forces that no training has drawn; each plant meets all
@@ -17,7 +16,7 @@ which its rms error is smaller, equal ones counting half, with a bootstrap inter
 
 With `--errors` each policy's errors are kept in a folder and taken from there by the next run with as many plants, so
 that a run can be interrupted, or a policy added, without measuring the others again; the result names the commit of
-each. Delete the files of a policy that has changed. `comparison_figure.py` draws the figures from a stored result.
+each. Delete the files of a policy that has changed.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Cost and benefit of fewer rules: the consistent form with integral for 1 to 32 rules, at equal gain and at equal γ.
 
-    python benchmarks/complexity.py [--json FILE] [--figure FILE.png]
-    python benchmarks/complexity.py --stored FILE [--figure FILE.png]     show and draw again, measure nothing
+    python benchmarks/complexity.py [--json FILE]
 
 All models are designed for the smallest gains at the same α and γ, without a bound of the fastest pole, which models
 without z1 do not bear (so these are not the shipped files). Proof: the scaled gain that each meets; and the other way

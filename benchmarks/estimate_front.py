@@ -1,6 +1,6 @@
 """The front between accuracy and margin of `learned-observer`: how much of its network to use, and what that bears.
 
-    python benchmarks/estimate_front.py [--plants N] [--json FILE] [--figure FILE.png]
+    python benchmarks/estimate_front.py [--plants N] [--json FILE]
 
 The residual torque of the shipped network is multiplied by a share s, that is, its output layers V, G and D are: s = 0
 is the law without a network, s = 1 the shipped policy. At rest the network is silent and the linear loop is the same

@@ -1,6 +1,6 @@
 """PPO beside the elastic observer, and what each of its settings is worth, one at a time.
 
-python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer told longer knobs ...] [--figure FILE]
+python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer told longer knobs ...]
 
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
