@@ -83,7 +83,8 @@ class Channel:
         return self._factor * arrived, state
 
 
-ASIDE = {0.25: (6, -11), 0.5: (-20, -4)}  # labels of shares that would cover others [points]
+# Labels that would cover others, by case and share [points].
+ASIDE = {("machining", 0.25): (6, -11), ("machining", 0.5): (-8, -13)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,7 +178,7 @@ def draw(document: dict[str, Any]) -> Figure:
         errors = [row_of(rows, case)["largest_mm"][0] for rows in shares]
         front.plot(rates, errors, "o-", markersize=4, markeredgewidth=0.0, label=label)
         for share, rate, error in zip(SHARES, rates, errors, strict=True):
-            place = ASIDE.get(share, (6, 4))
+            place = ASIDE.get((case, share), (6, 4))
             front.annotate(f"{share:g}", (rate, error), place, textcoords="offset points", fontsize=8)
     front.set_xlabel("change of the torque one sample late [N m/ms]")
     front.set_ylabel("median of the largest tip error [mm]")

@@ -64,11 +64,13 @@ def identity(name: str) -> dict[str, Any]:
 
 
 def result_record(path: Path) -> dict[str, Any]:
-    """Return the record of a stored result: its digest, and by commit which policies there were."""
+    """Return the record of a stored result: its digest, and the policies by commit; ValueError if it names no commit."""
     content, made = path.read_bytes(), dict[str, set[str]]()
     document = json.loads(content)
     for commit, names in _parts(document, ()):
         made.setdefault(commit, set()).update(names)
+    if not made:
+        raise ValueError(f"{path.name} names no commit, so that its policies are unknown; measure it in a checkout")
     if path.stem in SHOWN:
         made = {commit: set(SHOWN[path.stem]) for commit in made}
     policies = {

@@ -1,6 +1,6 @@
 """Make the README's tables and every figure of the documentation from the stored results, and record what they show.
 
-    python benchmarks/readme.py             from the results in benchmarks/results (three minutes)
+    python benchmarks/readme.py             from the results in benchmarks/results (two to three minutes)
     python benchmarks/readme.py --measure   measure everything again first, which takes hours
 
 Pages make their tables from the same results when they are built. `published.json` records the digests of results,

@@ -102,3 +102,9 @@ def test_files_of_a_policy_at_an_older_commit_are_those_of_its_tree(published, r
     stored = json.loads(published.EVALUATION.read_text(encoding="utf-8"))
     files = {name: entry.get("files", {}) for name, entry in record["results"]["evaluate"]["policies"][commit].items()}
     assert files == stored["policy_files"]
+
+
+def test_a_result_that_names_no_commit_is_refused(published, tmp_path):
+    (tmp_path / "new.json").write_text(json.dumps({"commit": None, "rows": [{"policy": "fuzzy-4"}]}))
+    with pytest.raises(ValueError, match=r"new\.json names no commit"):
+        published.result_record(tmp_path / "new.json")
