@@ -64,7 +64,7 @@ def identity(name: str) -> dict[str, Any]:
 
 
 def result_record(path: Path) -> dict[str, Any]:
-    """Return the record of a stored result: its digest, and the policies by commit; ValueError if it names no commit."""
+    """Return the digest of a stored result, and the policies by commit; ValueError if it names no commit."""
     content, made = path.read_bytes(), dict[str, set[str]]()
     document = json.loads(content)
     for commit, names in _parts(document, ()):
