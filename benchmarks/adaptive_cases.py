@@ -1,6 +1,6 @@
 """What the adaptive observer reaches: the paper's cases, passes over one path, and plants that it was not tuned on.
 
-    python benchmarks/adaptive_cases.py [--json FILE] [--figure FILE] [--plants N] [--pass-plants M]
+    python benchmarks/adaptive_cases.py [--json FILE] [--plants N] [--pass-plants M]
 
 Cases: the three cases without and with encoder noise of 1e-5 rad and 1e-3 rad/s, seed 0.
 
@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from fuzzyarm import load_policy
 from fuzzyarm.common.files import write_atomically
@@ -148,25 +148,32 @@ def passes_of_plants(count: int) -> list[dict[str, Any]]:
     return rows
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the largest error over the passes."""
-    figure, axes = plt.subplots(figsize=(6.0, 3.4), layout="constrained")
-    for row in rows:
+def draw(document: dict[str, Any]) -> Figure:
+    """Return the figure: the largest error over the passes."""
+    figure = Figure(figsize=(6.0, 3.4))
+    axes = figure.subplots()
+    for row in document["passes"]:
         title = find_case(row["case"]).title
-        axes.semilogy(range(1, PASSES + 1), row["max_mm"], "o-", label=f"{row['policy']}, {title}")
+        axes.semilogy(
+            range(1, PASSES + 1),
+            row["max_mm"],
+            "o-",
+            markersize=4,
+            markeredgewidth=0.0,
+            label=f"{row['policy']}, {title}",
+        )
+    axes.margins(x=0.03)
     axes.set_xticks(range(1, PASSES + 1))
     axes.set_xlabel("pass over the same path")
     axes.set_ylabel("largest tip error [mm]")
     axes.legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    return figure
 
 
 def main() -> None:
     """Measure, print and optionally write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw the passes here")
     parser.add_argument("--plants", type=int, default=PLANTS, metavar="N", help=f"of each kind (default: {PLANTS})")
     parser.add_argument(
         "--pass-plants", type=int, default=PASS_PLANTS, metavar="M", help=f"in passes (default: {PASS_PLANTS})"
@@ -175,8 +182,6 @@ def main() -> None:
     found: dict[str, Any] = {"seed": SEED, "lost_mm": CAP_MM, "cases": paper_cases(), "passes": passes()}
     found["passes_of_plants"] = passes_of_plants(options.pass_plants)
     found["populations"] = populations(options.plants)
-    if options.figure:
-        draw(found["passes"], options.figure)
     if options.json:
         document = {"command": "python benchmarks/adaptive_cases.py", **current_provenance(), **found}
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")

@@ -1,6 +1,6 @@
 """Margins of the adaptive observer: the loop with adaptation frozen, the losses of the adapting one, and the front.
 
-    python benchmarks/adaptive_margins.py [--json FILE] [--figure FILE]
+    python benchmarks/adaptive_margins.py [--json FILE]
 
 Frozen: spectral radius and limits of the loop gain of the linear loop of `laws.adaptive.frozen`, in time and half a
 sample later, as `fuzzyarm margins` measures them.
@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from fuzzyarm import metrics_of, run_episode
 from fuzzyarm.common.files import write_atomically
@@ -121,31 +121,31 @@ def case_errors(policy: AdaptiveObserverPolicy, case: str) -> dict[str, float]:
     return {"max_mm": float(found["tip_error_max_mm"]), "rms_mm": float(found["tip_error_rms_mm"])}
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the front: error over the spectral radius of the frozen loop, stable below 1, in each of `PANELS`."""
-    figure, panels = plt.subplots(1, len(PANELS), figsize=(9.0, 3.4), layout="constrained", sharey=True)
+def draw(document: dict[str, Any]) -> Figure:
+    """Return the front: error over the spectral radius of the frozen loop, stable below 1, in each of `PANELS`."""
+    rows, figure = document["front"], Figure(figsize=(9.0, 3.4))
+    panels = figure.subplots(1, len(PANELS), sharey=True)
     for axes, (key, title) in zip(panels, PANELS.items(), strict=True):
         radii = [row["frozen"][key] for row in rows]
         for group in GROUPS:
             errors = [row["mean_largest_error_mm"][group] for row in rows]
-            axes.plot(radii, errors, "o-", markersize=4, label=f"{group} arms")
+            axes.plot(radii, errors, "o-", markersize=4, markeredgewidth=0.0, label=f"{group} arms")
         for row, radius in zip(rows, radii, strict=True):
             axes.annotate(f"× {row['slower']:g}", (radius, row["mean_largest_error_mm"]["known"]), (0, -14), **OFFSET)
         axes.axvline(1.0, color="0.6", linestyle="--", linewidth=1.0)
-        axes.set_title(title, fontsize=10)
+        axes.margins(x=0.08)
+        axes.set_title(title)
         axes.set_xlabel("spectral radius, frozen")
         axes.set_ylim(0.0, 3.3)
     panels[0].set_ylabel("largest tip error, mean over arms [mm]")
     panels[-1].legend(frameon=False, fontsize=8, loc="lower right")
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    return figure
 
 
 def main() -> None:
     """Measure, print and optionally write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw the front here")
     options = parser.parse_args()
     found: dict[str, Any] = {"lost_mm": CAP_MM, "frozen": frozen(AdaptiveWeights()), "adapting": []}
     print(found["frozen"])
@@ -155,8 +155,6 @@ def main() -> None:
             found["adapting"].append({"what": name, "value": value, "of": LANES, "lost": counts})
             print(name, value, counts, flush=True)
     found["front"] = front()
-    if options.figure:
-        draw(found["front"], options.figure)
     if options.json:
         document = {"command": "python benchmarks/adaptive_margins.py", **current_provenance(), **found}
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")

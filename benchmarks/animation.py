@@ -1,14 +1,12 @@
-"""Draw the README's moving picture: three policies side by side under the machining force.
-
-    python benchmarks/animation.py docs/figures/animation.gif
+"""The README's moving picture: policies side by side under the machining force.
 
 Each picture is what ``render_mode="rgb_array"`` draws; the orange trace is the tip error, 25 times as large.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
+import io
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import gymnasium as gym
@@ -20,28 +18,24 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.canvas import FOOTER, HEADER
 from fuzzyarm.eval.episodes.loop import episodes
 
-POLICIES = ("fuzzy-4", "learned-observer", "adaptive-observer")
 SIZE, TITLE, COLOURS = 300, 44, 48  # px, px, palette entries: below 1 MB
 FRAME, LAST = 40, 1500  # ms for which a picture and the last one are shown: 1.5 s of motion in 4 s
 STEPS = 15  # control steps between pictures
 
 
-def main() -> None:
-    """Draw and write the pictures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("file", type=Path, help="GIF to write")
-    pictures = [Image.fromarray(frame) for frame in frames()]
+def gif(policies: Sequence[str]) -> bytes:
+    """Return the pictures of some policies as GIF."""
+    pictures, content = [Image.fromarray(frame) for frame in frames(policies)], io.BytesIO()
     palette = pictures[-1].quantize(COLOURS)
-    indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    durations = [FRAME] * (len(indexed) - 1) + [LAST]
-    indexed[0].save(
-        parser.parse_args().file, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=True
-    )
+    first, *others = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    shown = [FRAME] * len(others) + [LAST]
+    first.save(content, "GIF", save_all=True, append_images=others, duration=shown, loop=0, optimize=True)
+    return content.getvalue()
 
 
-def frames() -> Iterator[np.ndarray]:
-    """Yield the pictures of all policies side by side, (height, width, 3)."""
-    episodes = [episode(name) for name in POLICIES]
+def frames(policies: Sequence[str]) -> Iterator[np.ndarray]:
+    """Yield the pictures of the policies side by side, (height, width, 3)."""
+    episodes = [episode(name) for name in policies]
     for pictures in zip(*episodes, strict=True):
         yield np.hstack(pictures)
 
@@ -70,7 +64,3 @@ def _titled(picture: np.ndarray, name: str, error: float, worst: float) -> np.nd
     small = ImageFont.truetype(fonts / "DejaVuSans.ttf", 12)
     draw.text((12, 25), f"tip error {error:.1f} mm, so far at most {worst:.1f} mm", "#d55e00", small)
     return np.asarray(canvas)
-
-
-if __name__ == "__main__":
-    main()

@@ -188,7 +188,8 @@ def searches_of(path: Path | None, budget: float) -> dict[str, Any]:
     known = json.loads(path.read_text(encoding="utf-8")) if path and path.is_file() else {}
     if known.get("budget_s") != budget:
         return {}
-    return {name: {"commit": known["commit"], **how} for name, how in known["searches"].items()}
+    made = {"commit": known["commit"], "cpu": known["machine"]["cpu"]}
+    return {name: {**made, **how} for name, how in known["searches"].items()}
 
 
 def main() -> None:

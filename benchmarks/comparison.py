@@ -1,7 +1,6 @@
 """Model-based and learned policies in one table and one figure: eight tasks, new plants, forces not trained on.
 
     python benchmarks/comparison.py [--plants N] [--seed-plants N] [--jobs N] [--errors FOLDER] [--json FILE]
-                                    [--figure FILE.png] [--pairs FILE.png]
 
 The policies are those of `compared_policies`, the tasks those of `learned_tasks`. The plants are those of
 `comparison_plants`, in the paper's cases and under two forces that no training has drawn; each plant meets all
@@ -17,7 +16,7 @@ which its rms error is smaller, equal ones counting half, with a bootstrap inter
 
 With `--errors` each policy's errors are kept in a folder and taken from there by the next run with as many plants, so
 that a run can be interrupted, or a policy added, without measuring the others again; the result names the commit of
-each. Delete the files of a policy that has changed. `comparison_figure.py` draws the figures from a stored result.
+each. Delete the files of a policy that has changed.
 """
 
 from __future__ import annotations
@@ -33,10 +32,8 @@ from typing import Any
 
 import numpy as np
 from compared_policies import POLICIES
-from comparison_figure import draw_comparison, draw_pairs
 from comparison_plants import COMPARED, COMPARED_CASES
 from comparison_statistics import improvements, ranks_of, score
-from learned_figures import png
 from learned_tasks import assess
 from plant_errors import measured
 
@@ -151,8 +148,6 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, help="processes (default: one per core)")
     parser.add_argument("--errors", type=Path, metavar="FOLDER", help="keep errors here, and use those that are here")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw the figure of the plants")
-    parser.add_argument("--pairs", type=Path, metavar="FILE.png", help="also draw the figure of the pairs")
     options = parser.parse_args()
     if options.plants < 1 or options.seed_plants < 1:
         parser.error("--plants and --seed-plants must be 1 or more")
@@ -164,10 +159,6 @@ def main() -> int:
         parser.error(f"--errors: {error}" if isinstance(error, OSError) else str(error))
     if options.json:
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
-    if options.figure:
-        write_atomically(options.figure, png(lambda: draw_comparison(document)))
-    if options.pairs:
-        write_atomically(options.pairs, png(lambda: draw_pairs(document)))
     for row in document["rows"]:
         print(row["name"], {case: (found["score_mm"], found["rank"]) for case, found in row["plants"].items()})
     return 0

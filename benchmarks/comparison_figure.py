@@ -1,32 +1,18 @@
-"""The figures of `comparison.py`: each policy on new plants and under forces that no training has drawn, and the pairs.
-
-    python benchmarks/comparison_figure.py [--json FILE] [--figure FILE.png] [--pairs FILE.png]
-
-draws them from a stored result.
-"""
+"""The figures of `comparison.py`: each policy on new plants and under forces of no training, and the pairs."""
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from compared_policies import POLICIES
-from learned_figures import png
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from fuzzyarm.common.files import write_atomically
-
 __all__ = ["draw_comparison", "draw_pairs"]
 
-ROOT = Path(__file__).resolve().parents[1]
-RESULT, FIGURES = ROOT / "benchmarks" / "results" / "comparison.json", ROOT / "docs" / "figures"
 MODEL_BASED, LEARNED = "#0072B2", "#D55E00"
 
 
@@ -100,20 +86,3 @@ def _limits(rows: list[Mapping[str, Any]]) -> tuple[float, float]:
     found = [found for row in rows for found in row["plants"].values()]
     drawn = [value for one in found for value in (*one["quantiles_mm"], *one["score_mm"].values()) if value is not None]
     return 0.7 * min(drawn), 1.5 * max(drawn)
-
-
-def main() -> int:
-    """Draw both."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", default=RESULT)
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", default=FIGURES / "comparison.png")
-    parser.add_argument("--pairs", type=Path, metavar="FILE.png", default=FIGURES / "comparison_pairs.png")
-    options = parser.parse_args()
-    document = json.loads(options.json.read_text(encoding="utf-8"))
-    write_atomically(options.figure, png(lambda: draw_comparison(document)))
-    write_atomically(options.pairs, png(lambda: draw_pairs(document)))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,6 @@
 """Cost and benefit of fewer rules: the consistent form with integral for 1 to 32 rules, at equal gain and at equal γ.
 
-    python benchmarks/complexity.py [--json FILE] [--figure FILE.png]
-    python benchmarks/complexity.py --stored FILE [--figure FILE.png]     show and draw again, measure nothing
+    python benchmarks/complexity.py [--json FILE]
 
 All models are designed for the smallest gains at the same α and γ, without a bound of the fastest pole, which models
 without z1 do not bear (so these are not the shipped files). Proof: the scaled gain that each meets; and the other way
@@ -16,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import io
 import json
 import statistics
 import sys
@@ -25,7 +23,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -118,21 +115,14 @@ LINES = (
 
 
 def main() -> None:
-    """Measure or load, show, and write what is asked for."""
+    """Measure, show, and write what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw it here, as PNG")
-    parser.add_argument("--stored", type=Path, metavar="FILE", help="take the result from here, measure nothing")
     options = parser.parse_args()
-    document = json.loads(options.stored.read_text(encoding="utf-8")) if options.stored else measure()
+    document = measure()
     show(document)
     if options.json:
         write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
-    if options.figure:
-        content = io.BytesIO()
-        with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-            draw(document).savefig(content, format="png")
-        write_atomically(options.figure, content.getvalue())
 
 
 def measure() -> dict[str, Any]:

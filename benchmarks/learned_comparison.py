@@ -1,7 +1,7 @@
 """Learned policies beside model-based ones: tip errors over the seeds of a training, on eight tasks.
 
     python benchmarks/learned_comparison.py [--learned NAME FOLDER [FOLDER ...]] [--learned ...]
-                                            [--json FILE] [--figure FILE.png] [--curves FILE.png]
+                                            [--json FILE]
 
 NAME is a name for one configuration, and each FOLDER holds its training by `fuzzyarm train ppo --out FOLDER` with
 another seed. Without --learned, every folder NAME-SEED of benchmarks/learned for the arm of Table 1 is compared. Of
@@ -23,8 +23,8 @@ enough.
 
 The median seed, the one that is shipped, has the median score. The score is the rms in Case 1 for a policy trained on
 the nominal distribution, and the mean rms over the three cases for any other; the training itself uses the same two
-rules. The figure of --figure shows the median seed on the task where it is worst, beside the model-based policy that is
-best there. The figure of --curves shows the rms of every seed over the steps of its training.
+rules. One figure shows the median seed on the task where it is worst, beside the model-based policy that is best there,
+the other the rms of every seed over the steps of its training.
 
 The second table holds the score in the last tenth of the training over that in the tenth before (`plateau`), as median
 and range over the seeds. A ratio near 1 says that the error no longer fell when the training ended. Since the learning
@@ -46,7 +46,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from learned_figures import Shown, Training, WorstTask, draw_learning_curves, draw_worst_tasks, png
+from learned_figures import Shown, Training, WorstTask
 from learned_scores import best_model_based, median_seed, plateau, scores, summarised, worst_task
 from learned_seeds import BUNDLE, TrainedSeed, configuration, trained_seeds
 from learned_tables import print_tables, three_digits
@@ -194,15 +194,6 @@ def orientation(document: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     return levels
 
 
-def _checked_outputs(options: argparse.Namespace) -> None:
-    """Check before anything runs that the files can be written; ValueError otherwise."""
-    for flag, path in (("--json", options.json), ("--figure", options.figure), ("--curves", options.curves)):
-        if path is not None and (path.is_dir() or not path.parent.is_dir()):
-            raise ValueError(f"{flag} {path} must be a file in a folder that is there; make the folder first")
-        if path is not None and flag != "--json" and path.suffix != ".png":
-            raise ValueError(f"{flag} {path} must end in .png")
-
-
 def _found() -> list[list[str]]:
     """Return the trainings in the folder `LEARNED` as `--learned` would give them: each name, then its folders."""
     groups: dict[str, list[str]] = {}
@@ -227,8 +218,9 @@ def _knows_another_arm(folder: Path) -> bool:
     return arm is not None and arm.digest != robot_of(ArmParameters()).digest
 
 
-def _chosen(given: Sequence[Sequence[str]]) -> dict[str, list[TrainedSeed]]:
-    """Load the trainings that `--learned` gave."""
+def chosen_trainings(given: Sequence[Sequence[str]] = ()) -> dict[str, list[TrainedSeed]]:
+    """Load the trainings that `--learned` gave, by default all of the repository for the arm of Table 1."""
+    given = given or _found()
     if not all(given):
         raise ValueError("no learned policy is named; give --learned NAME FOLDER [FOLDER ...]")
     names = [words[0] for words in given]
@@ -250,26 +242,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="a name and the folders of its seeds' trainings; repeatable; default: those in benchmarks/learned",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the result here")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw the worst tasks")
-    parser.add_argument("--curves", type=Path, metavar="FILE.png", help="also draw the learning curves")
     options = parser.parse_args(arguments)
     try:
-        _checked_outputs(options)
-        learned = _chosen(options.learned or _found())
+        if options.json is not None and (options.json.is_dir() or not options.json.parent.is_dir()):
+            raise ValueError(f"--json {options.json} must be a file in a folder that is there; make the folder first")
+        learned = chosen_trainings(options.learned)
         command = _command(options.learned)
         count, done = len(MODEL_BASED) + sum(map(len, learned.values())), itertools.count()
         with progress("policies", count) as advance:
             document = compare(learned, command, lambda name: advance(name, completed=next(done)))
-        files: dict[Path, str | bytes] = {}
         if options.json:
-            files[options.json] = json.dumps(document, indent=1, allow_nan=False) + "\n"
-        if options.figure:
-            files[options.figure] = png(lambda: draw_worst_tasks(worst_tasks(document, learned)))
-        if options.curves:
-            rows, levels = trainings(document, learned), orientation(document)
-            files[options.curves] = png(lambda: draw_learning_curves(rows, levels))
-        for path, content in files.items():
-            write_atomically(path, content)
+            write_atomically(options.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
     except OSError as error:
         print(f"{error.filename}: {error.strerror}" if error.filename else error, file=sys.stderr)
         return 2

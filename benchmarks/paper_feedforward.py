@@ -1,6 +1,6 @@
 """The family of the paper's form from the smallest L to the consistent one: gains, proofs and errors in three cases.
 
-    python benchmarks/paper_feedforward.py [--json FILE] [--figure FILE]
+    python benchmarks/paper_feedforward.py [--json FILE]
 
 Theorems 1 and 2 leave L free. Here L is a share of the consistent form's, 0 to 1, and K and H are designed for each,
 with the smallest bound on the gains at alpha = 20, gamma = 1000 and the paper's Q, as `fuzzyarm design --theorem paper
@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -88,14 +89,10 @@ def distance(row: dict[str, Any], side: str) -> float:
     return abs(largest - PAPER["nominal"]) + sum(abs(ours - papers) for ours, papers in ends)
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the range of the circularity error over the share of L, for each case and side."""
-    import matplotlib as mpl
-
-    mpl.use("agg")
-    from matplotlib import pyplot as plt
-
-    figure, grid = plt.subplots(2, 3, figsize=(10.0, 5.2), sharex=True, sharey=True, layout="constrained")
+def draw(document: dict[str, Any]) -> Figure:
+    """Return the range of the circularity error over the share of L, for each case and side."""
+    rows, figure = document["rows"], Figure(figsize=(10.0, 5.2))
+    grid = figure.subplots(2, 3, sharex=True, sharey=True)
     for axes_row, side in zip(grid, SIDES, strict=True):
         for number, (axes, case) in enumerate(zip(axes_row, PAPER_CASES, strict=True), start=1):
             for index, rules in enumerate(RULES):
@@ -110,14 +107,13 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     for axes in grid[-1]:
         axes.set_xlabel("L as a share of the consistent form's")
     grid[0, 0].legend(loc="upper right", fontsize="small")
-    figure.savefig(path, dpi=120)
+    return figure
 
 
 def main() -> None:
     """Design, prove, simulate and print a line for each member; optionally write and draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--figure", type=Path)
     options = parser.parse_args()
     rows, reference = [], JointReference()
     for rules in RULES:
@@ -133,8 +129,6 @@ def main() -> None:
     if options.json:
         document = {"command": COMMAND, "gamma": GAMMA, **current_provenance(), "nearest": nearest, "rows": rows}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
-    if options.figure:
-        draw(rows, options.figure)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """PPO beside the elastic observer, and what each of its settings is worth, one at a time.
 
-python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer told longer knobs ...] [--figure FILE]
+python benchmarks/ppo_observer.py [--out FOLDER] [--groups observer told longer knobs ...]
 
 Trains what the folder does not hold yet, `fuzzyarm train ppo` with the settings of `RUNS`, one thread, and measures
 every policy: tip errors on development plants (the distribution of the training with another seed and other
@@ -17,14 +17,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import io
 import itertools
 import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from learned_figures import BOUND
 from learned_figures import SEED as ONE_SEED
@@ -197,27 +195,24 @@ def curve_of(policy: Policy) -> list[dict[str, float]]:
     return [{"steps": row["steps"], **{case: round(row[f"{case}_rms_mm"], 4) for case in PAPER_CASES}} for row in rows]
 
 
-def draw(document: dict[str, Any], path: Path) -> None:
-    """Draw the errors of the seeds over the steps, beside the elastic observer and without a model."""
-    with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
-        figure = Figure(figsize=(7.5, 6.0))
-        upper, lower = figure.subplots(2, 2)
-        for axes, (case, title) in zip(upper, SHOWN.items(), strict=True):
-            _curves(axes, document, "told", case, "5 seeds, with the innovation", color="#D55E00")
-            _curves(axes, document, "longer", case, None, color="#D55E00")
-            _curves(axes, document, "observer", case, "5 seeds")
-            _across(axes, document, case, "elastic-observer", "learned-observer")
-            axes.set(title=f"preset observer: {title}", ylim=(0.0, 3.2))
-        upper[0].legend(fontsize="small", loc="upper right")
-        _curves(lower[0], document, "smooth", "machining", "every 2 ms", "acts every 2 ms", color=HELD)
-        _curves(lower[0], document, "smooth", "machining", "every 1 ms (ppo-robust)", "acts every 1 ms")
-        _across(lower[0], document, "machining", "fuzzy-4")
-        lower[0].set(title="without a model: force (Case 2)", yscale="log", ylim=(2.0, None))
-        lower[0].legend(fontsize="small")
-        _aim(lower[1], document)
-        picture = io.BytesIO()
-        figure.savefig(picture, format="png")
-    write_atomically(path, picture.getvalue())
+def draw(document: dict[str, Any]) -> Figure:
+    """Return the errors of the seeds over the steps, beside the elastic observer and without a model."""
+    figure = Figure(figsize=(7.5, 6.0))
+    upper, lower = figure.subplots(2, 2)
+    for axes, (case, title) in zip(upper, SHOWN.items(), strict=True):
+        _curves(axes, document, "told", case, "5 seeds, with the innovation", color="#D55E00")
+        _curves(axes, document, "longer", case, None, color="#D55E00")
+        _curves(axes, document, "observer", case, "5 seeds")
+        _across(axes, document, case, "elastic-observer", "learned-observer")
+        axes.set(title=f"preset observer: {title}", ylim=(0.0, 3.2))
+    upper[0].legend(fontsize="small", loc="upper right")
+    _curves(lower[0], document, "smooth", "machining", "every 2 ms", "acts every 2 ms", color=HELD)
+    _curves(lower[0], document, "smooth", "machining", "every 1 ms (ppo-robust)", "acts every 1 ms")
+    _across(lower[0], document, "machining", "fuzzy-4")
+    lower[0].set(title="without a model: force (Case 2)", yscale="log", ylim=(2.0, None))
+    lower[0].legend(fontsize="small")
+    _aim(lower[1], document)
+    return figure
 
 
 def _curves(
@@ -287,7 +282,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("ppo-observer-runs"), help="folder of the trainings")
     parser.add_argument("--groups", nargs="+", choices=list(RUNS), default=list(RUNS))
-    parser.add_argument("--figure", type=Path, help="also draw the errors over the steps of the training")
     arguments = parser.parse_args()
     known = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {"runs": {}}
     if "references" not in known:
@@ -302,8 +296,6 @@ def main() -> None:
         known["runs"][group] = [*others, row]
         print(group, {key: value for key, value in row.items() if key != "curve"}, flush=True)
         write_atomically(RESULT, json.dumps({"command": "python benchmarks/ppo_observer.py", **known}, indent=1) + "\n")
-    if arguments.figure:
-        draw(known, arguments.figure)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
-"""Write the README's tables and pictures from fresh measurements, or from the stored ones.
+"""Make the README's tables and every figure of the documentation from the stored results, and record what they show.
 
-    python benchmarks/readme.py            measure everything again, then write (a quarter of an hour)
-    python benchmarks/readme.py --stored   only write, from the results in benchmarks/results
+    python benchmarks/readme.py             from the results in benchmarks/results (two to three minutes)
+    python benchmarks/readme.py --measure   measure everything again first, which takes hours
 
-Run with a clean checkout, so that the recorded commit is the one that was measured.
+Pages make their tables from the same results when they are built. `published.json` records the digests of results,
+figures and the policies in them. Measure with a clean checkout: the record reads the policies of a result from the
+commit that the result names.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from figures import FIGURES
+from published import publish
 from readme_abuse import abuse_table
 from readme_adaptive import (
     adaptive_cases_table,
@@ -80,7 +84,7 @@ from readme_robots import robot_comparison_tables, robot_learned_table, robot_sp
 from readme_speed import batch_threads_table, sweep_before_table
 
 ROOT = Path(__file__).parent.parent
-FIGURES, BENCHMARKS = ROOT / "docs" / "figures", ROOT / "benchmarks"
+BENCHMARKS = ROOT / "benchmarks"
 RESULTS = BENCHMARKS / "results"
 OBSERVERS = ("elastic-observer", "adaptive-observer", "learned-observer")
 """Policies of the sweeps of plants with noise and delays, one sweep each."""
@@ -89,7 +93,7 @@ SWEPT = ("fuzzy-4", "fuzzy-4-tip", "computed-torque-tip", "ppo-residual", *OBSER
 COMPARED_ROBOTS = ("cicese", "manutec-r3", "planar-3r", "ur5", "panda")
 """Robots whose whole comparison is measured; the documentation has what is stored of them."""
 SCRIPTS: dict[str, list[str]] = {
-    "learned_comparison": ["--figure", str(FIGURES / "learned.png"), "--curves", str(FIGURES / "learning_curves.png")],
+    "learned_comparison": [],
     "accuracy": [],
     "computed_torque_tuning": [],
     "tip_feedforward": [],
@@ -104,26 +108,26 @@ SCRIPTS: dict[str, list[str]] = {
     "adaptive_swing": [],
     "adaptive_constants": [],
     "adaptive_robot_constants": [],
-    "adaptive_cases": ["--figure", str(FIGURES / "adaptive_passes.png")],
-    "adaptive_margins": ["--figure", str(FIGURES / "adaptive_front.png")],
+    "adaptive_cases": [],
+    "adaptive_margins": [],
     "adaptive_noise": [],
     "adaptive_plant": [],
-    "estimate_front": ["--figure", str(FIGURES / "estimate_front.png")],
+    "estimate_front": [],
     "own_arms": [],
-    "complexity": ["--figure", str(FIGURES / "complexity.png")],
+    "complexity": [],
     "synthesis": ["--large"],
     "certified_bounds": [],
-    "tip_bound": ["--figure", str(FIGURES / "tip_bound.png")],
+    "tip_bound": [],
     "tip_falsification": [],
     "tip_gains": [],
     "tip_gamma": [],
     "tip_mutations": [],
     "predictive": [],
-    "comparison": ["--figure", str(FIGURES / "comparison.png"), "--pairs", str(FIGURES / "comparison_pairs.png")],
+    "comparison": [],
     "classical_on_reward": [],
     "training_speed": [],
     "batch_threads": [],
-    "paper_feedforward": ["--figure", str(FIGURES / "paper_feedforward.png")],
+    "paper_feedforward": [],
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
 WRITTEN_OTHERWISE = (
@@ -135,31 +139,29 @@ WRITTEN_OTHERWISE = (
 
 
 def main() -> None:
-    """Measure unless told otherwise, then write the README."""
+    """Measure if asked to, then write figures, record and README."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--stored", action="store_true", help="do not measure")
-    if not parser.parse_args().stored:
+    parser.add_argument("--measure", action="store_true", help="measure everything again first")
+    if parser.parse_args().measure:
         measure()
+    publish(FIGURES)
     readme = ROOT / "README.md"
     readme.write_text(fill(readme.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def measure() -> None:
-    """Run all commands and benchmarks, and keep their results and the pictures of the README."""
+    """Run all commands and benchmarks, and keep their results."""
     RESULTS.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _fuzzyarm("evaluate", "--out", folder)
         shutil.copy(folder / "results.json", RESULTS / "evaluate.json")
-        shutil.copy(folder / "overview.png", FIGURES / "overview.png")
         _fuzzyarm("bench", "--lanes-sweep", "--out", folder)
         shutil.copy(folder / "bench.json", RESULTS / "bench.json")
-        shutil.copy(folder / "throughput.png", FIGURES / "throughput.png")
         plants = ("--plants", "10000", "--seed", "200000")
         policies = [word for policy in SWEPT for word in ("--policy", policy)]
         _fuzzyarm("sweep", *policies, "--distribution", "loads", *plants, "--out", folder / "sweep")
         shutil.copy(folder / "sweep" / "sweep.json", RESULTS / "sweep.json")
-        shutil.copy(folder / "sweep" / "spread.png", FIGURES / "sweep.png")
         for policy in OBSERVERS:
             _fuzzyarm("sweep", "--policy", policy, "--distribution", "all", *plants, "--out", folder / policy)
             shutil.copy(folder / policy / "sweep.json", _swept_by(policy))
@@ -176,8 +178,6 @@ def measure() -> None:
     _python(BENCHMARKS / "robot_speed.py", "--json", RESULTS / "robot_speed.json")
     for name, options in SCRIPTS.items():
         _python(BENCHMARKS / f"{name}.py", "--json", RESULTS / f"{name}.json", *options)
-    _python(ROOT / "examples" / "picture.py", FIGURES / "arm.png")
-    _python(ROOT / "examples" / "picture.py", FIGURES / "robot.png", "ur5", "computed-torque")
 
 
 def _fuzzyarm(*arguments: str | Path) -> None:

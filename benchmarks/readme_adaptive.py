@@ -84,7 +84,7 @@ def adaptive_plants_table(document: dict[str, Any], sweeps: list[dict[str, Any]]
     return (
         f"{table(headings, rows, left=2)}\n\nLargest tip error of each plant; {', '.join(commands)}; the others have "
         f"seed {document['seed']}. Beyond: the episode ended early or the tip was once that far off; lower rows show "
-        f"what is beyond {far:g} mm as {far:g}. {_made(document)}"
+        f"what is beyond {far:g} mm as {far:g}. `{document['command']}`; {made_with(document, *sweeps)}"
     )
 
 

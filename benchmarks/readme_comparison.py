@@ -33,7 +33,7 @@ def comparison_table(document: dict[str, Any], margins: dict[str, Any]) -> str:
         f"eight conditions of [](../theory/margins.md) its local loop is stable, as "
         f"`{margins['command']}` finds it.{_alone(document)}\n\n"
         f"{_pairs(document['improvement'])}\n\n"
-        f"`{document['command']}`, plants from seed {method['first_seed']} on; {made_with(document)}"
+        f"`{document['command']}`, plants from seed {method['first_seed']} on; {made_with(document, margins)}"
         f"{_measured_at(document)}"
     )
 

@@ -92,9 +92,7 @@ def bounds_table(document: dict[str, Any]) -> str:
 def tip_bound_table(document: dict[str, Any]) -> str:
     """Return the table of proven bounds of the tip error."""
     headings = ["policy", "case", "set", "motion", "proven [mm]", "simulated [mm]", "largest ratio", "proof [s]"]
-    rows, usual = [], document["machine"]["cpu"]
-    others = {row["policy"]: row["cpu"] for row in document["rows"] if row.get("cpu", usual) != usual}
-    elsewhere = "".join(f" Those of `{name}`: {cpu}." for name, cpu in others.items())
+    rows = []
     for row in document["rows"]:
         plants = row["set"] if row.get("cells", 1) == 1 else f"{row['set']}, in {row['cells']} cells"
         named = [row["policy"], row["case"], plants, f"{row['path']}, {row['duration']:g} s"]
@@ -108,7 +106,7 @@ def tip_bound_table(document: dict[str, Any]) -> str:
         f"{table(headings, rows, left=4)}\n\nThe largest tip error at any sample: proven for every plant of the set, "
         f"and the largest of the simulated ones (one plant for `table-1`, integrated event by event; else "
         f"{document['plants']} of each set, half at its corners); the largest ratio of an error to the bound at the "
-        f"same sample. Time on one core. `{document['command']}`; {made_with(document)}{elsewhere}"
+        f"same sample. Time on one core. `{document['command']}`; {made_with(document)}"
     )
 
 

@@ -187,7 +187,7 @@ def estimate_sweeps(sweeps: list[dict[str, Any]]) -> str:
     commands = ", ".join(f"`{sweep['command']}`" for sweep in sweeps)
     return (
         f"{table(headings, rows, left=2)}\n\nLargest tip error of each of {sweeps[0]['config']['plants']} plants, the "
-        f"same for all. {commands}; {made_with(sweeps[-1])}"
+        f"same for all. {commands}; {made_with(*sweeps)}"
     )
 
 

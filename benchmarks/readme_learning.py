@@ -101,8 +101,6 @@ def observer_tables(document: dict[str, Any]) -> str:
         if len(settings) > 1:
             title += f", medians and ranges of seeds {', '.join(map(str, sorted({run['seed'] for run in runs})))}"
         parts.append(f"{title}\n\n{table(_HEADINGS, [*(rows if group == 'observer' else []), *found])}")
-        others = {made_with(run["provenance"]) for run in runs if "provenance" in run}
-        parts.extend(f"These: {words}" for words in sorted(others - {made_with(document)}))
     return "\n\n".join(
         [
             *parts,

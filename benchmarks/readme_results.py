@@ -65,7 +65,8 @@ def overview_table(document: dict[str, Any], bounds: dict[str, Any]) -> str:
         for policy, words in _proven(document, bounds).items()
     ]
     return (
-        f"{table(headings, rows)}\n\n{_OF_THE_TIP}\n\n`fuzzyarm evaluate`, `{bounds['command']}`; {made_with(document)}"
+        f"{table(headings, rows)}\n\n{_OF_THE_TIP}\n\n`fuzzyarm evaluate`, `{bounds['command']}`; "
+        f"{made_with(document, _tips(document, bounds))}"
     )
 
 
@@ -79,25 +80,35 @@ _OF_THE_TIP = (
 
 
 def _proven(document: dict[str, Any], bounds: dict[str, Any]) -> dict[str, str]:
-    """Return what is proven of each policy of an evaluation, of the rigid arm and of the tip, in a few words.
-
-    Of the tip the bounds for arms near that of Table 1 and for the widest range of payloads; where there are none, that
-    for this arm alone, which is said.
-    """
-    circle = {"case": "nominal", "path": "circle", "duration": 1.5, "proven": True}
-    tips: dict[str, dict[str, str]] = {}
-    rows = [row for row in bounds["rows"] if {key: row[key] for key in circle} == circle]
-    for row in sorted(rows, key=lambda row: row["plants"]["payload"][1]):
-        kind = "payload" if row["set"].startswith("payload") else row["set"]
-        words = {"any-friction": "any friction", "table-1": "exact"}.get(row["set"], row["set"])
-        tips.setdefault(row["policy"], {})[kind] = f"{at_most(row['bound_mm'], 2)} mm ({words})"
-    proven = {}
+    """Return what is proven of each policy of an evaluation, of the rigid arm and of the tip, in a few words."""
+    proven, tips = {}, _tips(document, bounds)
     for policy, certificate in document["certificates"].items():
-        found = tips.get(policy, {})
-        nearby = [found[kind] for kind in (*_NEARBY, "payload") if kind in found] or [*found.values()][:1]
+        nearby = []
+        for row in tips.get(policy, []):
+            words = {"any-friction": "any friction", "table-1": "exact"}.get(row["set"], row["set"])
+            nearby.append(f"{at_most(row['bound_mm'], 2)} mm ({words})")
         parts = ["rigid arm"] * (certificate is not None) + [f"tip within {', '.join(nearby)}"] * bool(nearby)
         proven[policy] = "; ".join(parts) or "no"
     return proven
+
+
+def _tips(document: dict[str, Any], bounds: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """Return the bounds of the tip that are shown for each policy of an evaluation.
+
+    These are those for arms near that of Table 1 and for the widest range of payloads; where there are none, that for
+    this arm alone, which is said.
+    """
+    circle = {"case": "nominal", "path": "circle", "duration": 1.5, "proven": True}
+    tips: dict[str, dict[str, dict[str, Any]]] = {}
+    rows = [row for row in bounds["rows"] if {key: row[key] for key in circle} == circle]
+    for row in sorted(rows, key=lambda row: row["plants"]["payload"][1]):
+        kind = "payload" if row["set"].startswith("payload") else row["set"]
+        tips.setdefault(row["policy"], {})[kind] = row
+    return {
+        policy: [found[kind] for kind in (*_NEARBY, "payload") if kind in found] or [*found.values()][:1]
+        for policy, found in tips.items()
+        if policy in document["certificates"]
+    }
 
 
 def speed_lines(bench: dict[str, Any]) -> str:
@@ -194,13 +205,15 @@ def _learned_cell(row: dict[str, Any], key: str) -> str:
 
 def leaderboard_table(results: Path, bounds: dict[str, Any]) -> str:
     """Return the output of `fuzzyarm leaderboard --markdown` for a results file, what is proven in its last column."""
-    proven = _proven(json.loads(results.read_text(encoding="utf-8")), bounds)
+    document = json.loads(results.read_text(encoding="utf-8"))
+    proven = _proven(document, bounds)
     words, lines = {"policy": "proven", "---": "---", **proven}, []
     for line in markdown(rank_policies([results])).splitlines():
         cells = line.split(" | ")
         note = re.sub("Proven: .* All:", "All:", line)  # of the bounds that are stored, and not of files of --bound
         lines.append(f"{' | '.join(cells[:-2])} | {words[cells[1]]} |" if line.startswith("|") else note)
-    return "\n".join([*lines, "", _OF_THE_TIP.replace("docs/", "../")])
+    made = f"`{document['command']}`, `{bounds['command']}`; {made_with(document, _tips(document, bounds))}"
+    return "\n".join([*lines, "", _OF_THE_TIP.replace("docs/", "../"), "", made])
 
 
 def plants_leaderboard(results: Path) -> str:
@@ -264,7 +277,7 @@ def peer_line(mujoco: dict[str, Any]) -> str:
         "Against the event integrator, without friction / with Coulomb friction alone, our tip error is "
         f"{frictionless['our_tip_error_um']:.2f} / {coulomb['our_tip_error_um']:.2f} µm, and MuJoCo's goes down to "
         f"{finest:.1g} / {min(row['tip_error_um'] for row in coulomb['mujoco']):.2g} µm as its step shrinks "
-        f"(`{mujoco['command']}`)."
+        f"(`{mujoco['command']}`; {made_with(mujoco).removesuffix('.')})."
     )
 
 
@@ -278,7 +291,10 @@ def soak_line(soak: dict[str, Any]) -> str:
             f"{row['actions']}: {row['env_steps']:.3g} env-steps, {row['episodes']} episodes, {row['seconds']:.0f} s, "
             f"memory {growth:+.1f} MB over the last three quarters"
         )
-    return f"Soak, without a number that is not finite: {'; '.join(parts)} (`python benchmarks/soak.py`)."
+    return (
+        f"Soak, without a number that is not finite: {'; '.join(parts)} (`python benchmarks/soak.py`; "
+        f"{made_with(soak).removesuffix('.')})."
+    )
 
 
 def accuracy_table(document: dict[str, Any]) -> str:

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from tip_plants import Plants, random_genes
 
 from fuzzyarm import load_policy
@@ -233,15 +234,11 @@ def write_files(claim: TipClaim, out: Path) -> float:
     return 1e3 * max(part.bound for part in parts)
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the tube around the circle for a set, and bounds with the worst simulated errors over time."""
-    import matplotlib as mpl
-
-    mpl.use("agg")
-    from matplotlib import pyplot as plt
-
-    figure, (plane, sets, policies) = plt.subplots(1, 3, figsize=(13.0, 4.6), layout="constrained")
-    by_name = {_key(row): row for row in rows}
+def draw(document: dict[str, Any]) -> Figure:
+    """Return the tube around the circle for a set, and bounds with the worst simulated errors over time."""
+    figure = Figure(figsize=(13.0, 4.6))
+    plane, sets, policies = figure.subplots(1, 3)
+    by_name = {_key(row): row for row in document["rows"]}
     shown = by_name["fuzzy-4-tip", "nominal", "near", "circle", 1.5]
     curve, reference = shown["curve"], JointReference()
     points = reference.path.points(quintic_time_law(np.array(curve["time"]), reference.duration)[0])[0]
@@ -267,7 +264,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             xlabel="time [s]", ylabel="tip error [mm]", title=f"{title} (dotted: simulated, worst)", ylim=(1e-6, 20)
         )
         axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.15))
-    figure.savefig(path, dpi=120)
+    return figure
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:
@@ -282,7 +279,6 @@ def main() -> None:
     """Measure and print a line for each claim; write them all, or with --only put those measured into the file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--figure", type=Path)
     parser.add_argument("--files", type=Path, metavar="DIR")
     parser.add_argument("--only", default="", help="measure the claims whose text contains this")
     parser.add_argument("--plants", type=int, default=400)
@@ -317,8 +313,6 @@ def main() -> None:
         document["rows"] = [fresh[key] for key in map(_key_of, CLAIMS) if key in fresh]
     if options.json:
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")
-    if options.figure:
-        draw(document["rows"], options.figure)
 
 
 if __name__ == "__main__":

@@ -93,7 +93,6 @@ class Made:
     err: str
     text: str
     document: dict
-    pictures: list
     folder: Path
 
 
@@ -105,14 +104,10 @@ def result(tmp_path_factory):
     for path, seconds in zip(gentle, (100.0, 300.0, 220.0), strict=True):
         (path / "run.json").write_text(json.dumps({"wall_time_s": seconds, "cpu_time_s": seconds / 2.0}))
     wild = [finished_run(folder / f"wild-{seed}", seed, WILD, distribution="nominal") for seed in (5, 6)]
-    files = {"--json": folder / "r.json", "--figure": folder / "f.png", "--curves": folder / "c.png"}
-    code, out, err = run(
-        *("--learned", "gentle", *gentle, "--learned", "wild", *wild),
-        *(word for item in files.items() for word in item),
-    )
-    text = files["--json"].read_text()
-    pictures = [files[flag].read_bytes() for flag in ("--figure", "--curves")]
-    return Made(code, out, err, text, json.loads(text), pictures, folder)
+    file = folder / "r.json"
+    code, out, err = run("--learned", "gentle", *gentle, "--learned", "wild", *wild, "--json", file)
+    text = file.read_text()
+    return Made(code, out, err, text, json.loads(text), folder)
 
 
 def record(seed, rms, task="nominal", failed=None, policy="mine"):
@@ -370,7 +365,6 @@ def test_median_seed_is_that_of_the_episodes(result):
 
 
 def test_figure_shows_the_median_seed_beside_the_best_rival(result):
-    assert all(picture.startswith(b"\x89PNG") for picture in result.pictures)
     learned = {
         name: comparison.trained_seeds(name, sorted(result.folder.glob(f"{name}-*"))) for name in ("gentle", "wild")
     }
@@ -529,15 +523,11 @@ def _without_time(text):
         ),
         (lambda folder: [*["--learned", "a", finished_run(folder / "x", 0)], "--learned", "a"], "the name is taken"),
         (lambda folder: ["--json", folder / "none" / "r.json"], "make the folder first"),
-        (lambda folder: ["--figure", folder / "f.pdf"], "must end in .png"),
-        (lambda folder: ["--curves", folder / "c.svg"], "must end in .png"),
-        (lambda folder: ["--curves", folder / "none" / "c.png"], "make the folder first"),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, words, message):
-    outputs = {"--json": tmp_path / "r.json", "--figure": tmp_path / "f.png", "--curves": tmp_path / "c.png"}
-    given = words(tmp_path)
-    code, out, err = run(*(word for item in outputs.items() for word in item), *given)
+    file = tmp_path / "r.json"
+    code, out, err = run("--json", file, *words(tmp_path))
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert message in err
-    assert not any(path.exists() for path in outputs.values())
+    assert not file.exists()
