@@ -189,6 +189,7 @@ def lines(log):
         (lambda rows: [rows[0] + ",time", *rows[1:]], "has time twice"),
         (lambda rows: rows[:700] + rows[702:], "from line 700 to line 701 is 0.003 s, the others 0.001 s"),
         (lambda rows: [*rows[:9], rows[9].replace(rows[9].split(",")[2], "nan"), *rows[10:]], "line 10 has q_motor2"),
+        (lambda rows: [rows[0], *(row.replace(".", ",") for row in rows[1:])], "line 2 has 14 cells, the heading 7"),
         (lambda rows: [*rows[:9], "", rows[9][:9], *rows[10:]], "line 10 has "),
         (lambda rows: [*rows[:9], rows[9] + "\x00", *rows[10:]], "line 10 has torque2"),
     ],
