@@ -71,6 +71,14 @@ def test_theta_and_the_arm_are_the_same_numbers():
     assert (low < start_of(TRUTH)).all() and (start_of(TRUTH) < high).all()
 
 
+def test_a_mass_center_beyond_the_link_is_kept_where_the_start_has_one():
+    """A published fit of a double pendulum: joint and center 0.3 and 0.47 m from each other."""
+    arm = dataclasses.replace(TRUTH, mass_center=(TRUTH.length[0], 1.5 * TRUTH.length[1]))
+    low, high = bounds_of(arm, start_of(arm))
+    assert (low < start_of(arm)).all() and (start_of(arm) <= high).all()
+    np.testing.assert_allclose(start_of(rigid_arm(base_of(arm), arm)), start_of(arm), rtol=1e-9)
+
+
 def test_least_squares_find_a_rigid_arm_exactly():
     sample = motion_of(8.0).sample(np.linspace(0.0, 8.0, 4000))
     rows = regressor(*sample, TRUTH.length[0], TRUTH.gravity)
