@@ -24,6 +24,7 @@ __all__ = [
     "check_writable",
     "claimed_folder",
     "explain",
+    "name_left_out",
     "output_file",
     "two_joint_arm",
     "whole_numbers",
@@ -106,6 +107,21 @@ def two_joint_arm(robot: str | None) -> ArmParameters:
             "fields of ArmParameters"
         )
     return arm
+
+
+def name_left_out(robot: Any) -> None:
+    """Name on standard error, once a command, what the TOML file of a two-joint arm leaves to Table 1."""
+    if isinstance(robot, str) and robot.endswith(".toml"):
+        from fuzzyarm.common.console import say
+        from fuzzyarm.common.documents import read_toml
+        from fuzzyarm.envs.physics.equations import ROBOT_FIELDS
+        from fuzzyarm.envs.physics.parameters import ArmParameters
+
+        with contextlib.suppress(OSError, ValueError):  # the command says what is wrong with the file
+            given = read_toml(Path(robot))
+            names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
+            if names and ROBOT_FIELDS.isdisjoint(given) and ArmParameters.from_dict(given):
+                say(f"{robot} leaves out {names}, which are taken from Table 1 of the paper", error=True)
 
 
 def whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:

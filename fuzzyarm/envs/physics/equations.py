@@ -19,6 +19,7 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 __all__ = [
     "IN_FOLDER",
     "PAPER",
+    "ROBOT_FIELDS",
     "AnyArm",
     "Bounds",
     "argument_of",
@@ -36,6 +37,9 @@ AnyArm = ArmParameters | Robot
 PAPER = "paper"
 """The robot that is the two-joint arm of Table 1."""
 
+
+ROBOT_FIELDS = frozenset({"joints", "model", "name", "tip"})
+"""Of the TOML file of a robot; that of a two-joint arm has none of them."""
 
 IN_FOLDER = "robot.toml"
 """The file of the arm in a folder of `fuzzyarm tune`."""
@@ -114,7 +118,7 @@ def _named(robot: str) -> AnyArm:
     if os.path.isfile(Path(robot) / IN_FOLDER):
         robot = str(Path(robot) / IN_FOLDER)
     if Path(robot).suffix == ".toml":
-        if {"joints", "model", "name", "tip"}.isdisjoint(read_toml(Path(robot))):
+        if ROBOT_FIELDS.isdisjoint(read_toml(Path(robot))):
             return ArmParameters.from_toml(robot)
         from fuzzyarm.envs.physics.robot_models import read_robot  # the paper's arm needs no reader
 

@@ -20,7 +20,7 @@ WAY_OUT = "give the link an <inertial> element with mass and moments in the mode
 
 
 def unknown_forces(
-    spec: Any, mujoco: Any, chain: list[Any], moving: list[Any], fixed: Collection[str], urdf: str
+    spec: Any, mujoco: Any, chain: list[Any], moving: list[Any], fixed: Collection[str], text: str
 ) -> list[str]:
     """Return a complaint for each thing that moves the arm in MuJoCo or Gazebo, and has no equation here."""
     option, bit, trn, wrap = spec.option, mujoco.mjtDisableBit, mujoco.mjtTrn, mujoco.mjtWrap.mjWRAP_JOINT
@@ -40,7 +40,7 @@ def unknown_forces(
         *(f"tendon {shown(one.name)}" for one in pulling),
         *(f"actuator {shown(one.name)}" for one in elsewhere),
         *(f"armature or damping of actuator {shown(one.name)}" for one in rotors),
-        *(f"{name} of <gazebo>" for name in GAZEBO.findall(urdf)),
+        *(f"{name} of <gazebo>" for name in GAZEBO.findall(text)),
     ]
     return [f"{one} has no equation here: take it out of the model" for one in found]
 

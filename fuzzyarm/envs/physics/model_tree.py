@@ -65,17 +65,16 @@ def _tree(mujoco: Any, text: str, fixed: Collection[str]) -> Tree:
     chain = _chain(spec, fixed)
     parts = {joint.name: list(_carried(joint.parent, fixed)) for joint in chain}
     moving = [body for bodies in parts.values() for body in bodies]
-    urdf = _uncommented(text) if "<robot" in text else ""
     complaints = [
         *_couplings(spec, mujoco, fixed),
         *_misplaced(chain, fixed),
         *_unlike(chain, mujoco),
         *inertias(spec, mujoco, parts),
-        *unknown_forces(spec, mujoco, chain, moving, fixed, urdf),
+        *unknown_forces(spec, mujoco, chain, moving, fixed, text),
     ]
     at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     acting = {one.target: one.name for one in spec.actuators if one.trntype in at_joint}
-    speeds = {name: float(found[1]) for name, joint in _joints(urdf) if (found := SPEED.search(joint))}
+    speeds = {name: float(found[1]) for name, joint in _joints(text) if (found := SPEED.search(joint))}
     try:
         model = _compiled(spec, fixed)
     except ValueError as error:
@@ -171,11 +170,12 @@ def _mujoco() -> Any:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a model; ValueError if it is not Unicode, or would have MuJoCo open further files."""
+    """Return the text of a model without comments; ValueError if it is not Unicode, or MuJoCo would open more files."""
     try:
         text = read_bytes(path, largest=LARGEST_MODEL).decode("utf-8")
     except UnicodeDecodeError:
         raise ValueError("not a URDF or MJCF file: it is not UTF-8") from None
+    text = re.sub("<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
     found = re.search(r"<\s*(include|model)\s[^>]*\bfile\s*=", text)
     if found:
         raise ValueError(f"it has an element <{found[1]}>; write the whole model into one file, without it")
@@ -192,13 +192,9 @@ def _explained(message: str, text: str) -> str:
     return " ".join(message.split())
 
 
-def _uncommented(text: str) -> str:
-    return re.sub("<!--.*?-->", "", text, flags=re.DOTALL)
-
-
-def _joints(urdf: str) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each joint of a URDF without comments."""
-    for joint in re.findall(r"<joint\s.*?</joint", urdf, re.DOTALL):
+def _joints(text: str) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each joint of a URDF."""
+    for joint in re.findall(r"<joint\s.*?</joint", text, re.DOTALL):
         if name := re.search(r"\sname\s*=\s*[\"']([^\"']*)", joint):
             yield name[1], joint
 
@@ -206,7 +202,7 @@ def _joints(urdf: str) -> Iterator[tuple[str, str]]:
 def _closing_joint(text: str) -> str:
     """Return the name of the first joint of a URDF whose child link is already that of another joint."""
     children = set()
-    for name, joint in _joints(_uncommented(text)):
+    for name, joint in _joints(text):
         if child := re.search(r"<child\s+link\s*=\s*[\"']([^\"']*)", joint):
             if child[1] in children:
                 return name
