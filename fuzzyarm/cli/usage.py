@@ -121,7 +121,7 @@ def name_left_out(robot: Any) -> None:
             given = read_toml(Path(robot))
             names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
             if names and ROBOT_FIELDS.isdisjoint(given) and ArmParameters.from_dict(given):
-                say(f"{robot} leaves out {names}, which are taken from Table 1 of the paper", error=True)
+                say(f"{robot} leaves out {names}: taken from Table 1 of the paper", error=True)
 
 
 def whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:

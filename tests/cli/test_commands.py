@@ -62,7 +62,7 @@ def test_what_a_file_leaves_to_table_1_is_named_once_and_in_the_results(tmp_path
     assert main(["evaluate", "--robot", str(file), *arguments]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{file} leaves out mass, inertia, gravity, motor_inertia, ")
-    assert line.endswith(", velocity_limit, which are taken from Table 1 of the paper")
+    assert line.endswith(", velocity_limit: taken from Table 1 of the paper")
     assert "torque_limit" in line and "viscous_friction" not in line and " length" not in line
     arm = json.loads((out / "results.json").read_text())["arm"]
     assert arm.startswith('{"length": [0.5, 0.4], "mass_center": [0.25, 0.2]}; as in Table 1 of the paper: mass, ')
