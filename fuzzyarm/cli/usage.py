@@ -114,13 +114,12 @@ def name_left_out(robot: Any) -> None:
     if isinstance(robot, str) and robot.endswith(".toml"):
         from fuzzyarm.common.console import say
         from fuzzyarm.common.documents import read_toml
-        from fuzzyarm.envs.physics.equations import ROBOT_FIELDS
         from fuzzyarm.envs.physics.parameters import ArmParameters
 
-        with contextlib.suppress(OSError, ValueError):  # the command says what is wrong with the file
+        with contextlib.suppress(OSError, ValueError):  # a robot by its frames
             given = read_toml(Path(robot))
             names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
-            if names and ROBOT_FIELDS.isdisjoint(given) and ArmParameters.from_dict(given):
+            if ArmParameters.from_dict(given) and names:
                 say(f"{robot} leaves out {names}: taken from Table 1 of the paper", error=True)
 
 

@@ -19,7 +19,6 @@ from fuzzyarm.envs.physics.two_joints import two_joints
 __all__ = [
     "IN_FOLDER",
     "PAPER",
-    "ROBOT_FIELDS",
     "AnyArm",
     "Bounds",
     "argument_of",
@@ -37,9 +36,6 @@ AnyArm = ArmParameters | Robot
 PAPER = "paper"
 """The robot that is the two-joint arm of Table 1."""
 
-
-ROBOT_FIELDS = frozenset({"joints", "model", "name", "tip"})
-"""Of the TOML file of a robot; that of a two-joint arm has none of them."""
 
 IN_FOLDER = "robot.toml"
 """The file of the arm in a folder of `fuzzyarm tune`."""
@@ -118,7 +114,7 @@ def _named(robot: str) -> AnyArm:
     if os.path.isfile(Path(robot) / IN_FOLDER):
         robot = str(Path(robot) / IN_FOLDER)
     if Path(robot).suffix == ".toml":
-        if ROBOT_FIELDS.isdisjoint(read_toml(Path(robot))):
+        if {"joints", "model", "name", "tip"}.isdisjoint(read_toml(Path(robot))):
             return ArmParameters.from_toml(robot)
         from fuzzyarm.envs.physics.robot_models import read_robot  # the paper's arm needs no reader
 

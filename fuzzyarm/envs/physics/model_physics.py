@@ -15,7 +15,9 @@ __all__ = ["inertias", "is_opened", "unknown_forces"]
 
 MASSLESS = 1e-9  # kg
 SWITCHES = ("CONSTRAINT", "FRICTIONLOSS", "LIMIT", "DAMPER", "ACTUATION")  # of numbers that are read
-GAZEBO = re.compile(r"<(springStiffness|dampingFactor|turnGravityOff)\s*>(?!\s*(?:[0.]+|false)\s*<)")
+GAZEBO = re.compile(
+    r"<((?:springStiffness|dampingFactor|turnGravityOff)(?!\s*>\s*(?:[0.]+|false)\s*<)|gravity(?=\s*>\s*(?:0|false)))\s*>"
+)
 WAY_OUT = "give the link an <inertial> element with mass and moments in the model"
 
 

@@ -90,6 +90,7 @@ def test_what_a_model_says_is_what_mujoco_computes(tmp_path, parts):
     [
         ({"joint": 'stiffness="300" springref="0.5"'}, "stiffness of joint 'j2' has no equation here: take it out"),
         ({"joint": 'stiffness="0 0 5"'}, "stiffness of joint 'j2'"),
+        ({"option": '<default><joint stiffness="5"/></default>'}, "stiffness of joint 'j1'.*stiffness of joint 'j2'"),
         ({"joint": 'springdamper="0.2 1.5"'}, "springdamper of joint 'j2'"),
         ({"joint": 'margin="0.1"'}, "margin of joint 'j2'"),
         ({"joint": 'ref="0.1"'}, "joint 'j2' has ref = 0.1"),
@@ -194,12 +195,13 @@ def test_speeds_and_gravity_of_a_urdf_are_read(tmp_path):
         read_urdf(tmp_path, speed="0")
 
 
-@pytest.mark.parametrize("tag", ["turnGravityOff>true", "springStiffness>30", "dampingFactor> 0.01"])
+@pytest.mark.parametrize("tag", ["turnGravityOff>true", "springStiffness>30", "dampingFactor> 0.01", "gravity>false"])
 def test_physics_of_gazebo_is_refused(tmp_path, tag):
     name = tag.split(">")[0]
     with pytest.raises(ValueError, match=f"{name} of <gazebo> has no equation here"):
         read_urdf(tmp_path, f'<gazebo reference="l1"><mu1>1</mu1><{tag}</{name}></gazebo>')
-    read_urdf(tmp_path, f'<gazebo reference="l1"><{name}>0.0</{name}><turnGravityOff>false</turnGravityOff></gazebo>')
+    harmless = "<springStiffness>0.0</springStiffness><turnGravityOff>false</turnGravityOff><gravity>true</gravity>"
+    read_urdf(tmp_path, f'<gazebo reference="l1">{harmless}</gazebo>')
 
 
 def test_the_working_folder_is_left_alone(tmp_path, monkeypatch):
