@@ -80,7 +80,13 @@ from readme_results import (
     sweep_table,
     tip_table,
 )
-from readme_robots import robot_comparison_tables, robot_learned_table, robot_speed_table, robots_table
+from readme_robots import (
+    robot_comparison_tables,
+    robot_friction_table,
+    robot_learned_table,
+    robot_speed_table,
+    robots_table,
+)
 from readme_speed import batch_threads_table, sweep_before_table
 
 ROOT = Path(__file__).parent.parent
@@ -172,6 +178,8 @@ def measure() -> None:
     for name in COMPARED_ROBOTS:
         result = RESULTS / f"robot_comparison_{name}.json"
         _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
+    friction = ("panda", "--friction", "10", "--json", RESULTS / "robot_friction_panda.json")
+    _python(BENCHMARKS / "robot_comparison.py", *friction)
     _python(BENCHMARKS / "adaptive_robot.py", "ur5", "--json", RESULTS / "adaptive_robot_ur5.json")
     learned = sorted(BENCHMARKS.glob("learned/ppo-ur5-*"))
     _python(BENCHMARKS / "robot_learned.py", "ur5", *learned, "--json", RESULTS / "robot_learned_ur5.json")
@@ -273,6 +281,7 @@ def sections() -> dict[str, str]:
         "own-arms": tuned_arms_table(stored["own_arms"]),
         "robots": robots_table(),
         "robot-speed": robot_speed_table(_stored("robot_speed")),
+        "robot-friction": robot_friction_table(_stored("robot_friction_panda")),
         "robot-learned": robot_learned_table(_stored("robot_learned_ur5")),
         "robot-comparison": robot_comparison_tables(
             [_stored(name) for name in map("robot_comparison_{}".format, COMPARED_ROBOTS) if _is_stored(name)]

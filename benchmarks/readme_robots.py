@@ -13,7 +13,13 @@ from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.eval.episodes.metrics import millimetres
 
-__all__ = ["robot_comparison_tables", "robot_learned_table", "robot_speed_table", "robots_table"]
+__all__ = [
+    "robot_comparison_tables",
+    "robot_friction_table",
+    "robot_learned_table",
+    "robot_speed_table",
+    "robots_table",
+]
 
 
 def robots_table() -> str:
@@ -57,6 +63,21 @@ def robot_speed_table(document: dict[str, Any]) -> str:
 def robot_comparison_tables(documents: list[dict[str, Any]]) -> str:
     """Return for each robot the trade-off of its rules, the cases, the margins and the sweep."""
     return "\n\n".join(_comparison(document) for document in documents)
+
+
+def robot_friction_table(document: dict[str, Any]) -> str:
+    """Return the tip errors of policies in the cases with the robot's friction, and with a multiple of it."""
+    headings = (
+        "policy",
+        "friction",
+        *(f"{title.partition(': ')[2]}, rms (max) [mm]" for title in document["titles"].values()),
+    )
+    cells: dict[tuple[str, str], list[str]] = {}
+    for row in document["rows"]:
+        error = f"{row['tip_error_rms_mm']:.3g} ({row['tip_error_max_mm']:.3g})" if row["completed"] else "ended early"
+        cells.setdefault((row["policy"], f"{row['friction']:g} times"), []).append(error)
+    rows = [(*of, *errors) for of, errors in sorted(cells.items())]
+    return f"{table(headings, rows, left=2)}\n\n`{document['command']}`; {made_with(document)}"
 
 
 def robot_learned_table(document: dict[str, Any]) -> str:

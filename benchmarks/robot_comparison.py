@@ -1,16 +1,21 @@
 """Everything about one robot: the trade-off of its rules, policies in the three cases, their margins, a sweep.
 
     python benchmarks/robot_comparison.py ur5 [--plants N] [--rules 1 2 4] [--json FILE]
+    python benchmarks/robot_comparison.py panda --friction 10 [--json FILE]
 
 Controllers of the semidefinite form are designed with 1, 2 and 4 rules (two joints: 1 and 2, as they have one premise),
 at the default decay rate; γ is also given at the decay rate and the fastest pole of the first. The one with the
 smallest certified gain γ [rad/(N m)] joins computed-torque and elastic-observer in the three cases, in the table of
 margins and in a sweep of 1,000 plants drawn around the robot. Nothing is tuned on the cases.
+
+With --friction the policies for any robot run in the cases alone: on the robot as it is, and on one whose friction
+(static, Coulomb and viscous) is so many times as large. They know the friction of the robot that they run on.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import datetime
 import json
 import tempfile
@@ -102,15 +107,46 @@ def compare(name: str, rules: list[int] | None, plants: int) -> dict[str, Any]:
     }
 
 
+def with_friction(robot: Robot, factor: float) -> Robot:
+    """Return a robot whose motors have a multiple of its friction."""
+    joints = []
+    for joint in robot.joints:
+        names = ("static_friction", "coulomb_friction", "viscous_friction")
+        drive = dataclasses.replace(joint.drive, **{name: factor * getattr(joint.drive, name) for name in names})
+        joints.append(dataclasses.replace(joint, drive=drive))
+    return dataclasses.replace(robot, joints=tuple(joints))
+
+
+def compare_friction(name: str, factor: float) -> dict[str, Any]:
+    """Return the cases of a shipped robot with its own friction, and with a multiple of it."""
+    rows = []
+    for times in (1.0, factor):
+        found = evaluate(EvaluationConfig(policies=ANY_ROBOT, robot=with_friction(robot_named(name), times)))
+        rows += [{"friction": times, **{key: row[key] for key in ("case", "policy", *METRICS)}} for row in found.rows]
+    return {
+        "command": f"python benchmarks/robot_comparison.py {name} --friction {factor:g}",
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        **current_provenance(),
+        "robot": name,
+        "titles": found.config.titles,
+        "rows": rows,
+    }
+
+
 def main() -> None:
     """Compare, and write the result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robot")
     parser.add_argument("--rules", type=int, nargs="+", help="default: 1 2 4; two joints: 1 2")
     parser.add_argument("--plants", type=int, default=1000)
+    parser.add_argument("--friction", type=float, help="a multiple of the robot's friction")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    text = json.dumps(compare(given.robot, given.rules, given.plants), indent=1) + "\n"
+    if given.friction is None:
+        document = compare(given.robot, given.rules, given.plants)
+    else:
+        document = compare_friction(given.robot, given.friction)
+    text = json.dumps(document, indent=1) + "\n"
     if given.json is None:
         print(text, end="")
     else:

@@ -20,7 +20,7 @@ import cyclopts
 from fuzzyarm import __version__
 from fuzzyarm.cli.options import option_name, shown_default
 from fuzzyarm.cli.streams import discard_output, finish_output, open_streams
-from fuzzyarm.cli.usage import UsageError, explain, whole_numbers
+from fuzzyarm.cli.usage import UsageError, explain, name_left_out, whole_numbers
 from fuzzyarm.common.console import STANDARD_OUTPUT, escaped, output, say
 
 __all__ = ["GROUPS", "command_line", "entry_point", "main"]
@@ -164,7 +164,9 @@ def _run(words: Sequence[str]) -> int:
     command, bound, _ = command_line(None if everything else words).parse_args(words)
     if isinstance(command, type):
         module = importlib.import_module(command.__module__)
-        code: int = module.run(command(*bound.args, **bound.kwargs))
+        options = command(*bound.args, **bound.kwargs)
+        code: int = module.run(options)
+        name_left_out(getattr(options, "robot", None))  # after it: bad usage is one line
         return code
     if not set(words) & set(_FLAGS):  # without a command the library would show the help and succeed
         name = " ".join(["fuzzyarm", *words])

@@ -24,6 +24,7 @@ __all__ = [
     "check_writable",
     "claimed_folder",
     "explain",
+    "name_left_out",
     "output_file",
     "two_joint_arm",
     "whole_numbers",
@@ -106,6 +107,20 @@ def two_joint_arm(robot: str | None) -> ArmParameters:
             "fields of ArmParameters"
         )
     return arm
+
+
+def name_left_out(robot: Any) -> None:
+    """Name on standard error, once a command, what the TOML file of a two-joint arm leaves to Table 1."""
+    if isinstance(robot, str) and robot.endswith(".toml"):
+        from fuzzyarm.common.console import say
+        from fuzzyarm.common.documents import read_toml
+        from fuzzyarm.envs.physics.parameters import ArmParameters
+
+        with contextlib.suppress(OSError, ValueError):  # a robot by its frames
+            given = read_toml(Path(robot))
+            names = ", ".join(name for name in ArmParameters().to_dict() if name not in given)
+            if ArmParameters.from_dict(given) and names:
+                say(f"{robot} leaves out {names}: taken from Table 1 of the paper", error=True)
 
 
 def whole_numbers(kind: Any, tokens: Sequence[cyclopts.Token]) -> Any:

@@ -114,6 +114,10 @@ def _parsed(text: str) -> Log:
     columns = {name: heading.index(name) for name in COLUMNS if name in heading}
     values = np.empty((count, len(columns)))
     for line, row in enumerate(rows[1:], start=2):
+        if any(cell.strip() for cell in row[len(heading) :]):
+            raise ValueError(
+                f"line {line} has {len(row)} cells, the heading {len(heading)}; numbers need a decimal point"
+            )
         for place, (name, column) in enumerate(columns.items()):
             values[line - 2, place] = _number(row, line, name, column)
     named = dict(zip(columns, values.T, strict=True))

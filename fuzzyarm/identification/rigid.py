@@ -126,14 +126,14 @@ def rigid_arm(base: np.ndarray, start: ArmParameters) -> ArmParameters:
     """Return the arm with base parameters π (9,), the rest as in `start`.
 
     Of c1 + I_a1 the motor has the share that it has in `start`, and static friction exceeds Coulomb's by the factor
-    of `start`. Values that no link has (a mass center beyond it, an inertia below 0) are moved to where the refinement
-    may begin.
+    of `start`. Values that no link has (an inertia below 0, a mass center beyond the link, if that of `start` is not)
+    are moved to where the refinement may begin.
     """
     total, mr2, c3, rotor2, mr1, *friction = base.tolist()
     (m1, m2), (l1, l2), before = start.mass, start.length, float(base_of(start)[0])
     rotor1 = start.motor_inertia[0] / before * total
-    r2 = _within(mr2 / m2, 0.02 * l2, 0.98 * l2)
-    r1 = _within((mr1 - m2 * l1) / m1, 0.02 * l1, 0.98 * l1)
+    r2 = _within(mr2 / m2, 0.02 * l2, max(0.98 * l2, start.mass_center[1]))
+    r1 = _within((mr1 - m2 * l1) / m1, 0.02 * l1, max(0.98 * l1, start.mass_center[0]))
     i2 = max(c3 - m2 * r2 * r2, _LEAST_INERTIA * m2 * l2 * l2 / 12.0)
     i1 = max(total - rotor1 - c3 - m2 * l1 * l1 - m1 * r1 * r1, _LEAST_INERTIA * m1 * l1 * l1 / 12.0)
     viscous1, viscous2, coulomb1, coulomb2 = (max(value, 0.0) for value in friction)

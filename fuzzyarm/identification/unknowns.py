@@ -67,11 +67,11 @@ def _entry(value: Any, joint: int | None) -> float:
 
 
 def bounds_of(arm: ArmParameters, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest θ, each of shape (17,): no quantity below 0, no mass center beyond its link."""
+    """Return the lowest and the highest θ, each of shape (17,): none below 0, centers within link or start."""
     low, high = _SMALLEST * scale, np.full(len(UNKNOWNS), np.inf)
     for k, one in enumerate(UNKNOWNS):
         if one.field == "mass_center" and one.joint is not None:
-            high[k] = arm.length[one.joint]
+            high[k] = max(arm.length[one.joint], arm.mass_center[one.joint])
     return low, high
 
 

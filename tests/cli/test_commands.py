@@ -15,6 +15,7 @@ from support.command_line import one_line_error
 from support.processes import running
 
 from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation import figures
 from fuzzyarm.eval.evaluation.run import evaluate
 from fuzzyarm.fuzzy_policy.controller import Controller, consistent_feedforward
@@ -51,6 +52,30 @@ def test_evaluate_prints_a_table_and_writes_results_and_figures(tmp_path, capsys
 def test_evaluate_json_is_the_results_file(tmp_path, capsys):
     assert main([*QUICK, "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "results.json").read_text())
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_a_file_leaves_to_table_1_is_named_once_and_in_the_results(tmp_path, capsys):
+    file, out = tmp_path / "arm.toml", tmp_path / "out"
+    file.write_text("length = [0.5, 0.4]\nmass_center = [0.25, 0.2]\nviscous_friction = [0.14, 0.14]\n")
+    arguments = ["--policy", "computed-torque", "computed-torque-tip", "--case", "nominal", "--out", str(out)]
+    assert main(["evaluate", "--robot", str(file), *arguments]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{file} leaves out mass, inertia, gravity, motor_inertia, ")
+    assert line.endswith(", velocity_limit: taken from Table 1 of the paper")
+    assert "torque_limit" in line and "viscous_friction" not in line and " length" not in line
+    arm = json.loads((out / "results.json").read_text())["arm"]
+    assert arm.startswith('{"length": [0.5, 0.4], "mass_center": [0.25, 0.2]}; as in Table 1 of the paper: mass, ')
+    assert main(["report", str(out), "--out", str(tmp_path / "page.html")]) == 0
+    assert "as in Table 1 of the paper: mass, inertia, viscous_friction" in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize("change", ["", "[mass]\n", "name = 'robot'\n"])
+def test_a_whole_file_and_a_bad_one_leave_nothing_to_table_1(tmp_path, capsys, change):
+    file = tmp_path / "arm.toml"
+    file.write_text(change or dataclasses.replace(ArmParameters(), length=(0.5, 0.4)).to_toml())
+    assert main(["show", "computed-torque", "--robot", str(file)]) == (2 if change else 0)
+    assert "Table 1" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -192,6 +217,7 @@ def test_design_bad_usage_is_one_line(tmp_path, capsys, monkeypatch, arguments, 
 INTERRUPTED = """
 import os, sys
 from fuzzyarm.cli import main
+from fuzzyarm.envs.physics.parameters import ArmParameters
 replace = os.replace
 
 def interrupted(source, target):

@@ -71,6 +71,14 @@ def test_theta_and_the_arm_are_the_same_numbers():
     assert (low < start_of(TRUTH)).all() and (start_of(TRUTH) < high).all()
 
 
+def test_a_mass_center_beyond_the_link_is_kept_where_the_start_has_one():
+    """A published fit of a double pendulum: joint and center 0.3 and 0.47 m from each other."""
+    arm = dataclasses.replace(TRUTH, mass_center=(TRUTH.length[0], 1.5 * TRUTH.length[1]))
+    low, high = bounds_of(arm, start_of(arm))
+    assert (low < start_of(arm)).all() and (start_of(arm) <= high).all()
+    np.testing.assert_allclose(start_of(rigid_arm(base_of(arm), arm)), start_of(arm), rtol=1e-9)
+
+
 def test_least_squares_find_a_rigid_arm_exactly():
     sample = motion_of(8.0).sample(np.linspace(0.0, 8.0, 4000))
     rows = regressor(*sample, TRUTH.length[0], TRUTH.gravity)
@@ -189,6 +197,7 @@ def lines(log):
         (lambda rows: [rows[0] + ",time", *rows[1:]], "has time twice"),
         (lambda rows: rows[:700] + rows[702:], "from line 700 to line 701 is 0.003 s, the others 0.001 s"),
         (lambda rows: [*rows[:9], rows[9].replace(rows[9].split(",")[2], "nan"), *rows[10:]], "line 10 has q_motor2"),
+        (lambda rows: [rows[0], *(row.replace(".", ",") for row in rows[1:])], "line 2 has 14 cells, the heading 7"),
         (lambda rows: [*rows[:9], "", rows[9][:9], *rows[10:]], "line 10 has "),
         (lambda rows: [*rows[:9], rows[9] + "\x00", *rows[10:]], "line 10 has torque2"),
     ],

@@ -36,7 +36,8 @@ class ArmParameters:
 
     Each pair is ``(joint 1, joint 2)``. `torque_limit` is not printed in the paper: 500 and 250 N m leave room
     above the 334 and 131 N m that the machining case was seen to need. `joint_limit` and `velocity_limit` are
-    the box (25) on which the Takagi-Sugeno model is exact.
+    the box (25) on which the Takagi-Sugeno model is exact. A mass center may lie beyond the end of its link: a motion
+    tells only the product of mass and center, so that fits find such centers.
 
     Raises:
         ValueError: a value is not finite, lies outside its range, or the mass matrix is not positive definite
@@ -68,11 +69,6 @@ class ArmParameters:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field, getattr(self, field.name)))
         for joint in range(2):
-            _require(
-                self.mass_center[joint] <= self.length[joint],
-                f"mass_center[{joint}] = {self.mass_center[joint]} m lies beyond the link: it must be at most "
-                f"length[{joint}] = {self.length[joint]} m",
-            )
             _require(
                 self.static_friction[joint] >= self.coulomb_friction[joint],
                 f"static_friction[{joint}] = {self.static_friction[joint]} N m is below "

@@ -9,11 +9,12 @@ The overlay is a robot file that names the model, its tip, and a drive for each 
     motor_inertia = 0.6                    # the fields of `Drive`, and `velocity_limit`
     ...
 
-A quantity that the model has may be left out: angle ranges (`range`), URDF's `effort` (torque limit), and `damping`,
-`friction` and MJCF's `armature`, which are read as viscous friction, Coulomb friction (static alike) and motor inertia.
+A quantity that the model has may be left out: gravity, angle ranges (`range`), URDF's `velocity` and `effort` (torque
+limit), MJCF's `actuatorfrcrange` (torque limit), and `damping`, `friction` and MJCF's `armature`, which are read as
+viscous friction, Coulomb friction (static alike) and motor inertia.
 
-MuJoCo parses both formats (extra `robots`). Only the tree of bodies, joints and inertias is used; meshes are not
-opened.
+MuJoCo parses both formats (extra `robots`) and computes the inertias; meshes are not opened. What else would move the
+arm in MuJoCo is refused by name, see `model_physics`.
 """
 
 from __future__ import annotations
@@ -42,16 +43,19 @@ Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and in
 class JointOverlay:
     """What a model lacks of one joint; None: take it from the model. Fields and units are those of `Drive`, `Joint`."""
 
-    stiffness: float
-    damping: float
+    stiffness: float | None = None
+    damping: float | None = None
     motor_inertia: float | None = None
     viscous_friction: float | None = None
     coulomb_friction: float | None = None
     static_friction: float | None = None
-    stribeck_velocity: float = 0.1
+    stribeck_velocity: float | None = None
     torque_limit: float | None = None
     velocity_limit: float | None = None
     angle_range: tuple[float, float] | None = None
+
+
+DRIVEN = [field.name for field in dataclasses.fields(JointOverlay)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -64,7 +68,7 @@ class Overlay:
         joints: by the joint's name in the model.
         name: of the robot; empty: the model's.
         fixed: names of joints that stay as the model has them.
-        gravity: [m/s²], shape (3,), in the base frame.
+        gravity: [m/s²], shape (3,), in the base frame; None: the model's.
         sources: where the numbers come from.
         assumptions: which numbers are assumed, and why so.
     """
@@ -74,7 +78,7 @@ class Overlay:
     joints: dict[str, JointOverlay]
     name: str = ""
     fixed: tuple[str, ...] = ()
-    gravity: Vector = (0.0, 0.0, -9.81)
+    gravity: Vector | None = None
     sources: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
 
@@ -84,8 +88,8 @@ def read_robot(path: str | Path) -> Robot:
 
     Raises:
         ModuleNotFoundError: the file names a model, and MuJoCo is not installed; the message names the extra.
-        ValueError: the robot is not a chain of revolute joints, a link has no inertia, or a value is missing or out of
-            range; the message names the file and the joint.
+        ValueError: the robot is not a chain of revolute joints, a link has no inertia, a value is missing or out of
+            range, or the model has what is not simulated; the message names the file, and all that is wrong by joint.
         OSError: the file or the model cannot be read.
     """
     path = Path(path)
@@ -95,23 +99,9 @@ def read_robot(path: str | Path) -> Robot:
     try:
         overlay = record(content, Overlay)
         tree = read_model(path.parent / overlay.model, overlay.fixed)
-        _check_names(tree, overlay)
         return _robot(tree, overlay)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def _check_names(tree: Tree, overlay: Overlay) -> None:
-    """Raise ValueError unless the overlay has a table for each joint that moves, and for no other."""
-    unknown = set(overlay.joints) - set(tree.joints)
-    if unknown:
-        raise ValueError(f"[joints] names {listed(unknown)}; the joints that move are: {', '.join(tree.joints)}")
-    for name in tree.joints:
-        if name not in overlay.joints:
-            raise ValueError(
-                f"joint {shown(name)} has no drive, and the format knows no joint stiffness: add [joints.{name}] to "
-                "the overlay"
-            )
 
 
 def _robot(tree: Tree, overlay: Overlay) -> Robot:
@@ -120,28 +110,31 @@ def _robot(tree: Tree, overlay: Overlay) -> Robot:
     tree.mujoco.mj_kinematics(model, data)
     numbers = [tree.mujoco.mj_name2id(model, tree.mujoco.mjtObj.mjOBJ_JOINT, name) for name in tree.joints]
     links = [int(model.jnt_bodyid[k]) for k in numbers]
+    complaints, unknown = [*tree.complaints], set(overlay.joints) - set(tree.joints)
+    if unknown:
+        complaints.append(f"[joints] names {listed(unknown)}; the joints that move are: {', '.join(tree.joints)}")
     rotation, origin, joints = np.eye(DIMENSIONS), np.zeros(DIMENSIONS), []
     for name, k, body in zip(tree.joints, numbers, links, strict=True):
         turned = _neat(data.xmat[body].reshape(DIMENSIONS, DIMENSIONS))
         at = data.xpos[body] + turned @ model.jnt_pos[k]
-        given = _Given(name, overlay.joints[name], model, k)
-        joints.append(
-            Joint(
-                name=name,
-                position=_vector(rotation.T @ (at - origin)),
-                rotation=as_rows(_neat(rotation.T @ turned)),
-                axis=_vector(_neat(model.jnt_axis[k])),
-                link=_link(name, _moving_with(tree, data, body, links), turned, at),
-                drive=given.drive(),
-                angle_range=given.angle_range(),
-                velocity_limit=given.value("velocity_limit", None),
-            )
-        )
+        try:
+            values = _values(tree, name, k, overlay)
+            limits = {field: values.pop(field) for field in ("angle_range", "velocity_limit")}
+            place = _vector(rotation.T @ (at - origin)), as_rows(_neat(rotation.T @ turned))
+            link = _link(_moving_with(tree, data, body, links), turned, at)
+            joints.append(Joint(name, *place, _vector(_neat(model.jnt_axis[k])), link, Drive(**values), **limits))
+        except ValueError as error:
+            if name in overlay.joints or f"joint {shown(name)}" not in " ".join(tree.complaints):
+                complaints.append(f"joint {shown(name)}: {str(error).removeprefix(f'joint {shown(name)}: ')}")
         rotation, origin = turned, at
+    if complaints:
+        raise ValueError("; ".join(complaints))
     tip = overlay.tip
     point = _vector(rotation.T @ (_place(tree, data, tip, links) - origin)) if isinstance(tip, str) else tip
+    is_off = bool(model.opt.disableflags & tree.mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    gravity = overlay.gravity or _vector(model.opt.gravity * (not is_off))
     name = overlay.name or tree.name
-    return Robot(name, tuple(joints), point, overlay.gravity, overlay.sources, overlay.assumptions)
+    return Robot(name, tuple(joints), point, gravity, overlay.sources, overlay.assumptions)
 
 
 def _carrier(tree: Tree, body: int, links: list[int]) -> int:
@@ -177,56 +170,47 @@ def _place(tree: Tree, data: Any, name: str, links: list[int]) -> np.ndarray:
     return point
 
 
-class _Given:
-    """What overlay and model say of one joint; the overlay comes first."""
-
-    def __init__(self, name: str, overlay: JointOverlay, model: Any, joint: int) -> None:
-        self.name, self.overlay, self.model, self.joint = name, overlay, model, joint
-        self.velocity = int(model.jnt_dofadr[joint])
-
-    def value(self, field: str, in_model: float | None) -> float:
-        """Return a number; ValueError where neither has it."""
-        given: float | None = getattr(self.overlay, field)
-        value = in_model if given is None else given
-        if value is None:
-            raise ValueError(f"joint {shown(self.name)}: the model has no {field}; {self._way_out(field)}")
-        return float(value)
-
-    def drive(self) -> Drive:
-        """Return the drive."""
-        k, now = self.velocity, self.overlay
-        dry = self.value("coulomb_friction", self.model.dof_frictionloss[k])
-        torque = self.model.jnt_actfrcrange[self.joint][-1] if self.model.jnt_actfrclimited[self.joint] else None
-        values = {
-            "motor_inertia": self.value("motor_inertia", self.model.dof_armature[k]),
-            "viscous_friction": self.value("viscous_friction", np.ravel(self.model.dof_damping[k])[0]),
-            "coulomb_friction": dry,
-            "static_friction": dry if now.static_friction is None else now.static_friction,
-            "torque_limit": self.value("torque_limit", torque),
-        }
-        try:
-            return Drive(
-                stiffness=now.stiffness, damping=now.damping, stribeck_velocity=now.stribeck_velocity, **values
-            )
-        except ValueError as error:
-            raise ValueError(f"joint {shown(self.name)}: {error}") from None
-
-    def angle_range(self) -> tuple[float, float]:
-        """Return the range [rad]."""
-        low, high = self.model.jnt_range[self.joint].tolist()
-        if self.overlay.angle_range is not None:
-            return self.overlay.angle_range
-        if not self.model.jnt_limited[self.joint]:
-            raise ValueError(
-                f"joint {shown(self.name)}: the model does not limit its angle; {self._way_out('angle_range')}"
-            )
-        return low, high
-
-    def _way_out(self, field: str) -> str:
-        return f"add {field} to [joints.{self.name}] in the overlay"
+def _stated(tree: Tree, name: str, joint: int) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return what a model has of a joint by the overlay's names (None: nothing), and what it has of another kind."""
+    model, k, differs = tree.model, int(tree.model.jnt_dofadr[joint]), {}
+    low, high = model.jnt_actfrcrange[joint].tolist()
+    values = {
+        "motor_inertia": float(model.dof_armature[k]) or None,
+        "viscous_friction": float(model.dof_damping[k]),
+        "coulomb_friction": float(model.dof_frictionloss[k]),
+        "torque_limit": (high or None) if model.jnt_actfrclimited[joint] else None,
+        "angle_range": tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else None,
+        "velocity_limit": tree.speeds.get(name) or None,
+    }
+    if np.any(model.dof_dampingpoly[k]):
+        differs["viscous_friction"] = "its damping is a polynomial"
+    if name in tree.acting:
+        differs["torque_limit"] = f"law and limits of its actuator {shown(tree.acting[name])} are not read"
+    elif values["torque_limit"] and low != -high:
+        differs["torque_limit"] = f"its torques, {low:g} to {high:g} N m, differ in the two directions"
+    return values, differs
 
 
-def _link(name: str, parts: list[Part], rotation: np.ndarray, origin: Any) -> Link:
+def _values(tree: Tree, name: str, number: int, overlay: Overlay) -> dict[str, Any]:
+    """Return the numbers of a joint, the overlay's before the model's; ValueError with all that neither has."""
+    if name not in overlay.joints:
+        raise ValueError(
+            f"it has no drive, and the format knows no joint stiffness: add [joints.{name}] to the overlay"
+        )
+    values, differs = _stated(tree, name, number)
+    given = {field: value for field, value in dataclasses.asdict(overlay.joints[name]).items() if value is not None}
+    values |= dict.fromkeys(differs) | given
+    if "static_friction" not in given:  # then this velocity has no effect
+        values |= {"static_friction": values["coulomb_friction"], "stribeck_velocity": 0.1} | given
+    lacking = [field for field in DRIVEN if values.get(field) is None]
+    absent = ", ".join(field for field in lacking if field not in differs)
+    reasons = [differs[field] for field in lacking if field in differs] + [f"the model has no {absent}"] * bool(absent)
+    if lacking:
+        raise ValueError(f"{', '.join(reasons)}; add {', '.join(lacking)} to [joints.{name}] in the overlay")
+    return values
+
+
+def _link(parts: list[Part], rotation: np.ndarray, origin: Any) -> Link:
     """Return parts that move together, given in the base frame, as one link in its joint's frame."""
     mass = sum(part[0] for part in parts)
     center = sum(m * at for m, at, _ in parts) / mass
@@ -236,10 +220,7 @@ def _link(name: str, parts: list[Part], rotation: np.ndarray, origin: Any) -> Li
         total += inertia + m * (arm @ arm * np.eye(DIMENSIONS) - np.outer(arm, arm))
     turned = rotation.T @ total @ rotation
     turned = np.where(np.abs(turned) > NEGLIGIBLE * np.abs(turned).max(), 0.5 * (turned + turned.T), 0.0)
-    try:
-        return Link(mass, _vector(rotation.T @ (center - origin)), as_rows(turned))
-    except ValueError as error:
-        raise ValueError(f"joint {shown(name)}: {error}") from None
+    return Link(mass, _vector(rotation.T @ (center - origin)), as_rows(turned))
 
 
 def _neat(values: np.ndarray) -> np.ndarray:

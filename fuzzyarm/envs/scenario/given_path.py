@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import re
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ ENDINGS = (".csv", ".toml")
 """Endings of the names of files with points."""
 
 _PLANE = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))  # of the two-joint arm: origin and axes
+_HEADINGS = ("x,y", "x,y,z")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _LARGEST_FILE = 4 * 1024 * 1024
 
 
@@ -59,8 +62,8 @@ class GivenPath:
     def read(cls, path: Path) -> GivenPath:
         """Read a file.
 
-        A CSV file has a point a line, with or without a heading; if the last is the first again, the path is closed. A
-        TOML file has ``points = [[x, y], ...]`` and, if wanted, ``closed`` and ``duration``.
+        A CSV file has a point a line, with or without the heading ``x,y`` or ``x,y,z``; if the last is the first again,
+        the path is closed. A TOML file has ``points = [[x, y], ...]`` and, if wanted, ``closed`` and ``duration``.
 
         Raises:
             ValueError: the file is none of these, or its numbers are no path; the message names the file.
@@ -68,7 +71,7 @@ class GivenPath:
         """
         try:
             return cls._of_toml(read_toml(path)) if path.suffix == ".toml" else cls._of_csv(path)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, csv.Error) as error:
             text = str(error)
             raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
@@ -83,16 +86,18 @@ class GivenPath:
     @classmethod
     def _of_csv(cls, path: Path) -> GivenPath:
         text = read_bytes(path, largest=_LARGEST_FILE).decode("utf-8-sig")
-        rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
         points: list[Any] = []
-        for number, row in enumerate(rows, start=1):
-            try:
-                points.append(tuple(float(cell) for cell in row))
-            except ValueError:
-                if number > 1:  # the first line may be a heading
-                    raise ValueError(
-                        f"line {number} is {','.join(row)[:40]!r}; needed: x,y or x,y,z in metres"
-                    ) from None
+        for row in (reader := csv.reader(io.StringIO(text))):
+            cells = [cell.strip() for cell in row]
+            if not any(cells) or (not points and ",".join(cells).lower() in _HEADINGS):
+                continue
+            wrong = [place for place, cell in enumerate(cells, start=1) if not _NUMBER.fullmatch(cell)]
+            if wrong:
+                raise ValueError(
+                    f"line {reader.line_num}, cell {wrong[0]} is {checks.shown(row[wrong[0] - 1])}; needed: x,y or "
+                    f"x,y,z in metres, below the heading {' or '.join(_HEADINGS)} or without one"
+                )
+            points.append(tuple(map(float, cells)))
         if len(points) > MOST_WAYPOINTS:
             raise ValueError(f"{len(points)} points; allowed: at most {MOST_WAYPOINTS}")
         checked = [any_point(f"point {number}", point) for number, point in enumerate(points, start=1)]

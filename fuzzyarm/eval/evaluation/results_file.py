@@ -79,6 +79,7 @@ class _Document:
     command: str | None = None
     date: str = ""
     rollouts_sha256: str = ""
+    arm: str = ""
 
 
 def _from_document(path: Path, document: dict[str, Any]) -> Results:

@@ -109,6 +109,17 @@ class EvaluationConfig:
         return self.parameters if self.robot is None else self.robot
 
     @property
+    def arm_in_words(self) -> str:
+        """Which arm it is: a robot with its digest, or what differs from Table 1 of the paper and what does not."""
+        if self.robot is not None:
+            return f"{self.robot.name}, {len(self.robot)} joints, digest {self.robot.digest}"
+        paper = ArmParameters().to_dict()
+        changed = {name: value for name, value in self.parameters.to_dict().items() if value != paper[name]}
+        same = ", ".join(name for name in paper if name not in changed)
+        words = f"{json.dumps(changed)}; as in Table 1 of the paper: {same or 'nothing'}"
+        return words if changed else "Table 1 of the paper"
+
+    @property
     def titles(self) -> dict[str, str]:
         """The titles of the cases by name, with the loads for this arm."""
         return {case: self.case(case, None).title for case in self.cases}
@@ -198,6 +209,7 @@ class Evaluation:
         return {
             "schema": SCHEMA,
             "config": config,
+            "arm": self.config.arm_in_words,
             **self.made_with,
             "rollouts_sha256": digest(self.rollouts),
             "certificates": self.certificates,

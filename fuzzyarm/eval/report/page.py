@@ -19,7 +19,6 @@ from typing import Any
 
 from fuzzyarm import __version__
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.evaluation.ranking import standings_of
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
 from fuzzyarm.eval.report.beliefs import WARNING, belief_figures
@@ -168,18 +167,9 @@ def _made(stored: StoredEvaluation) -> dict[str, str]:
         "policies": ", ".join(resolve(name).label for name in config.policies),
         "seeds": _seeds(config),
         "encoder noise": noise,
-        "arm": _arm(config),
+        "arm": config.arm_in_words,
         "versions": ", ".join(f"{name} {version}" for name, version in made["versions"].items()),
         "commit": str(made["commit"] or "none"),
         "machine": f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}",
         "report": f"fuzzyarm report, FuzzyArm {__version__}; this file fetches nothing",
     }
-
-
-def _arm(config: EvaluationConfig) -> str:
-    """Return which arm it is, in words."""
-    if config.robot is not None:
-        return f"{config.robot.name}, {len(config.robot)} joints, digest {config.robot.digest}"
-    paper = ArmParameters().to_dict()
-    changed = {key: value for key, value in config.parameters.to_dict().items() if value != paper[key]}
-    return json.dumps(changed) if changed else "Table 1 of the paper"

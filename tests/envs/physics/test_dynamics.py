@@ -32,7 +32,7 @@ def random_arm(rng):
         length=tuple(length.tolist()),
         mass=tuple(rng.uniform(0.5, 20.0, 2).tolist()),
         inertia=tuple(rng.uniform(0.01, 1.0, 2).tolist()),
-        mass_center=tuple((length * rng.uniform(0.1, 1.0, 2)).tolist()),
+        mass_center=tuple((length * rng.uniform(0.1, 1.6, 2)).tolist()),  # of fits some lie beyond the link
         gravity=float(rng.uniform(1.0, 20.0)),
     )
 

@@ -91,13 +91,6 @@ def test_zero_is_allowed_where_the_range_is_closed(name):
 
 
 @pytest.mark.parametrize("joint", [0, 1])
-def test_mass_center_beyond_the_link_raises(joint):
-    centers = tuple(0.6 if j == joint else 0.25 for j in range(2))
-    with pytest.raises(ValueError, match=rf"mass_center\[{joint}\] = 0.6 m .* length\[{joint}\] = 0.5 m"):
-        ArmParameters(mass_center=centers)
-
-
-@pytest.mark.parametrize("joint", [0, 1])
 def test_static_friction_below_coulomb_raises(joint):
     static = tuple(1.5 if j == joint else 6.0 for j in range(2))
     with pytest.raises(ValueError, match=rf"static_friction\[{joint}\] = 1.5 N m .* coulomb_friction\[{joint}\]"):

@@ -223,7 +223,7 @@ def test_urdf_with_an_overlay(tmp_path):
             ("j1", "j2", "j3"),
             "joint 'j3' turns link 'd', which has no inertia: give the link an <inertial>",
         ),
-        (SECOND, "", ("j1",), r"joint 'j2' has no drive, .* add \[joints.j2\] to the overlay"),
+        (SECOND, "", ("j1",), r"joint 'j2': it has no drive, .* add \[joints.j2\] to the overlay"),
         (SECOND, 'tip = "a"', ("j1", "j2"), "tip = 'a' does not move with the last joint, j2"),
         (SECOND, 'tip = "nowhere"', ("j1", "j2"), "tip = 'nowhere' is no link or site"),
         (SECOND, 'fixed = ["j9"]', ("j1", "j2"), "`fixed` names j9; the joints of the model are: j1, j2"),
@@ -248,7 +248,7 @@ def test_mjcf_with_an_overlay_and_without_rotor(tmp_path):
     np.testing.assert_allclose(read_robot(robot).tip, (0.3, 0.0, 0.0))
     np.testing.assert_allclose(joint.angle_range, (-np.pi / 2, np.pi / 2))
     (tmp_path / "arm.xml").write_text(body.format(0.0))
-    with pytest.raises(ValueError, match=r"joint 'j1': motor_inertia = 0.0 kg m\^2"):
+    with pytest.raises(ValueError, match=r"joint 'j1': the model has no motor_inertia; add motor_inertia to"):
         read_robot(robot)
 
 

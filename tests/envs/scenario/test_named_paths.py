@@ -95,7 +95,15 @@ def test_points_of_a_file_are_followed(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.csv", "0.4,0.5\n0.5,x\n", "line 2 is '0.5,x'; needed: x,y or x,y,z in metres"),
+        ("a.csv", "\n0.4,0.5\n0.5,x\n", "line 3, cell 2 is 'x'; needed: x,y or x,y,z in metres"),
+        ("a.csv", "O.4,0.5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is 'O.4'"),
+        ("a.csv", "O,l\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is 'O'"),
+        ("a.csv", "x,0.5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is 'x'"),
+        ("a.csv", "0.4;0.5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 1 is '0.4;0.5'"),
+        ("a.csv", "x;y\n0.4;0.5\n0.5;0.6\n", "line 1, cell 1 is 'x;y'"),
+        ("a.csv", "x,y\n0.4,0.5\nx,y\n0.5,0.4\n", "line 3, cell 1 is 'x'"),
+        ("a.csv", "0.4,nan\n0.5,0.4\n0.5,0.6\n", "line 1, cell 2 is 'nan'"),
+        ("a.csv", "0.4,0_5\n0.5,0.4\n0.5,0.6\n", "line 1, cell 2 is '0_5'"),
         ("a.csv", "0.4\n0.5\n", "point 1 = .* must be a pair"),
         ("a.csv", "0.4,0.5\n", "1 point"),
         ("a.toml", "pts = [[0.4, 0.5]]\n", "its fields are pts; allowed: points, closed, duration"),
