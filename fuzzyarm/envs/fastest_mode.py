@@ -21,6 +21,7 @@ Stribeck curve adds no stiffness.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -52,13 +53,16 @@ def _rate(
     postures = np.random.default_rng(0).uniform(low, high, (POSTURES, len(robot)))
     postures = np.concatenate([np.zeros((1, len(robot))), postures])
     rotor = motor_inertia * robot.drive("motor_inertia")
-    try:
-        inverse = np.diag(1.0 / rotor) + np.linalg.inv(mass * mass_matrix(robot, postures))
-        omega, beta = (
-            np.linalg.eigvalsh(np.sqrt(k)[:, np.newaxis] * inverse * np.sqrt(k)).max()
-            for k in (stiffness * robot.drive("stiffness"), damping * robot.drive("damping"))
+    with np.errstate(all="ignore"):
+        try:
+            inverse = np.diag(1.0 / rotor) + np.linalg.inv(mass * mass_matrix(robot, postures))
+            omega, beta = (
+                np.linalg.eigvalsh(np.sqrt(k)[:, np.newaxis] * inverse * np.sqrt(k)).max()
+                for k in (stiffness * robot.drive("stiffness"), damping * robot.drive("damping"))
+            )
+        except np.linalg.LinAlgError:
+            return math.inf
+        rate = float(
+            np.maximum(np.sqrt(omega), beta + np.max(viscous_friction * robot.drive("viscous_friction") / rotor))
         )
-    except np.linalg.LinAlgError:
-        return float("inf")
-    viscous = np.max(viscous_friction * robot.drive("viscous_friction") / rotor)
-    return float(max(np.sqrt(omega), beta + viscous))
+    return rate if math.isfinite(rate) else math.inf
