@@ -30,7 +30,8 @@ class Options:
     out: Annotated[Path, Parameter(metavar="FILE")]
     """Controller file to write (.json)"""
     rules: Annotated[int | None, Parameter(metavar="N")] = None
-    """32, 16, 8, 4, 2 or 1 rules (default: 4); in the semidefinite form 16 or fewer, whose premises are found"""
+    """32, 16, 8, 4, 2 or 1 rules (default: 4); in the semidefinite form 16 or fewer, whose premises are found,
+    one for each angle but the first at most"""
     keep: Annotated[str | None, Parameter(metavar="Z,Z")] = None
     """Premises to keep, such as z1,z3, or "cos q2,cos 2q3" in the semidefinite form, in place of --rules; the others
     become uncertainty"""
@@ -75,7 +76,8 @@ def run(options: Options) -> int:
     output_file(options.out, ".json")
     try:
         if scheduled:
-            wanted, robot = _scheduled_specification(options), arm if isinstance(arm, Robot) else Robot.of(arm)
+            robot = arm if isinstance(arm, Robot) else Robot.of(arm)
+            wanted = _scheduled_specification(options, len(robot))
             with status("bounding the inertia, solving and proving"):
                 found = design_scheduled(wanted, robot)
             found.controller.save(options.out)
@@ -97,7 +99,7 @@ def run(options: Options) -> int:
     return 0
 
 
-def _scheduled_specification(options: Options) -> ScheduledSpecification:
+def _scheduled_specification(options: Options, joints: int) -> ScheduledSpecification:
     from fuzzyarm.synthesis import ScheduledSpecification
 
     unfit = {
@@ -114,7 +116,7 @@ def _scheduled_specification(options: Options) -> ScheduledSpecification:
     _check_choice(options)
     return ScheduledSpecification(
         premises=None if options.keep is None else tuple(map(_premise, filter(None, options.keep.split(",")))),
-        rules=4 if options.rules is None else options.rules,
+        rules=min(4, 2 ** (joints - 1)) if options.rules is None else options.rules,
         alpha=options.alpha,  # type: ignore[arg-type]
         gamma=options.gamma,  # type: ignore[arg-type]
         fastest_pole=options.fastest_pole,

@@ -30,6 +30,7 @@ from fuzzyarm.envs.arguments import (
 )
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS, VECTORS
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.film import Film
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import AnyArm, chosen_arm
@@ -96,10 +97,10 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     `case` ("nominal", "machining", "payload") or a `disturbance` of your own in its place, `reference` (default: the
     paper's circle), `parameters` (an `ArmParameters`, the plant's), or `robot` in its place (another serial robot, by
     name, TOML file or as a `Robot`: all above is then for its n joints, with 5 n numbers observed, and for a tip with
-    three coordinates, and loads and default reference are for the robot), `control_period`
-    and `substep` [s] (a whole fraction of the control period; default: the largest one up to 0.2 ms), `randomisation`
-    ("nominal", "plants", "robust" or a `DomainRandomisation` of your own: what each episode draws, from its seed; then
-    `info["randomisation"]` says what was drawn), `render_mode`.
+    three coordinates, and loads and default reference are for the robot), `control_period` and `substep` [s] (a whole
+    fraction of the control period; default: the largest one up to 0.2 ms that resolves the fastest mode of the arm and
+    of what is drawn, see `fastest_mode`), `randomisation` ("nominal", "plants", "robust" or a `DomainRandomisation` of
+    your own: what each episode draws, from its seed; then `info["randomisation"]` says what was drawn), `render_mode`.
 
     `reset(options=...)` takes, for the episode it starts, `initial_state` (4 n numbers in the order of `State`),
     `reference`, and `case` or `disturbance`.
@@ -137,10 +138,11 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if render_mode is not None:
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.parameters: Any = chosen_arm(robot, parameters)
-        self.control_period, self.substeps = checked_periods(control_period, substep)
+        drawn = find_randomisation(randomisation, self.parameters)
+        rate = fastest_rate([self.parameters], drawn)
+        self.control_period, self.substeps = checked_periods(control_period, substep, rate)
         self.substep = self.control_period / self.substeps
         self.render_mode = render_mode
-        drawn = find_randomisation(randomisation, self.parameters)
         self._disturbance = chosen_disturbance(case, disturbance, self.parameters)
         self._reference = chosen_reference(reference, drawn, self.parameters)
         self._lanes = Lanes(

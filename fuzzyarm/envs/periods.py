@@ -31,6 +31,9 @@ MOST_STEPS = 1_000_000
 MAX_DEFAULT_SUBSTEP = 2e-4
 """Largest sub-step [s] if none is asked for; `benchmarks/accuracy.py` has the error it costs."""
 
+RESOLVED, STABLE = 1.0, 2.0
+"""Largest sub-step times the fastest rate of the arm: by default, and below which no mode grows; see `fastest_mode`."""
+
 
 def checked_period(name: str, period: Any) -> float:
     """Return a control period [s] as float.
@@ -42,30 +45,55 @@ def checked_period(name: str, period: Any) -> float:
     return checks.real(name, period, "s", low=SHORTEST_PERIOD, high=LONGEST_PERIOD)
 
 
-def checked_periods(control_period: Any, substep: Any) -> tuple[float, int]:
+def checked_periods(control_period: Any, substep: Any, rate: float = 0.0) -> tuple[float, int]:
     """Return a control period [s] as float, and its number of sub-steps; see `whole_substeps`."""
-    return checked_period("control_period", control_period), whole_substeps(control_period, substep)
+    return checked_period("control_period", control_period), whole_substeps(control_period, substep, rate)
 
 
-def default_substeps(duration: float) -> int:
-    """Return how many sub-steps a duration [s] has by default, none longer than `MAX_DEFAULT_SUBSTEP`."""
-    return math.ceil(duration / MAX_DEFAULT_SUBSTEP - 1e-9)
+def default_substeps(duration: float, rate: float = 0.0) -> int:
+    """Return the default number of sub-steps of a duration [s] for an arm with a fastest rate [rad/s].
+
+    They are not longer than `MAX_DEFAULT_SUBSTEP`, and `RESOLVED` over the rate.
+
+    Raises:
+        ValueError: that takes more than `MOST_SUBSTEPS`; the message has the sub-step that would do.
+    """
+    needed = duration * rate / RESOLVED
+    if needed > MOST_SUBSTEPS:
+        longest = MOST_SUBSTEPS * RESOLVED / rate
+        shorter = (
+            f"choose a control_period of at most {longest:.3g} s, or " if longest >= SHORTEST_PERIOD else "choose "
+        )
+        raise ValueError(
+            f"the fastest mode of the arm, {rate:.3g} rad/s, needs a sub-step of {RESOLVED / rate:.3g} s, more than "
+            f"{MOST_SUBSTEPS} in {duration:g} s; {shorter}an arm with less stiffness, damping or viscous friction, or "
+            "with heavier rotors and links"
+        )
+    return max(math.ceil(duration / MAX_DEFAULT_SUBSTEP - 1e-9), math.ceil(needed - 1e-9))
 
 
-def whole_substeps(control_period: Any, substep: Any) -> int:
+def whole_substeps(control_period: Any, substep: Any, rate: float = 0.0) -> int:
     """Return how many sub-steps [s] make a control period [s]; without a sub-step the default number.
+
+    `rate` [rad/s] is the fastest of the arm, see `fastest_mode`.
 
     Raises:
         TypeError: one of them is no real number.
-        ValueError: one of them is out of range, or the control period is no multiple of the sub-step.
+        ValueError: one of them is out of range, the control period is no multiple of the sub-step, or the arm would be
+            unstable with it.
     """
     period = checked_period("control_period", control_period)
     if substep is None:
-        return default_substeps(period)
+        return default_substeps(period, rate)
     part = checks.real("substep", substep, "s", low=period / MOST_SUBSTEPS, high=period)
     count = round(period / part)
     if not math.isclose(count * part, period, rel_tol=1e-9):
         raise ValueError(
             f"control_period = {period:g} s is no multiple of substep = {part:g} s; use substep = {period / count:g} s"
+        )
+    if part * rate >= STABLE:
+        raise ValueError(
+            f"substep = {part:g} s is too long for the fastest mode of the arm, {rate:.3g} rad/s, which would grow; "
+            f"use substep = {period / default_substeps(period, rate):.6g} s"
         )
     return count

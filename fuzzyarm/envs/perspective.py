@@ -17,7 +17,7 @@ import numpy as np
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import chain, reach
 
-__all__ = ["Camera", "Floor", "Poses", "floor_of", "looking_at", "poses_of", "upwards"]
+__all__ = ["Camera", "Floor", "Poses", "floor_of", "in_space", "looking_at", "poses_of", "upwards"]
 
 ELEVATION = 0.35  # tangent of the angle from which the camera looks down on planes that stand upright
 DISTANCE = 4.0  # of the eye from the middle of what is seen, in reaches of the robot
@@ -111,6 +111,11 @@ def poses_of(robot: Robot, q: np.ndarray) -> Poses:
     now = chain(robot, q)
     base = np.zeros_like(now.tip)[..., np.newaxis, :]
     return Poses(np.concatenate([base, now.origins, now.tip[..., np.newaxis, :]], axis=-2), now.axes)
+
+
+def in_space(vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (..., 2 or 3) as (..., 3): those of a robot whose tip has two coordinates lie in z = 0."""
+    return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 3 - vectors.shape[-1]))], axis=-1)
 
 
 def looking_at(robot: Robot, path: np.ndarray) -> Camera:

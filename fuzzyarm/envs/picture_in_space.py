@@ -26,7 +26,7 @@ from fuzzyarm.envs.canvas import (
     paint_force,
     paint_payload,
 )
-from fuzzyarm.envs.perspective import Camera, Poses, floor_of, looking_at, poses_of
+from fuzzyarm.envs.perspective import Camera, Poses, floor_of, in_space, looking_at, poses_of
 from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import reach
@@ -42,12 +42,12 @@ THICKNESS, THINNEST = 0.055, 0.6  # of the first link, share of the reach; of th
 def paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot: Robot) -> None:
     """Paint the field and the footer; arguments in the shapes and units of `Renderer.draw`."""
     joints, axes = len(robot), schedule.axes
-    path, force = schedule.targets[:, :axes], trace[-1, FORCE_ROW, :axes]
+    path, force = in_space(schedule.targets[:, :axes]), in_space(trace[-1, FORCE_ROW, :axes])
     asked = poses_of(robot, schedule.references[::EVERY, :joints])
     been = poses_of(robot, np.concatenate([trace[::EVERY, LINK, :joints], trace[-1:, LINK, :joints]]))
     floor, now = floor_of(robot, asked.points), Poses(been.points[-1], been.axes[-1])
     # The view contains the base, the reference and the poses so far, so it widens only if the arm leaves it.
-    seen = np.concatenate([poses.points.reshape(-1, axes) for poses in (asked, been)])
+    seen = np.concatenate([poses.points.reshape(-1, path.shape[-1]) for poses in (asked, been)])
     corners = np.array([[MARGIN, HEADER + MARGIN], [WIDTH - MARGIN, HEIGHT - FOOTER - MARGIN]], dtype=float)
     camera = looking_at(robot, path).fitted(np.concatenate([seen, floor.below(asked.points[0])]), *corners)
     for line in floor.grid:
@@ -66,7 +66,7 @@ def paint_in_space(canvas: Canvas, schedule: Schedule, trace: np.ndarray, robot:
         start, tip = camera.pixels(np.stack([now.points[-1] - back, now.points[-1]]))
         if np.hypot(*(tip - start)) > 1.0:
             paint_force(canvas, start, tip, float(np.linalg.norm(force)))
-    errors = magnified(trace[:, TIP, :axes], trace[:, TIP_REFERENCE, :axes])
+    errors = magnified(*(in_space(trace[:, row, :axes]) for row in (TIP, TIP_REFERENCE)))
     paint_error(canvas, camera.pixels(errors))
     _paint_footer(canvas, floor.square, bool(robot.arrays.gravity.any()))
 

@@ -24,6 +24,7 @@ from fuzzyarm.envs.arguments import (
 from fuzzyarm.envs.autoreset import RESET_MASK, chosen_mode, masked_lanes
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import INFO, SCALARS
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.lane_arguments import arms_of, each_lane, initial_states, per_lane, seeds_of
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import AnyArm
@@ -63,7 +64,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     (default: one per 256 lanes, at most one per core); results do not depend on it.
 
     ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets the stream of
-    that lane continue.
+    that lane continue. All lanes have the sub-steps that the fastest of the arms needs.
 
     Raises:
         TypeError: an argument is of the wrong kind.
@@ -100,9 +101,10 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)"
             )
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
-        self.control_period, self.substeps = checked_periods(control_period, substep)
         plants = arms_of(robot, parameters, self.num_envs)
         self._randomisation = find_randomisation(randomisation, plants[0])
+        rate = fastest_rate(plants, self._randomisation)
+        self.control_period, self.substeps = checked_periods(control_period, substep, rate)
         self._disturbances = each_lane(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance), plants
         )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
@@ -37,7 +38,7 @@ class Plant:
         """
         physics = equations_of(arm)
         self.joints, self.axes, self.control_period = physics.joints, physics.axes, control_period
-        self._substeps = whole_substeps(control_period, None)
+        self._substeps = whole_substeps(control_period, None, fastest_rate([arm]))
         self._h = control_period / self._substeps
         self._plant, self._place = physics.plant_of(arm), physics.payload_place(Payload(), arm)
         self._limit = physics.limits(self._plant).torque

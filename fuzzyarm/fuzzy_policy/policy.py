@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import abc
 import functools
+import warnings
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -14,6 +16,7 @@ from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.compiled import kernel, without_kernels
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
+from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.scenario.reference import Reference
@@ -21,6 +24,9 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
 __all__ = ["Policy", "Predictor", "Repeated", "checked_observation", "limit", "no_torque"]
+
+MISMATCH = 0.01
+"""Share of its control period by which the samples of a policy may be apart without a word."""
 
 
 class Predictor(Protocol):
@@ -63,10 +69,13 @@ class Policy(abc.ABC):
         memory_size: numbers that a lane remembers, all zero when an episode begins. By default one for each joint: the
             integral of the position error, x_I(t_(k+1)) = x_I(t_k) + T (q - q_d)(t_k).
         action_period: time for which an action is held [s]; the control period, if not said otherwise.
+        remake: returns this policy for another control period [s]; None where its own was asked for.
         integral_at: where in a lane's memory the n numbers x_I begin that are held at the torque limits; None: nowhere.
     """
 
     integral_at: int | None = None
+    remake: Callable[..., Policy] | None = None
+    _clock: SampleClock | None = None
 
     def __init__(self, parameters: AnyArm, control_period: float) -> None:
         """Keep the robot and the control period T [s].
@@ -88,7 +97,7 @@ class Policy(abc.ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the compiled functions."""
-        return without_kernels(self.__dict__)
+        return without_kernels({name: value for name, value in self.__dict__.items() if name != "_clock"})
 
     def without_dry_friction(self) -> Policy:
         """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""
@@ -157,6 +166,10 @@ class Policy(abc.ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return motor torques [N m] and the next state.
 
+        The reference in the first samples of an episode tells how far apart they are, see `sample_clock`. Where that is
+        not the control period, a policy that can be made for another one (`remake`) becomes that, with the memory that
+        it would have by then; any other warns (RuntimeWarning) and goes on.
+
         `state` is never changed. A loop that gets a ValueError for a reading that is no number holds its last torques
         and goes on with the same state at the next sample, as if that sample had not been.
 
@@ -177,7 +190,7 @@ class Policy(abc.ABC):
         batch = checked_observation(observation, self.joints)
         lanes, single = len(batch), np.ndim(observation) == 1
         if state is None:
-            memory = np.zeros((lanes, self.memory_size))
+            memory, self._clock = np.zeros((lanes, self.memory_size)), SampleClock()
         else:
             remembered = array_of("state", state)
             real_entries("state", remembered)
@@ -192,10 +205,42 @@ class Policy(abc.ABC):
                 if starts.shape != (lanes,):
                     raise ValueError(f"episode_start has shape {starts.shape}; allowed: ({lanes},)")
                 memory[starts.astype(bool)] = 0.0
+        clock = self._clock
         action = np.empty((lanes, self.joints))
+        if clock is not None and lanes and (period := clock.see(batch, state)):
+            differs = abs(period - self.control_period) > MISMATCH * self.control_period
+            if differs and self._meets(period, clock.sure):
+                memory = np.zeros((lanes, self.memory_size))
+                for sample in clock.samples[:-1]:  # what the policy would remember had it been made so at once
+                    self.command(sample, memory, action)
+            self._clock = clock = None if clock.sure else clock
         if not self.command(batch, memory, action):
             raise no_torque(batch)
-        return (action[0], memory[0]) if single else (action, memory)
+        result = (action[0], memory[0]) if single else (action, memory)
+        if clock is not None:
+            clock.returned = result[1]
+        return result
+
+    def _meets(self, period: float, sure: bool) -> bool:
+        """Become the policy for a control period [s] and return True; or, if sure, warn that this one is for another."""
+        reason = ""
+        if self.remake is not None:
+            try:
+                other = self.remake(control_period=period)
+            except (OSError, ValueError) as error:
+                reason = f" (this policy cannot be made so: {error})"
+            else:
+                self.__dict__ = {**other.__dict__, "remake": self.remake}
+                return True
+        if sure:
+            warnings.warn(
+                f"the policy is made for a control period of {1e3 * self.control_period:g} ms, but by their reference "
+                f"the observations are {1e3 * period:g} ms apart; give load_policy control_period={period:g}, or the "
+                f"environment control_period={self.control_period:g}{reason}",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+        return False
 
 
 def checked_observation(observation: Any, joints: int) -> np.ndarray:

@@ -20,6 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification.log import Log
@@ -101,14 +102,14 @@ def fit_elastic(
     constants = functools.partial(constants_of, arm=start)
     bounds = bounds_of(start, scale)
     told = np.ones(len(theta), dtype=bool)
-    lost = None
+    lost, rate = None, fastest_rate([start])
     for length in SEGMENTS:
         theta = np.where(told, np.clip(theta, *bounds), known)
         beginnings, measured, torque = segments_of(log, length)
         if lost is not None and len(lost) == len(beginnings):
             beginnings, measured, torque = beginnings[~lost], measured[..., ~lost], torque[..., ~lost]
         states = starts_of(motion, beginnings, Arm(*constants(theta[:, np.newaxis])[:, 0]))
-        shooting = Shooting(measured, torque, log.period, states, noise, constants)
+        shooting = Shooting(measured, torque, log.period, states, noise, constants, rate)
         told[:] = True
         _leave_out(shooting.linearised(theta, _DIFFERENCE * scale), theta, scale, told, 1.0)
         while told.any():

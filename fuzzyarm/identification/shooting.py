@@ -58,6 +58,7 @@ class Shooting:
         states: first guesses of the states at the beginnings, shape (8, S); kept at the best found so far.
         noise: σ of each measured quantity, shape (2 or 4,).
         constants: returns the constants of the arm, shape (20, lanes), for θ of shape (|θ|, lanes).
+        rate: the fastest of the arm [rad/s], which limits the sub-step, see `fastest_mode`.
     """
 
     measured: np.ndarray
@@ -66,12 +67,13 @@ class Shooting:
     states: np.ndarray
     noise: np.ndarray
     constants: Callable[[np.ndarray], np.ndarray]
+    rate: float = 0.0
 
     def __post_init__(self) -> None:
         """Prepare the simulation; the search for states begins at those of the last linearisation."""
         self.kept = self.states
         self._hold = hold_of(two_joints())
-        self._substeps = default_substeps(self.period)
+        self._substeps = default_substeps(self.period, self.rate)
 
     @property
     def count(self) -> int:

@@ -14,6 +14,7 @@ import or run code. Code is run where the user has named it in this process, wit
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import os
 from collections.abc import Sequence
@@ -222,7 +223,7 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
 def load_policy(
     name: str | os.PathLike[str] | Controller | ScheduledController,
     *,
-    control_period: float = 1e-3,
+    control_period: float | None = None,
     robot: AnyArm | str | os.PathLike[str] | None = None,
     allow_unproven: bool = False,
 ) -> Policy:
@@ -233,7 +234,8 @@ def load_policy(
     Args:
         name: see `fuzzyarm.policies.spec`; with the ending ``-tip`` the policy compensates the bending of the joints.
             A controller is proven again, as its file would be.
-        control_period: time between two calls of `predict` [s].
+        control_period: time between two calls of `predict` [s]. None: 1 ms, until the reference in the first
+            observations shows another, for which the policy is then made anew; see `Policy.predict`.
         robot: the arm the policy is for, default Table 1, or what a controller was designed for. A controller file must
             have been designed for it, and a learned policy trained for it.
         allow_unproven: take a controller whose inequalities are not all proven, for experiments.
@@ -249,6 +251,10 @@ def load_policy(
         >>> torque.shape, state.shape
         ((2,), (2,))
     """
+    if control_period is None:
+        policy = load_policy(name, control_period=1e-3, robot=robot, allow_unproven=allow_unproven)
+        policy.remake = functools.partial(load_policy, name, robot=robot, allow_unproven=allow_unproven)
+        return policy
     if not isinstance(name, str | os.PathLike):
         from fuzzyarm.policies.controller_policy import controller_policy
 

@@ -24,6 +24,7 @@ from fuzzyarm.envs.batch.layout import Noise
 from fuzzyarm.envs.batch.randomness import key_of
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import check_reference
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.periods import checked_periods
 from fuzzyarm.envs.physics.equations import chosen_arm, equations_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
@@ -103,7 +104,7 @@ class TorchFuzzyArm:
         parameters: the plant's, default: Table 1.
         robot: another serial robot in place of the two-joint arm, by name, TOML file or as a `Robot`.
         control_period: [s].
-        substep: [s], a whole fraction of the control period; default: the largest one up to 0.2 ms.
+        substep: [s], a whole fraction of the control period; default: that of `FuzzyArmEnv`.
         randomisation: what each episode draws: "nominal", "plants", "robust" or a `DomainRandomisation`.
 
     Raises:
@@ -135,9 +136,10 @@ class TorchFuzzyArm:
         self.device, self.compiled = _device(device), checks.truth("compiled", compiled)
         self.differentiable = checks.truth("differentiable", differentiable)
         self.parameters = chosen_arm(robot, parameters)
-        self.control_period, self.substeps = checked_periods(control_period, substep)
-        self.substep = self.control_period / self.substeps
         self.randomisation = find_randomisation(randomisation, self.parameters)
+        rate = fastest_rate([self.parameters], self.randomisation)
+        self.control_period, self.substeps = checked_periods(control_period, substep, rate)
+        self.substep = self.control_period / self.substeps
         self.single_action_space = action_space([self.parameters])
         self.single_observation_space = observation_space([self.parameters])
         with torch.inference_mode(False):  # tensors of either mode can be written in it, its own in no other

@@ -166,6 +166,12 @@ def test_trajectories_of_the_paper_are_the_numpy_ones(case, substep, device):
     compare_trajectory(case, substep, device, compiled=False)
 
 
+def test_a_stiff_arm_has_the_sub_steps_of_the_numpy_environment():
+    stiff = dataclasses.replace(ArmParameters(), stiffness=(1e8, 1e8))
+    given = {"parameters": stiff, "randomisation": "plants"}
+    assert TorchFuzzyArm(1, compiled=False, **given).substeps == vector_env(1, **given).substeps == 31
+
+
 @pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("case", CASES)

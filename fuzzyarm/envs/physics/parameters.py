@@ -53,7 +53,7 @@ class ArmParameters:
     inertia: Pair = _constant((0.31, 0.19), "I_1, I_2", "kg m^2", 0.0, open_low=False)
     mass_center: Pair = _constant((0.25, 0.25), "r_1, r_2", "m", 0.0)
     viscous_friction: Pair = _constant((0.14, 0.14), "f_v1, f_v2", "N m s/rad", 0.0, open_low=False)
-    gravity: float = _constant(9.81, "g", "m/s^2", 0.0)
+    gravity: float = _constant(9.81, "g", "m/s^2", 0.0, open_low=False)
     motor_inertia: Pair = _constant((2.71, 0.50), "I_a1, I_a2", "kg m^2", 0.0)
     stiffness: Pair = _constant((6.4e4, 1.2e4), "k_t1, k_t2", "N m/rad", 0.0)
     damping: Pair = _constant((20.4, 3.8), "b_t1, b_t2", "N m s/rad", 0.0, open_low=False)

@@ -2,8 +2,9 @@
 
 The loads of the paper's cases are for its arm. `case_for` has those for any other: the payload and the machining force
 that ask for the same largest share of a motor's torque limit along the arm's default reference as they do of the
-paper's arm along its circle, to two digits; the force takes as long as that reference. An arm with the lengths and the
-torque limits of the paper's has the paper's loads. `with_loads` gives others.
+paper's arm along its circle, to two digits; the force takes as long as that reference. Where gravity has no leverage on
+the motors, as on a horizontal arm, the payload is the paper's share of the mass of the links. An arm with the lengths
+and the torque limits of the paper's has the paper's loads. `with_loads` gives others.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ class Case:
 
 
 INSTANTS = 501  # of a reference, at which the torques of a load are compared
+WEIGHTLESS = 1e-2  # share of the leverage of any force below which that of gravity counts as 0
 SAME = 1e-6  # by which a factor of loads may miss 1
 
 _PAPER = (
@@ -121,8 +123,7 @@ def with_loads(
 @functools.lru_cache(maxsize=64)
 def load_scale(robot: Robot) -> tuple[float, float]:
     """Return the factors of the paper's tip forces and of its payloads for a robot, see the module; to two digits."""
-    paper = robot_of(ArmParameters())
-    force, mass = (_scaled_number(_leverage(paper, way) / _leverage(robot, way), 1.0) for way in (True, False))
+    force, mass = (_scaled_number(factor, 1.0) for factor in _factors(robot))
     return force, mass
 
 
@@ -135,34 +136,41 @@ def _moves_as_the_papers(arm: AnyArm) -> bool:
 @functools.lru_cache(maxsize=64)
 def _scaled(case: Case, robot: Robot) -> Case:
     """Return a case with its loads scaled to a robot."""
-    loads, paper = case.disturbance, robot_of(ArmParameters())
+    loads, (of_force, of_mass) = case.disturbance, _factors(robot)
     force, mass = None, None
     if isinstance(loads.tip_force, MachiningForce):
-        factor = _leverage(paper, along=True) / _leverage(robot, along=True)
-        base, swing = (_scaled_number(factor, part) for part in (loads.tip_force.base, loads.tip_force.swing))
+        base, swing = (_scaled_number(of_force, part) for part in (loads.tip_force.base, loads.tip_force.swing))
         force = (base, base + swing)
     if loads.payload.mass > 0.0:
-        mass = _scaled_number(_leverage(paper, along=False) / _leverage(robot, along=False), loads.payload.mass)
+        mass = _scaled_number(of_mass, loads.payload.mass)
     return with_loads(case, force=force, payload=mass, duration=default_reference(robot).duration)
 
 
-def _leverage(robot: Robot, along: bool) -> float:
-    """Return the largest share of a torque limit that 1 N at the tip takes along the default reference [1/N].
+@functools.lru_cache(maxsize=64)
+def _factors(robot: Robot) -> tuple[float, float]:
+    """Return the exact factors of the paper's tip forces and of its payloads for a robot."""
+    paper = robot_of(ArmParameters())
+    (along, down, _), (own_along, own_down, own_any) = _leverages(paper), _leverages(robot)
+    has_weight = own_down > WEIGHTLESS * own_any
+    heavier = down / own_down if has_weight else float(np.sum(robot.arrays.mass) / np.sum(paper.arrays.mass))
+    return along / own_along, heavier
 
-    The force points along the curve, or along gravity, downwards if there is none.
+
+def _leverages(robot: Robot) -> tuple[float, float, float]:
+    """Return the largest shares of a torque limit that 1 N at the tip takes along the default reference [1/N].
+
+    The force points along the curve, along gravity (downwards if there is none), and where it takes most.
     """
-    reference = default_reference(robot)
+    reference, gravity = default_reference(robot), robot.arrays.gravity
     t = np.linspace(0.0, reference.duration, INSTANTS)
-    direction = reference.tip(t).velocity if along else np.broadcast_to(_downwards(robot), (len(t), 3))
-    length = np.linalg.norm(direction, axis=-1, keepdims=True)
-    unit = direction / np.where(length > 0.0, length, 1.0)
-    torque = np.einsum("tai,ta->ti", tip_jacobian(robot, reference.sample(t).q), unit)
-    return float(np.max(np.abs(torque) / robot.drive("torque_limit")))
+    down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))
+    jacobian = tip_jacobian(robot, reference.sample(t).q) / robot.drive("torque_limit")
 
+    def most(direction: np.ndarray) -> float:
+        length = np.linalg.norm(direction, axis=-1, keepdims=True)
+        return float(np.max(np.abs(np.einsum("tai,ta->ti", jacobian, direction / np.where(length > 0.0, length, 1.0)))))
 
-def _downwards(robot: Robot) -> np.ndarray:
-    gravity = robot.arrays.gravity
-    return gravity if gravity.any() else np.array([0.0, 0.0, -1.0])
+    return most(reference.tip(t).velocity), most(down), float(np.max(np.linalg.norm(jacobian, axis=1)))
 
 
 def _scaled_number(factor: float, number: float) -> float:

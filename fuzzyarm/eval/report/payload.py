@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.perspective import floor_of, looking_at, poses_of
+from fuzzyarm.envs.perspective import floor_of, in_space, looking_at, poses_of
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.kinematics import reach
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -44,7 +44,7 @@ def replay_data(stored: StoredEvaluation) -> dict[str, Any]:
 def _robot(robot: Robot, run: Rollout) -> dict[str, Any]:
     """Return the chain of a robot, and the camera and the floor that it is shown with, for its motion in a run."""
     asked = poses_of(robot, run.q_reference[:: max(1, len(run.time) // POSES)])
-    camera, floor, chain = looking_at(robot, run.tip_reference), floor_of(robot, asked.points), robot.arrays
+    camera, floor, chain = looking_at(robot, in_space(run.tip_reference)), floor_of(robot, asked.points), robot.arrays
     joints = zip(chain.position.tolist(), chain.rotation.tolist(), chain.axis.tolist(), strict=True)
     return {
         "joints": [{"position": p, "rotation": r, "axis": a} for p, r, a in joints],
@@ -80,18 +80,21 @@ def _signals(run: Rollout) -> dict[str, np.ndarray]:
 
 
 def _case(config: EvaluationConfig, name: str, runs: Sequence[Rollout], stride: int) -> dict[str, Any]:
-    case = config.case(name, None)
+    case, placed = config.case(name, None), np.asarray if config.robot is None else in_space
     longest = max(runs, key=lambda run: len(run.time))
     shown = _shown(len(longest.time), stride)
     return {
         "title": case.title,
         "payload": case.disturbance.payload.mass,
         "time": _encoded(longest.time[shown]),
-        "reference": _encoded(longest.tip_reference[shown]),
-        "force": _encoded(longest.external_force[shown]) if longest.external_force.any() else None,
+        "reference": _encoded(placed(longest.tip_reference[shown])),
+        "force": _encoded(placed(longest.external_force[shown])) if longest.external_force.any() else None,
         "runs": [
             {"ended": None if run.completed else {"time": float(run.time[-1]), "reason": run.reason}}
-            | {key: _encoded(signal[_within(shown, len(signal))]) for key, signal in _signals(run).items()}
+            | {
+                key: _encoded((placed if key == "deviation" else np.asarray)(signal[_within(shown, len(signal))]))
+                for key, signal in _signals(run).items()
+            }
             for run in runs
         ],
     }

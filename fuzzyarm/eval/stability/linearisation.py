@@ -20,6 +20,7 @@ from typing import Protocol
 
 import numpy as np
 
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -206,6 +207,7 @@ class _FrozenArm:
         self.reference = np.append(posture, np.zeros(PARTS * self.joints - start.dq_reference))
         self.arm = np.array(flat(constants), dtype=float)[:, np.newaxis]
         self.period, self.limit = control_period, per_joint_of(parameters, "torque_limit")
+        self.rate = fastest_rate([parameters])
         self.states, at = size(physics.State), columns(physics.State)
         self.plant, self.memory = slice(self.states), slice(self.states, None)
         self.torque, self.next_memory = slice(self.joints), slice(self.joints, None)
@@ -270,7 +272,7 @@ class _FrozenArm:
         state, torque = np.split(plant_and_torque.T.copy(), [self.states])
         lanes = state.shape[1]
         arm, no_force = np.tile(self.arm, lanes), np.zeros((size(force_line(self.physics.axes)), lanes))
-        substeps = default_substeps(duration)
+        substeps = default_substeps(duration, self.rate)
         hold_of(self.physics)(state, torque, no_force, arm, duration / substeps, substeps)
         return np.transpose(state)
 

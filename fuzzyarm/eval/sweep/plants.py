@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.batch.randomness import uniform
+from fuzzyarm.envs.fastest_mode import fastest_rate
+from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -109,6 +111,7 @@ class Plants:
             **_arm_argument(lane_arms),
             reference=default_reference(self.config.arm),
             control_period=CONTROL_PERIOD,
+            substep=CONTROL_PERIOD / default_substeps(CONTROL_PERIOD, self._fastest_rate()),
             randomisation=self.config.drawn().randomisation(),
             threads=1,
         )
@@ -125,6 +128,11 @@ class Plants:
         start = np.concatenate([at_rest[name][0] for name in ("q_motor", "q_link", "dq_motor", "dq_link")])
         cases = envs.num_envs // len(self.members)
         return envs.reset(seed=self.seeds * cases, options={"initial_state": start})
+
+    def _fastest_rate(self) -> float:
+        """Return the rate [rad/s] of the fastest plant that the whole sweep may have: chunks have one sub-step."""
+        grid = {axis.quantity: (axis.low, axis.high) for axis in self.config.grid}
+        return fastest_rate([self.config.arm], dataclasses.replace(self.config.drawn(), **grid).randomisation())
 
     def _draw_extras(self) -> dict[str, np.ndarray]:
         """Return noise (n,), uniform, and delay (n,), uniform among whole numbers of periods."""

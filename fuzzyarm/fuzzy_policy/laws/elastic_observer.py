@@ -25,8 +25,9 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.periods import whole_substeps
+from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.compiled import kernel, kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -83,7 +84,7 @@ class ElasticObserverPolicy(Policy):
         """
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         self.weights = weights or weights_for(self.parameters, self.control_period)
-        self._substeps = whole_substeps(control_period, None)
+        self._substeps = default_substeps(self.control_period, fastest_rate([self.parameters]))
         self._schedule, self.feedback, self.observer = gain_tables(self.parameters, self.control_period, self.weights)
         self._target_part, self._started, self._predicted = _memory_parts(self.joints)
         self.memory_size = self._predicted.stop

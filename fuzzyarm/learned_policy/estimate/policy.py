@@ -25,8 +25,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.common.slices import consecutive
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.periods import whole_substeps
+from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -143,7 +144,8 @@ class LearnedObserverPolicy(Policy):
         first = self._parts.residual.stop
         self.filter, self.hidden = consecutive(first, self.adaptive.memory.noise.stop, network.hidden)[1:]
         self.memory_size = self.hidden.stop
-        self._target, substeps = ElasticTarget(arm, self.control_period), whole_substeps(control_period, None)
+        self._target = ElasticTarget(arm, self.control_period)
+        substeps = default_substeps(self.control_period, fastest_rate([arm]))
         schedule, feedback, observer = gain_tables(arm, self.control_period, weights_for(arm, self.control_period))
         self._known = _Known(
             feedback,

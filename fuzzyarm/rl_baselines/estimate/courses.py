@@ -25,6 +25,7 @@ import math
 import numpy as np
 
 from fuzzyarm.envs.batch.lanes import Lanes
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of, robot_of
@@ -113,13 +114,14 @@ def draw_courses(arm: AnyArm, count: int, period: float, generator: np.random.Ge
         ValueError: the motors are too weak for these courses and loads.
     """
     scenarios = draw_scenarios(arm, count, generator)
+    drawn = find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm)
     lanes = Lanes(
         [arm],
         scenarios,
         count,
         control_period=period,
-        substeps=default_substeps(period),
-        randomisation=find_randomisation("nominal" if generator.random() < KNOWN else "plants", arm),
+        substeps=default_substeps(period, fastest_rate([arm], drawn)),
+        randomisation=drawn,
         threads=1,
     )
     start = np.array([_rest(arm, one.reference or default_reference(arm)) for one in scenarios])

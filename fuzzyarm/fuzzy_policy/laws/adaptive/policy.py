@@ -24,7 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.periods import whole_substeps
+from fuzzyarm.envs.fastest_mode import fastest_rate
+from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
@@ -213,7 +214,7 @@ class AdaptiveObserverPolicy(Policy):
         low, high = allowed(arm, float(LONGEST_LATENESS))
         inertia, forces, beliefs = per_joint_of(arm, "motor_inertia"), forces_in(belief), belief.lateness.stop
         shake = weights.motor_torque * self._torque_limit / inertia
-        still, substeps = np.zeros(joints), whole_substeps(period, None)
+        still, substeps = np.zeros(joints), default_substeps(period, fastest_rate([arm]))
         encoder = np.repeat([weights.encoder_angle, weights.encoder_velocity], joints)
         first_state = (weights.encoder_angle, weights.first_link_angle, *[weights.encoder_velocity] * 2)
         load_steps = np.full(belief.payload.stop, _LOAD_STEP)

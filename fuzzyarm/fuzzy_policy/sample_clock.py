@@ -1,0 +1,75 @@
+"""The time between two samples, read off the reference that they hold.
+
+A motion and its derivatives at two instants, T apart, leave one T that agrees with both ends (Hermite), and a second
+relation to check it by:
+
+    q(t+T) - q(t) = T/2 (q̇(t) + q̇(t+T)) - T²/12 (q̈(t+T) - q̈(t)) + O(T⁵),
+    q̇(t+T) - q̇(t) = T/2 (q̈(t) + q̈(t+T)) + O(T³).
+
+T is only believed where it solves both, in every joint: a reference at rest, one that jumps to a new episode and one
+that is no motion say nothing. Of a single joint two intervals in a row must give the same T.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm.envs.observation import PARTS
+
+__all__ = ["SampleClock", "period_between"]
+
+TOLERANCE = 1e-3
+"""Share by which two intervals in a row may differ where both tell the same T."""
+
+# Shares by which the first and the second relation may miss: samples far apart, and their jerk; and of a turn that
+# rounding may take.
+_CLOSED, _SLOPED, _ROUNDED = 1e-4, 0.1, 1e-5
+
+
+def period_between(before: np.ndarray, after: np.ndarray) -> float:
+    """Return T [s] between two observations (5 n,) of one motion; 0 where they tell none."""
+    (q, dq, ddq), (q_after, dq_after, ddq_after) = (np.reshape(one, (PARTS, -1))[-3:] for one in (before, after))
+    speed, slope = 0.5 * (dq + dq_after), 0.5 * (ddq + ddq_after)
+    turned, faster, sharper = q_after - q, dq_after - dq, (ddq_after - ddq) / 12.0
+    # a T² - b T + c = 0 along the speed; the smaller root is the one for which T² may be left out
+    a, b, c = float(sharper @ speed), float(speed @ speed), float(turned @ speed)
+    root = b * b - 4.0 * a * c
+    if c <= 0.0 or root < 0.0:
+        return 0.0
+    period = 2.0 * c / (b + math.sqrt(root))
+    most, rounding = float(np.abs(turned).max()), 4.0 * np.finfo(float).eps * float(np.abs(q).max())
+    missed = np.abs(turned - period * speed + period**2 * sharper).max(), np.abs(faster - period * slope).max()
+    closed = missed[0] <= _CLOSED * most + rounding and missed[1] <= _SLOPED * np.abs(faster).max()
+    return period if closed and rounding <= _ROUNDED * most else 0.0
+
+
+class SampleClock:
+    """Reads the time between the samples of an episode that one policy sees, in the first of its lanes.
+
+    Attributes:
+        returned: the state that the policy returned last.
+        samples: observations (lanes, 5 n) that T is read from, in a row.
+        sure: whether two intervals in a row gave the same T. One alone may be of a sample that was left out.
+    """
+
+    def __init__(self) -> None:
+        """Begin with no sample."""
+        self.returned: Any = None
+        self.samples: list[np.ndarray] = []
+        self.sure, self._found = False, 0.0
+
+    def see(self, observation: np.ndarray, state: Any) -> float:
+        """Return T [s], to four digits, before this observation (lanes, 5 n); 0 where it is not known.
+
+        `state` is what came with it: the observation follows the last one if that is what `returned` was then.
+        """
+        seen, period = observation.copy(), 0.0
+        if self.samples and (state is self.returned or np.array_equal(state, self.returned)):
+            period = period_between(self.samples[-1][0], seen[0])
+        self.sure = period > 0.0 and abs(period - self._found) <= TOLERANCE * period
+        self._found = period
+        self.samples = [*self.samples, seen] if period else [seen]
+        return float(f"{period:.4g}") if self.sure or seen.shape[1] > PARTS else 0.0
