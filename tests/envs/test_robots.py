@@ -7,12 +7,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from support.plain import hold_numpy
 
 from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import bounds_of, equations_of
-from fuzzyarm.envs.physics.hold import hold_numpy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.rigid_body import gravity, tip_position

@@ -14,12 +14,13 @@ import torch
 from gymnasium.error import ResetNeeded
 from numpy.testing import assert_allclose, assert_array_equal
 from slow_twins import slow_but
+from support.plain import hold_numpy
 from support.two_joints import PHYSICS, state_of
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants
-from fuzzyarm.envs.physics.hold import held, hold_numpy
+from fuzzyarm.envs.physics.hold import held
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES

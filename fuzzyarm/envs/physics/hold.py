@@ -13,9 +13,7 @@ from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import (
     BLOCK,
-    flat,
     in_block,
-    in_list,
     in_rows,
     joint_by_joint,
     places,
@@ -26,7 +24,7 @@ from fuzzyarm.envs.physics.records import (
     writer,
 )
 
-__all__ = ["force_line", "held", "hold_block_of", "hold_numpy", "hold_of", "hold_record"]
+__all__ = ["force_line", "held", "hold_block_of", "hold_of", "hold_record"]
 
 
 @functools.cache
@@ -57,21 +55,6 @@ def held(
         now = physics.Point(*(_on_line(m, c, share) for m, c in zip(mean, change, strict=True)))
         state = physics.step(state, physics.PerJoint(*torque), now, arm, h)
     return state
-
-
-def hold_numpy(
-    physics: Physics,
-    state: np.ndarray,
-    torque: np.ndarray,
-    force: np.ndarray,
-    arm: np.ndarray,
-    h: float,
-    substeps: int,
-) -> np.ndarray:
-    """Return the new states (numbers of the state, lanes): the plain NumPy twin of `hold_of`, same shapes and units."""
-    before, constants = reader(physics.State, in_list)(state, 0), reader(physics.Arm, in_list)(arm, 0)
-    after = held(physics, before, tuple(torque), tuple(force), constants, h, substeps)
-    return np.stack(flat(after))
 
 
 @functools.cache

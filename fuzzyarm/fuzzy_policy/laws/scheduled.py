@@ -21,7 +21,6 @@ from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import in_columns, in_list, reader
-from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, spread_of
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
@@ -32,7 +31,7 @@ from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_policy_certificate
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 
-__all__ = ["ScheduledPolicy", "linear_scheduled", "scheduled_torque"]
+__all__ = ["ScheduledPolicy", "linear_scheduled"]
 
 
 class ScheduledPolicy(Policy):
@@ -140,27 +139,3 @@ def linear_scheduled(controller: ScheduledController, place: Place) -> LinearLaw
     D[:, part.dq_motor] = -k_d * inertia + np.diag(place.robot.drive("viscous_friction"))
     G[:, part.q_motor] = place.control_period * np.eye(joints)
     return LinearLaw(D, -k_i * inertia, G, np.eye(joints))
-
-
-def scheduled_torque(
-    controller: ScheduledController,
-    q: np.ndarray,
-    dq: np.ndarray,
-    target: tuple[np.ndarray, np.ndarray, np.ndarray],
-    integral: np.ndarray,
-) -> np.ndarray:
-    """Return u (..., n) [N m].
-
-    Args:
-        controller: of a robot of n joints.
-        q: angles (..., n) [rad].
-        dq: q̇ (..., n) [rad/s].
-        target: q_d [rad], q̇_d [rad/s] and q̈_d [rad/s²], each (n,) or (..., n).
-        integral: x_I (..., n) [rad s].
-    """
-    robot, (k_p, k_d, k_i) = controller.robot, controller.feedback
-    q_d, dq_d, ddq_d = target
-    wanted = k_p * (q - q_d) + k_d * (dq - dq_d) + k_i * integral
-    feedback = (controller.inertia_at(q) @ wanted[..., np.newaxis])[..., 0]
-    rotors = robot.drive("motor_inertia") * ddq_d + robot.drive("viscous_friction") * dq
-    return np.asarray(inverse_dynamics(robot, q, dq, np.broadcast_to(ddq_d, q.shape)) + rotors - feedback)

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.plain import hold_numpy
 from support.two_joints import PHYSICS, hold, state_of
 
 from fuzzyarm.envs.physics.dynamics import (
@@ -17,7 +18,7 @@ from fuzzyarm.envs.physics.dynamics import (
     tip_position,
 )
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.hold import held, hold_numpy
+from fuzzyarm.envs.physics.hold import held
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import flat
 

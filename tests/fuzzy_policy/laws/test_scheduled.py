@@ -6,13 +6,14 @@ import json
 
 import numpy as np
 import pytest
+from support.plain import scheduled_torque
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate
-from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy, scheduled_torque
+from fuzzyarm.fuzzy_policy.laws.scheduled import ScheduledPolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.scheduled import FUNCTIONS, Premise
 from fuzzyarm.fuzzy_policy.signed_files import ControllerFileError

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from slow_twins import slow_but
+from support.plain import scheduled_torque
 
 from fuzzyarm.envs.physics.rigid_body import bias, mass_matrix
 from fuzzyarm.envs.physics.robot import robot_named
@@ -15,7 +16,6 @@ from fuzzyarm.eval.certified.verification import verify_file
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.controller_files import load_controller
 from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
-from fuzzyarm.fuzzy_policy.laws.scheduled import scheduled_torque
 from fuzzyarm.fuzzy_policy.proof.inertia_bounds import scheduled_polynomial
 from fuzzyarm.fuzzy_policy.proof.scalar_loop import decay
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import certify_scheduled, schedule_rate, scheduled_statement
