@@ -116,7 +116,7 @@ class Engine:
             content = cloudpickle.dumps((additions(), work))
         except (AttributeError, TypeError, pickle.PicklingError) as error:
             raise ValueError(
-                f"the policies, or what was added by name, cannot be sent to other processes ({error}): use --jobs 1, or "
+                f"policies, or what was added by name, cannot be sent to other processes ({error}): use --jobs 1, or "
                 "make them picklable"
             ) from None
         return _Piece(content, tuple(sys.path) if self.backend == "local" else ())
@@ -165,8 +165,8 @@ class _Piece:
     """A piece of work as it travels to a worker.
 
     Attributes:
-        content: the pickled additions and work. It stays pickled until the worker's `paths` are set, as unpickling may import the
-            user's modules; and every piece gets a copy of its own, so that no policy carries memory to the next.
+        content: additions and work, pickled. They stay so until the worker's `paths` are set, as unpickling may import
+            the user's modules; and every piece gets a copy of its own, so that no policy carries memory to the next.
         paths: folders that the worker imports from, as the process that started the sweep does.
     """
 

@@ -185,9 +185,7 @@ def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} cannot be used ({_line(error)}): begin anew in another folder") from None
     if config is None:
-        raise ValueError(
-            f"{path} runs cases that this process does not know: add them with add_case: {listed(unknown)}"
-        )
+        raise ValueError(f"{path} runs cases that this process lacks: add them with add_case: {listed(unknown)}")
     if digest != digest_of_identity(then) or then["numbers"] != json.loads(json.dumps(config.numbers())):
         raise ValueError(f"{path} was changed after the sweep began: begin anew in another folder")
     return config, then, digest

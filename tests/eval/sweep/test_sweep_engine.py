@@ -125,7 +125,7 @@ class Push:
     force: float
 
     def at(self, time, tip_velocity):
-        return np.zeros((*np.shape(time), 2)) + (0.0, self.force)
+        return np.full((*np.shape(time), 2), self.force)
 
 
 PUSHED = Case("pushed", "Case 4: pushed", Disturbance(tip_force=Push(30.0)))

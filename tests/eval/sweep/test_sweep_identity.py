@@ -85,7 +85,7 @@ def test_a_sweep_of_an_added_case_goes_on_only_where_the_case_is_known_and_the_s
         with pytest.raises(ValueError, match="begun with other added cases"):
             Store.open(tmp_path)
         del CASES["pushed"]
-        with pytest.raises(ValueError, match=r"this process does not know: add them with add_case: pushed$"):
+        with pytest.raises(ValueError, match=r"this process lacks: add them with add_case: pushed$"):
             Store.open(tmp_path)
     finally:
         CASES.pop("pushed", None)
