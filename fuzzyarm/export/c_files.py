@@ -13,7 +13,7 @@ import numpy as np
 
 from fuzzyarm import __version__
 from fuzzyarm.common.checks import choice
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.export.c_program import Program, arguments_text, program_of, source_text
 from fuzzyarm.export.laws import certificate_of
@@ -40,7 +40,8 @@ SEED = 2022  # of the test vectors
 def export_c(label: str, policy: Policy, folder: str | Path, number: str = "double") -> list[Path]:
     """Write a policy as C99 into a folder, which must exist; return the files.
 
-    They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python.
+    They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python. Files of these
+    names that are there already are not replaced by those of another law.
 
     Args:
         label: of the policy, which gives the files and the functions their name.
@@ -49,7 +50,8 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
         number: of the type in `NUMBERS`.
 
     Raises:
-        ValueError: the policy's source has something that cannot be written in C, or the law is of no use in float.
+        ValueError: the policy's source has something that cannot be written in C, the law is of no use in float, or
+            the folder holds another export of the same name.
         OSError: a file cannot be written.
     """
     choice("number", number, NUMBERS)
@@ -60,9 +62,7 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
         )
     name = c_name(label)
     texts = sources_of(label, policy, number) | {f"{name}_vectors.csv": _vectors(policy)}
-    for file, text in texts.items():
-        write_atomically(Path(folder) / file, text)
-    return [Path(folder) / file for file in texts]
+    return write_once(Path(folder), texts)
 
 
 def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
@@ -106,6 +106,10 @@ def header_text(name: str, about: Sequence[str], program: Program, number: str) 
 #error "numbers must be rounded to their type: on x86 compile with -msse2 -mfpmath=sse"
 #endif
 
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
 typedef struct {{
     {number} memory[{max(len(program.memory), 1)}];
 }} {name}_state;
@@ -113,6 +117,10 @@ typedef struct {{
 void {name}_init({name}_state *state);
 
 void {name}_step({arguments_text(program, name, number)});
+
+#ifdef __cplusplus
+}}
+#endif
 
 #endif
 """

@@ -18,7 +18,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fuzzyarm import __version__
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm
@@ -69,7 +69,8 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
         folder: where the file is written.
 
     Raises:
-        ValueError: the policy's source has something that cannot be written in C.
+        ValueError: the policy's source has something that cannot be written in C, or the folder holds another FMU of
+            this name.
         OSError: the file cannot be written.
     """
     joints, name = range(1, policy.joints + 1), c_name(label)
@@ -101,7 +102,7 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
         control_period: T [s].
 
     Raises:
-        ValueError: the control period is out of range.
+        ValueError: the control period is out of range, or the folder holds another FMU of this name.
         OSError: the file cannot be written.
     """
     plant, start = Plant(arm, control_period), _start(arm)
@@ -165,9 +166,7 @@ def _write(
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(files):
             archive.writestr(zipfile.ZipInfo(file, _TIME), files[file], zipfile.ZIP_DEFLATED)
-    path = folder / f"{name}.fmu"
-    write_atomically(path, content.getvalue())
-    return path
+    return write_once(folder, {f"{name}.fmu": content.getvalue()})[0]
 
 
 def _description(
