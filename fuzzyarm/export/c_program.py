@@ -154,7 +154,7 @@ def source_text(program: Program, name: str, real: str) -> str:
     step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *unused, *lines, "}", ""])
     text = "\n".join([f'#include "{name}.h"', "", _init(program, name, writer), *helpers, *texts, step])
     own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
-    return re.sub(rf"\b({own})\(", rf"{name}_\1(", text) if own else text  # several programs go into one file
+    return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
 
 
 def arguments_text(program: Program, name: str, real: str) -> str:
