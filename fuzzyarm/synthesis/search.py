@@ -168,7 +168,7 @@ def _stiffness(scaling: Scaling) -> float:
 
 
 def lightness(model: TSModel, specification: Specification) -> float:
-    """Return the inertia of Table 1 over an arm's: γ of the consistent form times it asks the same of the arm."""
+    """Return the inertia of Table 1 over an arm's, a pure number; γ of the consistent form times it asks the same."""
     system = error_system(model, specification)
     paper, own = (_stiffness(Scaling.of(system, arm, 1.0)) for arm in (ArmParameters(), model.parameters))
     return paper / own
