@@ -37,7 +37,7 @@ def made_from_json(init: Callable[Arguments, None]) -> Callable[Arguments, None]
 
     @functools.wraps(init)
     def made(*given: Arguments.args, **named: Arguments.kwargs) -> None:
-        init(*given, **{name: _made(value) for name, value in named.items()})  # type: ignore[arg-type]
+        init(*given, **{name: _made(value) for name, value in named.items()})
 
     return made
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import tempfile
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from fuzzyarm.common.checks import choice
 from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.export.c_program import Program, arguments_text, program_of, source_text
+from fuzzyarm.export.compiled_law import CompiledLaw, compilers
 from fuzzyarm.export.laws import certificate_of
 from fuzzyarm.export.refusals import Unsupported
 from fuzzyarm.export.sheet import certified_numbers
@@ -40,8 +42,8 @@ SEED = 2022  # of the test vectors
 def export_c(label: str, policy: Policy, folder: str | Path, number: str = "double") -> list[Path]:
     """Write a policy as C99 into a folder, which must exist; return the files.
 
-    They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python. Files of these
-    names that are there already are not replaced by those of another law.
+    They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python; of float those
+    of the C itself, and only where there is a compiler. Files of these names are not replaced by those of another law.
 
     Args:
         label: of the policy, which gives the files and the functions their name.
@@ -61,7 +63,14 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
             'choose number "double"'
         )
     name = c_name(label)
-    texts = sources_of(label, policy, number) | {f"{name}_vectors.csv": _vectors(policy)}
+    texts = sources_of(label, policy, number)
+    if number == "double":
+        texts[f"{name}_vectors.csv"] = _vectors(policy, policy)
+    elif found := compilers():
+        with tempfile.TemporaryDirectory() as aside:
+            source = write_once(Path(aside), texts)[1]
+            law = CompiledLaw(source, policy.joints, policy.memory_size, number, found[0])
+            texts[f"{name}_vectors.csv"] = _vectors(policy, law)
     return write_once(Path(folder), texts)
 
 
@@ -160,15 +169,16 @@ def _plain(text: str) -> str:
     return text.replace("*/", "* /").encode("ascii", "replace").decode()
 
 
-def _vectors(policy: Policy) -> str:
-    """Return the observations and torques of consecutive calls as CSV, with all digits."""
+def _vectors(policy: Policy, law: Policy | CompiledLaw) -> str:
+    """Return the observations and a law's torques of consecutive calls as CSV, with all digits."""
     text = io.StringIO()
     writer, joints = csv.writer(text, lineterminator="\n"), range(policy.joints)
     inputs = [f"{part}{joint + 1}" for part in Observation._fields for joint in joints]
     writer.writerow(["call", *inputs, *(f"torque{joint + 1}" for joint in joints)])
     state = None
-    for call, observation in enumerate(random_observations(policy, CALLS, SEED)):
-        torque, state = policy.predict(observation, state)
+    for call, seen in enumerate(random_observations(policy, CALLS, SEED)):
+        observation = seen.astype(getattr(law, "number", np.float64))
+        torque, state = law.predict(observation, state)
         writer.writerow([call, *map(_exact, observation), *map(_exact, torque)])
     return text.getvalue()
 

@@ -121,6 +121,22 @@ def test_in_float_the_torques_are_near(tmp_path):
     assert 1e-6 < np.abs(own - torque).max() < 1.0
 
 
+@needs_compiler
+def test_the_vectors_of_float_are_answers_of_float(tmp_path, monkeypatch):
+    policy = load_policy("fuzzy-1-tip")
+    header, source, vectors = export_c("law", policy, tmp_path, "float")
+    rows = np.loadtxt(vectors, delimiter=",", skiprows=1)[:, 1:]
+    seen, torque = rows[:, :10], rows[:, 10:]
+    np.testing.assert_array_equal(seen, seen.astype(np.float32))
+    law = CompiledLaw(source, 2, policy.memory_size, "float", COMPILERS[-1])
+    own, _ = law.run(seen[:, np.newaxis], np.arange(len(seen))[:, np.newaxis] == 0)
+    np.testing.assert_array_equal(own[:, 0], torque)
+    doubled, _ = answers(policy, seen[:, np.newaxis], np.arange(len(seen))[:, np.newaxis] == 0)
+    assert 1e-6 < np.abs(doubled[:, 0] - torque).max()
+    monkeypatch.setattr("fuzzyarm.export.c_files.compilers", lambda: [])
+    assert export_c("law", policy, tmp_path, "float") == [header, source]
+
+
 @pytest.mark.parametrize("name", ["adaptive-observer", "learned-observer"])
 def test_a_law_that_float_ruins_is_refused_in_it(name, tmp_path, capsys):
     assert main(["export", "c", name, "--number", "float", "--out", str(tmp_path)]) == 2
