@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import enum
 import functools
 import importlib
+import json
 import os
 from collections.abc import Callable
 from typing import Any, ParamSpec
 
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
+from gymnasium.envs.registration import EnvSpec, WrapperSpec
 
 from fuzzyarm.common.checks import shown
 
@@ -27,9 +27,7 @@ class Spec(EnvSpec):
 
     def to_json(self) -> str:
         """Return the spec as JSON; ValueError for an argument that is neither data nor a record of the package."""
-        plain = copy.copy(self)
-        plain.kwargs = {name: _plain(name, value) for name, value in self.kwargs.items()}
-        return super(Spec, plain).to_json()
+        return json.dumps(_fields(self), default=_plain)
 
 
 def made_from_json(init: Callable[Arguments, None]) -> Callable[Arguments, None]:
@@ -42,34 +40,32 @@ def made_from_json(init: Callable[Arguments, None]) -> Callable[Arguments, None]
     return made
 
 
-def _plain(name: str, value: Any) -> Any:
-    """Return an argument as data."""
-    if isinstance(value, enum.Enum):
-        return value.value
+def _fields(one: Any) -> dict[str, Any]:
+    return {field.name: getattr(one, field.name) for field in dataclasses.fields(one) if field.init}
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON does not know as what it knows."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
+    if isinstance(value, enum.Enum):
+        return value.value
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if isinstance(value, list | tuple):
-        return [_plain(name, entry) for entry in value]
-    if isinstance(value, dict):
-        return {key: _plain(name, entry) for key, entry in value.items()}
+    if isinstance(value, WrapperSpec):
+        return _fields(value)
     home, kind = type(value).__module__, type(value).__qualname__
     if dataclasses.is_dataclass(value) and home.startswith(_HOME) and kind.isidentifier():
-        fields = {one.name: _plain(name, getattr(value, one.name)) for one in dataclasses.fields(value) if one.init}
-        return {_KIND: f"{home.removeprefix(_HOME)}.{kind}", **fields}
-    if value is None or isinstance(value, str | int | float):
-        return value
-    raise ValueError(f"{name} = {shown(value)} cannot be written as JSON: leave it out, and give it to make again")
+        return {_KIND: f"{home.removeprefix(_HOME)}.{kind}", **_fields(value)}
+    raise ValueError(f"{shown(value)} cannot be written as JSON: give it to gymnasium.make again instead")
 
 
-def _made(value: Any) -> Any:
-    """Return what `_plain` was given, but for lists in the place of tuples outside of records."""
+def _made(value: Any, inside: bool = False) -> Any:
+    """Return what `_plain` was given; a sequence is a tuple `inside` a record, and a list elsewhere."""
     if isinstance(value, list):
-        return [_made(entry) for entry in value]
+        return (tuple if inside else list)(_made(entry, inside) for entry in value)
     if not isinstance(value, dict) or _KIND not in value:
         return value
-    fields = {name: _tuples(_made(entry)) for name, entry in value.items() if name != _KIND}
     home, _, kind = str(value[_KIND]).rpartition(".")
     try:
         made = getattr(importlib.import_module(_HOME + home), kind)
@@ -77,8 +73,4 @@ def _made(value: Any) -> Any:
         made = None
     if not (isinstance(made, type) and dataclasses.is_dataclass(made)):
         raise ValueError(f"the package has no {_KIND} {shown(value[_KIND])}")
-    return made(**fields)
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+    return made(**{name: _made(entry, inside=True) for name, entry in value.items() if name != _KIND})

@@ -216,7 +216,8 @@ def test_what_a_host_may_set_has_the_ranges_of_the_environment(tmp_path):
     assert ("payload", "0.0", "1000000000000.0") in plant.stated and not any("torque" in one[0] for one in plant.stated)
     low, high = FuzzyArmEnv().observation_space.low, FuzzyArmEnv().observation_space.high
     names = numbered(*OBSERVED)
-    assert controller.stated == [(*row[:1], *map(repr, row[1:])) for row in zip(names, low.tolist(), high.tolist())]
+    ends = zip(names, map(repr, low.tolist()), map(repr, high.tolist()), strict=True)
+    assert controller.stated == list(ends)
 
 
 @needs_compiler
@@ -229,7 +230,7 @@ def test_a_robot_whose_range_leaves_out_the_angle_zero_starts_within_it(tmp_path
 
 @needs_compiler
 def test_a_host_may_have_any_clock_and_reuse_its_texts(tmp_path):
-    """Steps that a host computes from absolute times, which are rounded, are periods; what is none is none at any time."""
+    """Steps that a host computes from absolute times, which are rounded, are periods; half a period more is not."""
     plant = Host(exported(tmp_path, "plant"))
     text = ctypes.create_string_buffer(b"arm of the left cell")
     assert plant.instantiate(name=text)
