@@ -157,5 +157,5 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
 
 def known_names() -> tuple[str, ...]:
     """Return every name that is known now: `NAMES`, then those of `add_policy`."""
-    added = POLICIES.added()
+    added = {name: policy for name, policy in POLICIES.items() if name not in NAMES}
     return (*NAMES, *added, *(name + TIP for name, policy in added.items() if policy.has_tip))
