@@ -9,9 +9,10 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from gymnasium.envs.registration import register
+from gymnasium.envs.registration import registry
 
 from fuzzyarm.common.lazy import lazily
+from fuzzyarm.envs.spec import Spec
 from fuzzyarm.policies import load_policy
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ __getattr__ = lazily(__name__, _HOMES)
 
 # The environment itself refuses steps outside an episode and checks actions: Gymnasium's wrappers for that would only
 # cost time on every step.
-register(
+registry["FuzzyArm-v0"] = Spec(
     id="FuzzyArm-v0",
     entry_point="fuzzyarm.envs.fuzzy_arm:FuzzyArmEnv",
     vector_entry_point="fuzzyarm.envs.vector:FuzzyArmVectorEnv",

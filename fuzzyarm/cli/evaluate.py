@@ -99,7 +99,7 @@ def run(options: Options) -> int:
         print_paragraphs(console, _certificates(evaluation))
         lines = verdict(evaluation.rows, evaluation.certificates, out, len(written), titles)
         print_paragraphs(console, ["\n".join(lines)])
-    for line in _remarkable(evaluation.rollouts):
+    for line in (*_remarkable(evaluation.rollouts), *evaluation.remarks):
         say(line, error=True)
     return 0 if evaluation.complete else 1
 

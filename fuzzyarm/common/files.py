@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 if sys.platform != "win32":
     import fcntl
 
-__all__ = ["csv_text", "locked_folder", "write_atomically", "write_folder_atomically"]
+__all__ = ["csv_text", "locked_folder", "write_atomically", "write_folder_atomically", "write_once"]
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet computes a cell that begins with one of these
 
@@ -48,6 +48,22 @@ def write_atomically(path: Path, content: bytes | str) -> None:
         if error.filename is None and error.errno is not None:  # the disk is full
             error.filename = str(path)
         raise
+
+
+def write_once(folder: Path, files: Mapping[str, bytes | str]) -> list[Path]:
+    """Write files by name into a folder that has none of these names, or the same files; return their paths.
+
+    Raises:
+        ValueError: a file that is there has another content; nothing is written.
+        OSError: the folder is missing or not writable.
+    """
+    contents = {folder / name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+    for path, content in contents.items():
+        if path.exists() and (path.stat().st_size != len(content) or path.read_bytes() != content):
+            raise ValueError(f"{path} holds something else of the same name: remove it, or choose another folder")
+    for path, content in contents.items():
+        write_atomically(path, content)
+    return list(contents)
 
 
 def write_folder_atomically(folder: Path, files: Mapping[str, bytes | str]) -> None:

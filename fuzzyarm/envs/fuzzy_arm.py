@@ -8,7 +8,7 @@ dictionary `info`.
 
 from __future__ import annotations
 
-import copy
+import dataclasses
 import os
 from typing import Any
 
@@ -39,6 +39,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.envs.spec import Spec, made_from_json
 from fuzzyarm.envs.termination import Termination
 
 __all__ = ["FuzzyArmEnv"]
@@ -121,6 +122,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012  Gymnasium's own name and type
 
+    @made_from_json
     def __init__(
         self,
         case: str = "nominal",
@@ -173,9 +175,10 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
     def spec(self, made_from: EnvSpec | None) -> None:
         # With the steps registered instead, gym.make would put a TimeLimit around every arm: it would cost time, and
         # cut references short that are longer than the paper's.
-        if made_from is not None and made_from.max_episode_steps is None:
-            made_from = copy.copy(made_from)
-            made_from.max_episode_steps = self._lanes.longest_episode
+        if made_from is not None:
+            own = {one.name: getattr(made_from, one.name) for one in dataclasses.fields(EnvSpec) if one.init}
+            made_from = Spec(**own)
+            made_from.max_episode_steps = made_from.max_episode_steps or self._lanes.longest_episode
         self._spec = made_from
 
     @property

@@ -35,6 +35,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_randomisation
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.envs.spec import made_from_json
 from fuzzyarm.envs.vector_info import final_info, masked, partial_info, reasons, values
 
 __all__ = ["FuzzyArmVectorEnv"]
@@ -75,6 +76,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  Gymnasium's name and type
 
+    @made_from_json
     def __init__(
         self,
         num_envs: int = 1,
@@ -97,9 +99,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if threads is not None:
             checks.whole("threads", threads, low=1, high=MOST_THREADS)
         if render_mode is not None:
-            raise ValueError(
-                f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gym.make('FuzzyArm-v0', ...)"
-            )
+            raise ValueError(f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gymnasium.make")
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
         plants = arms_of(robot, parameters, self.num_envs)
         self._randomisation = find_randomisation(randomisation, plants[0])

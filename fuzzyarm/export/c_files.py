@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import tempfile
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,9 +14,10 @@ import numpy as np
 
 from fuzzyarm import __version__
 from fuzzyarm.common.checks import choice
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.export.c_program import Program, arguments_text, program_of, source_text
+from fuzzyarm.export.compiled_law import CompiledLaw, compilers
 from fuzzyarm.export.laws import certificate_of
 from fuzzyarm.export.refusals import Unsupported
 from fuzzyarm.export.sheet import certified_numbers
@@ -40,7 +42,8 @@ SEED = 2022  # of the test vectors
 def export_c(label: str, policy: Policy, folder: str | Path, number: str = "double") -> list[Path]:
     """Write a policy as C99 into a folder, which must exist; return the files.
 
-    They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python.
+    They are NAME.h, NAME.c and NAME_vectors.csv, whose torques [N m] are those of the policy in Python; of float those
+    of the C itself, and only where there is a compiler. Files of these names are not replaced by those of another law.
 
     Args:
         label: of the policy, which gives the files and the functions their name.
@@ -49,7 +52,8 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
         number: of the type in `NUMBERS`.
 
     Raises:
-        ValueError: the policy's source has something that cannot be written in C, or the law is of no use in float.
+        ValueError: the policy's source has something that cannot be written in C, the law is of no use in float, or
+            the folder holds another export of the same name.
         OSError: a file cannot be written.
     """
     choice("number", number, NUMBERS)
@@ -59,10 +63,15 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
             'choose number "double"'
         )
     name = c_name(label)
-    texts = sources_of(label, policy, number) | {f"{name}_vectors.csv": _vectors(policy)}
-    for file, text in texts.items():
-        write_atomically(Path(folder) / file, text)
-    return [Path(folder) / file for file in texts]
+    texts = sources_of(label, policy, number)
+    if number == "double":
+        texts[f"{name}_vectors.csv"] = _vectors(policy, policy)
+    elif found := compilers():
+        with tempfile.TemporaryDirectory() as aside:
+            source = write_once(Path(aside), texts)[1]
+            law = CompiledLaw(source, policy.joints, policy.memory_size, number, found[0])
+            texts[f"{name}_vectors.csv"] = _vectors(policy, law)
+    return write_once(Path(folder), texts)
 
 
 def sources_of(label: str, policy: Policy, number: str) -> dict[str, str]:
@@ -106,6 +115,10 @@ def header_text(name: str, about: Sequence[str], program: Program, number: str) 
 #error "numbers must be rounded to their type: on x86 compile with -msse2 -mfpmath=sse"
 #endif
 
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
 typedef struct {{
     {number} memory[{max(len(program.memory), 1)}];
 }} {name}_state;
@@ -113,6 +126,10 @@ typedef struct {{
 void {name}_init({name}_state *state);
 
 void {name}_step({arguments_text(program, name, number)});
+
+#ifdef __cplusplus
+}}
+#endif
 
 #endif
 """
@@ -152,15 +169,16 @@ def _plain(text: str) -> str:
     return text.replace("*/", "* /").encode("ascii", "replace").decode()
 
 
-def _vectors(policy: Policy) -> str:
-    """Return the observations and torques of consecutive calls as CSV, with all digits."""
+def _vectors(policy: Policy, law: Policy | CompiledLaw) -> str:
+    """Return the observations and a law's torques of consecutive calls as CSV, with all digits."""
     text = io.StringIO()
     writer, joints = csv.writer(text, lineterminator="\n"), range(policy.joints)
     inputs = [f"{part}{joint + 1}" for part in Observation._fields for joint in joints]
     writer.writerow(["call", *inputs, *(f"torque{joint + 1}" for joint in joints)])
     state = None
-    for call, observation in enumerate(random_observations(policy, CALLS, SEED)):
-        torque, state = policy.predict(observation, state)
+    for call, seen in enumerate(random_observations(policy, CALLS, SEED)):
+        observation = seen.astype(getattr(law, "number", np.float64))
+        torque, state = law.predict(observation, state)
         writer.writerow([call, *map(_exact, observation), *map(_exact, torque)])
     return text.getvalue()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -151,7 +152,9 @@ def source_text(program: Program, name: str, real: str) -> str:
     arguments = arguments_text(program, name, real)
     unused = [] if program.memory else ["    (void)state;"]
     step = "\n".join([f"void {name}_step({arguments})", "{", *tables, *unused, *lines, "}", ""])
-    return "\n".join([f'#include "{name}.h"', "", _init(program, name, writer), *helpers, *texts, step])
+    text = "\n".join([f'#include "{name}.h"', "", _init(program, name, writer), *helpers, *texts, step])
+    own = "|".join(re.findall(r"^static \w+ (\w+)\(", text, re.MULTILINE))
+    return re.sub(rf"\b({own})\(", rf"{name}_part_\1(", text) if own else text  # several programs go into one file
 
 
 def arguments_text(program: Program, name: str, real: str) -> str:

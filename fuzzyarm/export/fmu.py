@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import sys
 import uuid
 import zipfile
 from collections.abc import Sequence
@@ -18,11 +19,12 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fuzzyarm import __version__
-from fuzzyarm.common.files import write_atomically
+from fuzzyarm.common.files import write_once
+from fuzzyarm.envs.arguments import observation_space
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.equations import AnyArm
-from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
+from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.export.c_files import UNITS, c_name, header_text, sources_of
 from fuzzyarm.export.c_program import MODEL, Program, recorded, source_text
 from fuzzyarm.export.fmu_source import fmu_source
@@ -49,12 +51,17 @@ _TIME = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same export gi
 
 @dataclasses.dataclass(frozen=True)
 class _Variable:
-    """A real number of a model: name, unit, "input", "output" or "parameter", and its value at the start or None."""
+    """A real number of a model: name, unit, "input", "output" or "parameter", its value at the start or None.
+
+    What a host may set has the range `low` to `high` of the environment, any finite number if nothing else is said.
+    """
 
     name: str
     unit: str
     causality: str
     start: float | None
+    low: float = -sys.float_info.max
+    high: float = sys.float_info.max
 
 
 def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
@@ -69,20 +76,22 @@ def export_controller_fmu(label: str, policy: Policy, folder: Path) -> Path:
         folder: where the file is written.
 
     Raises:
-        ValueError: the policy's source has something that cannot be written in C.
+        ValueError: the policy's source has something that cannot be written in C, or the folder holds another FMU of
+            this name.
         OSError: the file cannot be written.
     """
-    joints, name = range(1, policy.joints + 1), c_name(label)
+    joints, name, box = range(1, policy.joints + 1), c_name(label), observation_space([policy.parameters])
+    names = [(f"{part}{k}", unit) for part, unit in zip(Observation._fields, UNITS, strict=True) for k in joints]
     variables = [
-        _Variable(f"{part}{joint}", unit, "input", 0.0)
-        for part, unit in zip(Observation._fields, UNITS, strict=True)
-        for joint in joints
+        _Variable(*named, "input", min(max(0.0, low), high), low, high)
+        for named, low, high in zip(names, box.low.tolist(), box.high.tolist(), strict=True)
     ]
+    lines = [f"    own->given[{k}] = {one.start!r};" for k, one in enumerate(variables) if one.start]
     variables += [_Variable(f"torque{joint}", "N.m", "output", 0.0) for joint in joints]
     code = {
         "show": "    (void)own;",
         **{"shown": "0", "given": str(len(variables) - len(joints)), "results": str(len(joints))},
-        **{"include": "", "start": "", "started": "", "single": " || (steps != 1)"},
+        **{"include": "", "started": "\n".join(lines), "single": " || (steps != 1)"},
         **{"period": repr(policy.control_period), "allowed": f"the control period, {policy.control_period!r} s"},
     }
     return _write(name, sources_of(label, policy, "double"), variables, code, policy.control_period, folder)
@@ -101,16 +110,21 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
         control_period: T [s].
 
     Raises:
-        ValueError: the control period is out of range.
+        ValueError: the control period is out of range, or the folder holds another FMU of this name.
         OSError: the file cannot be written.
     """
     plant, start = Plant(arm, control_period), _start(arm)
     joints, axes = range(1, plant.joints + 1), "xyz"[: plant.axes]
     inputs = [_Variable(f"torque{joint}", "N.m", "input", 0.0) for joint in joints]
-    inputs += [_Variable(f"force_{axis}", "N", "input", 0.0) for axis in axes]
+    inputs += [_Variable(f"force_{axis}", "N", "input", 0.0, -LARGEST, LARGEST) for axis in axes]
     names = [(f"{part}{joint}", unit) for part, unit in _PARTS for joint in joints]
-    shown = [_Variable(*named, "output", value) for named, value in zip(names, start, strict=True)]
-    shown.append(_Variable("payload", "kg", "parameter", 0.0))
+    low, high, speed, _ = bounds_of(arm)
+    ends = zip((*low, *low, *-speed, *-speed), (*high, *high, *speed, *speed), strict=True)
+    shown = [
+        _Variable(*named, "output", value, float(least), float(most))
+        for named, value, (least, most) in zip(names, start, ends, strict=True)
+    ]
+    shown.append(_Variable("payload", "kg", "parameter", 0.0, 0.0, LARGEST))
     results = [_Variable(f"tip_{axis}", "m", "output", None) for axis in axes]
     step = recorded(plant.command, [one.name for one in inputs], plant.memory_size, plant.axes, MODEL)
     tip = recorded(plant.place, [f"q_link{joint}" for joint in joints], 0, plant.axes, MODEL)
@@ -121,7 +135,7 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
         "show": "    tip_state none;\n    tip_init(&none);\n"
         f"    tip_step(&none, &own->state.memory[{plant.joints}], own->result);",
         **{"given": str(len(inputs)), "shown": str(len(shown)), "results": str(len(results))},
-        **{"include": '#include "tip.h"', "start": "", "started": "\n".join(lines), "single": ""},
+        **{"include": '#include "tip.h"', "started": "\n".join(lines), "single": ""},
         **{"period": repr(control_period), "allowed": f"a whole number of control periods of {control_period!r} s"},
     }
     return _write(PLANT, sources, [*inputs, *shown, *results], code, control_period, folder)
@@ -155,6 +169,9 @@ def _write(
     folder: Path,
 ) -> Path:
     """Write the archive, whose GUID follows from its content."""
+    settable = variables[: int(code["given"]) + int(code["shown"])]
+    ranges = [f'    {{"{one.name} [{one.unit}]", {one.low!r}, {one.high!r}}}' for one in settable]
+    code = {**code, "ranges": ",\n".join(ranges)}
     whole = "\n".join([*sources.values(), *map(repr, variables), *code.values()])
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, whole)) + "}"
     files = {f"sources/{file}": text for file, text in sources.items()}
@@ -165,9 +182,7 @@ def _write(
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(files):
             archive.writestr(zipfile.ZipInfo(file, _TIME), files[file], zipfile.ZIP_DEFLATED)
-    path = folder / f"{name}.fmu"
-    write_atomically(path, content.getvalue())
-    return path
+    return write_once(folder, {f"{name}.fmu": content.getvalue()})[0]
 
 
 def _description(
@@ -210,6 +225,8 @@ def _description(
 def _variable(reference: int, one: _Variable) -> str:
     """Return the element of a variable."""
     start = "" if one.start is None else f' start="{np.float64(one.start).item()!r}"'
+    if one.causality != "output" and one.high < sys.float_info.max:  # an output may leave the range of its start
+        start = f' min="{one.low!r}" max="{one.high!r}"{start}'
     initial = {"input": "", "output": "exact" if start else "calculated", "parameter": "exact"}[one.causality]
     kind = f' initial="{initial}"' if initial else ""
     held = one.causality == "output" and one.unit == "N.m"

@@ -11,8 +11,8 @@ import numpy as np
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification.fit import DEVIATIONS, Fit, fit_elastic
 from fuzzyarm.identification.log import Log
-from fuzzyarm.identification.motion import smoothed
-from fuzzyarm.identification.rigid import BASE, RigidFit, fit_rigid, rigid_arm
+from fuzzyarm.identification.motion import Motion, smoothed
+from fuzzyarm.identification.rigid import BASE, RigidFit, base_of, fit_rigid, rigid_arm
 from fuzzyarm.identification.unknowns import KEPT, UNKNOWNS, arm_of, start_of
 
 __all__ = ["CORRELATED", "Identified", "identify"]
@@ -21,6 +21,10 @@ CORRELATED = 0.2
 """Correlation of neighbouring residuals above which the intervals are too narrow to be believed."""
 
 _DOUBT = 3.0  # standard errors
+UNLIKELY = 30.0
+"""Torques of a log over those of the start, whose masses and lengths are known, from which on their unit is wrong."""
+MOST_LATE = 9  # samples
+INERTIAL = 5  # of `BASE`, the first ones; the others are friction
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -130,9 +134,29 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
             f"the log leads to no arm: least squares give {', '.join(negative)} a value below 0; check signs and "
             "units of the log, and masses and lengths of the start"
         )
+    heavier = float(np.median(np.abs(rigid.base[:INERTIAL] / base_of(start)[:INERTIAL])))
+    unit = (
+        f"its torques are {heavier:.2g} times those of the start: check their unit, and the start's masses and lengths"
+    )
+    if not 1.0 / UNLIKELY < heavier < UNLIKELY:
+        raise ValueError(f"the log leads to no arm: {unit}")
     try:
         fit = fit_elastic(log, motion, rigid_arm(rigid.base, start), start, progress)
         arm = arm_of(fit.theta, start)
     except (ValueError, np.linalg.LinAlgError) as error:
-        raise ValueError(f"the log leads to no arm: {error}; check masses and lengths of the start") from None
+        found = "the simulated arm does not follow it" if isinstance(error, np.linalg.LinAlgError) else error
+        cause = _lag(motion, rigid, start, log.period) or unit
+        raise ValueError(f"the log leads to no arm: {found}; {cause}") from None
     return Identified(arm, start, rigid, fit, len(log.angle), log.period)
+
+
+def _lag(motion: Motion, rigid: RigidFit, start: ArmParameters, period: float) -> str:
+    """Return by how much the torque is late, if the rigid arm fits better with it shifted; empty if not."""
+
+    def left(lag: int) -> float:
+        shifted = motion._replace(torque=np.roll(motion.torque, -lag, axis=0))
+        return float(np.sum((fit_rigid(shifted, start).residual / rigid.residual) ** 2))
+
+    lag = min(range(-MOST_LATE, MOST_LATE + 1), key=left)
+    late, way = f"{abs(lag) * 1e3 * period:g} ms", "late" if lag > 0 else "early"
+    return f"its torque seems to be {late} {way}: shift it by {abs(lag)} sample(s)" if lag else ""

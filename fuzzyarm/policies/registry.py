@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from fuzzyarm.common.registry import Registry
+
 if TYPE_CHECKING:
     from fuzzyarm.envs.physics.equations import AnyArm
     from fuzzyarm.fuzzy_policy.policy import Policy
@@ -101,13 +103,16 @@ _TRAINED = _PACKAGE / "learned_policy" / "policies"
 LEARNED = ("ppo-nominal", "ppo-robust", "ppo-residual")
 """Policies trained with PPO, of each the median seed; their ``policy.json`` says what they were trained on."""
 
-POLICIES: dict[str, NamedPolicy] = {
-    **{name: NamedPolicy(Kind.CONTROLLER, path=_CONTROLLERS / f"{name}.json", has_tip=True) for name in _FUZZY},
-    "computed-torque": NamedPolicy(Kind.LAW, factory=_computed_torque, has_tip=True),
-    "elastic-observer": NamedPolicy(Kind.LAW, factory=_elastic_observer),
-    "adaptive-observer": NamedPolicy(Kind.LAW, factory=_adaptive_observer),
-    **{name: NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
-}
+POLICIES = Registry[NamedPolicy](
+    __name__,
+    {
+        **{name: NamedPolicy(Kind.CONTROLLER, path=_CONTROLLERS / f"{name}.json", has_tip=True) for name in _FUZZY},
+        "computed-torque": NamedPolicy(Kind.LAW, factory=_computed_torque, has_tip=True),
+        "elastic-observer": NamedPolicy(Kind.LAW, factory=_elastic_observer),
+        "adaptive-observer": NamedPolicy(Kind.LAW, factory=_adaptive_observer),
+        **{name: NamedPolicy(Kind.LEARNED, path=_TRAINED / name) for name in (*LEARNED, "learned-observer")},
+    },
+)
 """All policies by name, without the ending `TIP`; `add_policy` adds one."""
 
 _TIPS = tuple(name for name, policy in POLICIES.items() if policy.has_tip)

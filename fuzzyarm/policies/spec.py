@@ -215,7 +215,7 @@ def resolve_all(names: Sequence[str], *, run_code: bool = False) -> dict[str, Po
         if not name.isprintable():
             raise ValueError(f"policy {name!a}: its name holds characters that cannot be printed; rename the file")
     specs = {spec.label: spec for spec in (resolve(name, run_code=run_code) for name in names)}
-    if len(specs) < len(names):
+    if len({label.replace(":", "-") for label in specs}) < len(names):  # as in names of files
         raise ValueError(f"policies {', '.join(names)}: two of them have the same name; rename a file or folder")
     return specs
 

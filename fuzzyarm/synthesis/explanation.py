@@ -8,6 +8,7 @@ from fuzzyarm.synthesis.search import (
     MANY,
     best_solution,
     largest_feasible_alpha,
+    lightness,
     slowest_tried,
     smallest_feasible_gain_bound,
     smallest_feasible_gamma,
@@ -20,11 +21,14 @@ __all__ = ["why_infeasible"]
 MOST_SEARCHED = 4
 """Rules up to which a limit is searched for with the whole model; one design with 32 takes ten seconds."""
 
+LIGHT = 2.0
+"""Inertia of Table 1 over an arm's, above which the default of γ is too much to ask."""
+
 
 def why_infeasible(model: TSModel, specification: Specification) -> str:
     """Return the specification in words and the first limit that would do alone, and by how much.
 
-    The fastest pole is tried first, then α, the gain bound and γ.
+    The fastest pole is tried first, then α, the gain bound and γ; γ before α where it suits a heavier arm.
 
     Where already one vertex of a large model allows too little, its limit is searched for and named: it takes seconds,
     and the limit of all vertices is no larger.
@@ -46,6 +50,11 @@ def why_infeasible(model: TSModel, specification: Specification) -> str:
     pole = smallest_feasible_pole(model, specification)
     if pole is not None:
         return f"{head}; fastest_pole would have to give: the smallest that {works} is about {pole:.3g} 1/s"
+    factor = lightness(model, s) if s.form == "consistent" and s.gamma is not None else 1.0
+    too_small = factor > LIGHT and s.gamma < factor * Specification.gamma  # type: ignore[operator]
+    if too_small and (gamma := smallest_feasible_gamma(model, specification)) is not None:
+        natural = f"{factor * Specification.gamma:.2g} asks the same of this arm as the default does of Table 1"  # type: ignore[operator]
+        return f"{head}; gamma would have to give: the smallest that {works} is about {gamma:.2g}, and {natural}"
     largest = largest_feasible_alpha(model, specification)
     if largest is not None:
         return f"{head}; alpha would have to give: the largest that {works} is about {largest:.3g} 1/s"

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from fuzzyarm.common.bisection import last_that_works
+from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.controller import GAINS, RATES, Controller
 from fuzzyarm.fuzzy_policy.ts_model import TSModel
 from fuzzyarm.synthesis.conic import Problem
@@ -22,6 +23,7 @@ __all__ = [
     "best_solution",
     "error_system",
     "largest_feasible_alpha",
+    "lightness",
     "scaled_gain",
     "scaled_problem",
     "slowest_tried",
@@ -163,6 +165,13 @@ def scaled_problem(model: TSModel, specification: Specification, factor: float) 
 def _stiffness(scaling: Scaling) -> float:
     """Return the unit of joint 1's position gain, U_1/T_1 [N m/rad]."""
     return float(scaling.torque[0] / scaling.state[0])
+
+
+def lightness(model: TSModel, specification: Specification) -> float:
+    """Return the inertia of Table 1 over an arm's, a pure number; γ of the consistent form times it asks the same."""
+    system = error_system(model, specification)
+    paper, own = (_stiffness(Scaling.of(system, arm, 1.0)) for arm in (ArmParameters(), model.parameters))
+    return paper / own
 
 
 def scaled_gain(controller: Controller) -> float:

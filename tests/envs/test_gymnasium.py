@@ -1,5 +1,6 @@
 """The single environment among Gymnasium's own tools: its registry, its wrappers, its checker."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -7,11 +8,17 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import wrappers
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from support.randomisation import ROBUST
 
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
-from fuzzyarm.envs.scenario.paths import Line
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise
+from fuzzyarm.envs.scenario.paths import Line, Spline
+from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
 
 SHORT = JointReference(path=Line((0.4, 0.5), (0.42, 0.5)), duration=0.05)  # 50 steps
@@ -225,3 +232,80 @@ def test_seeds_of_any_size_and_numpys_integers(seed):
 def test_other_seeds_are_refused(wrong):
     with pytest.raises((gym.error.Error, TypeError, ValueError), match=r"[Ss]eed"):
         gym.make("FuzzyArm-v0").reset(seed=wrong)
+
+
+# --- the spec as JSON --------------------------------------------------------------------------------------------
+
+LIGHT = ArmParameters(stiffness=(8e4, 1.6e4))
+
+
+@dataclasses.dataclass(frozen=True)
+class Own:
+    """A force of the user's own."""
+
+    force: float = 1.0
+
+    def at(self, time, tip_velocity):
+        return np.full((*np.shape(time), 2), self.force)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"robot": LIGHT},
+        {
+            "parameters": LIGHT,
+            "reference": JointReference(Spline(((0.4, 0.5), (0.42, 0.52), (0.45, 0.5))), parameters=LIGHT),
+        },
+        {"robot": robot_named("planar-3r").with_payload(0.5), "control_period": np.float64(2e-3)},
+        {
+            "disturbance": Disturbance(
+                ConstantForce((0.0, 30.0), 0.1), Payload(2.0), encoder_noise=EncoderNoise(1e-5, 1e-3)
+            )
+        },
+        {"randomisation": DomainRandomisation(payload=(0.0, 2.0), references=(SHORT, LONG)), "case": "machining"},
+    ],
+    ids=lambda arguments: "-".join(arguments),
+)
+def test_what_the_spec_writes_is_made_again(arguments):
+    made = gym.make("FuzzyArm-v0", **arguments)
+    again = gym.make(EnvSpec.from_json(made.spec.to_json()))
+    assert again.spec.to_json() == made.spec.to_json()
+    assert again.unwrapped.parameters == made.unwrapped.parameters
+    first, _ = made.reset(seed=3)
+    np.testing.assert_array_equal(again.reset(seed=3)[0], first)
+    torque = 0.3 * made.action_space.high
+    for _ in range(20):
+        seen, other = made.step(torque), again.step(torque)
+        np.testing.assert_array_equal(seen[0], other[0])
+        np.testing.assert_array_equal(seen[4]["q_link"], other[4]["q_link"])
+
+
+def test_wrappers_and_batches_write_their_specs_too():
+    wrapped = wrappers.ClipAction(gym.make("FuzzyArm-v0", parameters=LIGHT, max_episode_steps=9))
+    again = gym.make(EnvSpec.from_json(wrapped.spec.to_json()))
+    assert isinstance(again, wrappers.ClipAction) and again.unwrapped.parameters == LIGHT
+    assert steps_until_the_end(again, seed=0) == (9, True)
+    for mode, given in (("vector_entry_point", [LIGHT, ArmParameters()]), ("sync", LIGHT)):
+        envs = gym.make_vec("FuzzyArm-v0", num_envs=2, vectorization_mode=mode, parameters=given)
+        same = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))
+        assert type(same) is type(envs) and same.num_envs == 2
+        np.testing.assert_array_equal(same.reset(seed=0)[0], envs.reset(seed=0)[0])
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"disturbance": Disturbance(tip_force=Own())}, {"reference": object()}], ids=list
+)
+def test_what_cannot_be_made_again_is_not_written(arguments):
+    spec = gym.make("FuzzyArm-v0").spec
+    spec.kwargs |= arguments
+    with pytest.raises(ValueError, match=r"(Own|object).* cannot be written as JSON: give it to gym"):
+        spec.to_json()
+
+
+@pytest.mark.parametrize(
+    "name", ["physics.robot.os", "physics.robot.DIMENSIONS", "nowhere.Robot", "Robot", "..cli.main", 3]
+)
+def test_data_name_records_of_the_package_alone(name):
+    with pytest.raises(ValueError, match=rf"the package has no record {name!r}"):
+        gym.make("FuzzyArm-v0", robot={"record": name})

@@ -703,7 +703,10 @@ BAD_ARGUMENTS = {
     "fewer threads": ({"threads": -2}, "threads = -2 is out of range"),
     "boolean threads": ({"threads": True}, "threads = True must be a whole number"),
     "half threads": ({"threads": 1.5}, r"threads = 1\.5 must be a whole number"),
-    "pictures": ({"render_mode": "rgb_array"}, r"render_mode = 'rgb_array': a batch draws nothing; use gym\.make\("),
+    "pictures": (
+        {"render_mode": "rgb_array"},
+        r"render_mode = 'rgb_array': a batch draws nothing; use gymnasium\.make",
+    ),
     "case": ({"case": "drilling"}, f"^unknown case 'drilling'; {CHOICES}"),
     "one case": ({"case": ["nominal", "nominal", "drilling"]}, f"^lane 2: unknown case 'drilling'; {CHOICES}"),
     "cases": ({"case": ["nominal", "payload"]}, f"case has {ONE_PER_LANE}"),

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -120,6 +121,22 @@ def test_in_float_the_torques_are_near(tmp_path):
     assert 1e-6 < np.abs(own - torque).max() < 1.0
 
 
+@needs_compiler
+def test_the_vectors_of_float_are_answers_of_float(tmp_path, monkeypatch):
+    policy = load_policy("fuzzy-1-tip")
+    header, source, vectors = export_c("law", policy, tmp_path, "float")
+    rows = np.loadtxt(vectors, delimiter=",", skiprows=1)[:, 1:]
+    seen, torque = rows[:, :10], rows[:, 10:]
+    np.testing.assert_array_equal(seen, seen.astype(np.float32))
+    law = CompiledLaw(source, 2, policy.memory_size, "float", COMPILERS[-1])
+    own, _ = law.run(seen[:, np.newaxis], np.arange(len(seen))[:, np.newaxis] == 0)
+    np.testing.assert_array_equal(own[:, 0], torque)
+    doubled, _ = answers(policy, seen[:, np.newaxis], np.arange(len(seen))[:, np.newaxis] == 0)
+    assert np.abs(doubled[:, 0] - torque).max() > 1e-6
+    monkeypatch.setattr("fuzzyarm.export.c_files.compilers", lambda: [])
+    assert export_c("law", policy, tmp_path, "float") == [header, source]
+
+
 @pytest.mark.parametrize("name", ["adaptive-observer", "learned-observer"])
 def test_a_law_that_float_ruins_is_refused_in_it(name, tmp_path, capsys):
     assert main(["export", "c", name, "--number", "float", "--out", str(tmp_path)]) == 2
@@ -145,6 +162,37 @@ def test_the_lines_of_the_page_compile(tmp_path):
     (tmp_path / "board.c").write_text(lines, encoding="utf-8")
     words = [COMPILERS[0], *FLAGS, "-c", str(tmp_path / "board.c"), "-o", str(tmp_path / "board.o")]
     assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
+
+
+@needs_compiler
+def test_two_laws_go_into_one_file_and_their_headers_into_cpp(tmp_path):
+    for name in ("elastic-observer", "fuzzy-1-tip"):
+        export_c(name, load_policy(name), tmp_path)
+    names = ("elastic_observer", "fuzzy_1_tip")
+    (tmp_path / "both.c").write_text("".join(f'#include "{name}.c"\n' for name in names), encoding="utf-8")
+    lines = [f'#include "{name}.h"\n' for name in names]
+    calls = " ".join(f"{name}_state s{k}; {name}_init(&s{k});" for k, name in enumerate(names))
+    (tmp_path / "main.cpp").write_text("".join([*lines, f"int main() {{ {calls} return 0; }}\n"]), encoding="utf-8")
+    words = [COMPILERS[0], *FLAGS, "-c", str(tmp_path / "both.c"), "-o", str(tmp_path / "both.o")]
+    assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
+    if linker := shutil.which("g++") or shutil.which("clang++"):
+        words = [linker, str(tmp_path / "main.cpp"), str(tmp_path / "both.o"), "-o", str(tmp_path / "main")]
+        assert subprocess.run(words, capture_output=True, text=True, check=False).stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "more"),
+    [("arm left", "arm-left", {}), ("arm", "arm", {"name": "computed-torque"}), ("arm", "arm", {"number": "float"})],
+)
+def test_an_export_replaces_no_other_one(first, second, more, tmp_path):
+    law = load_policy("fuzzy-1")
+    files = export_c(first, law, tmp_path)
+    before = [file.read_bytes() for file in files]
+    other = load_policy(more.get("name", "fuzzy-1"))
+    with pytest.raises(ValueError, match=r"arm.*\.[hc] holds something else of the same name: remove it, or choose"):
+        export_c(second, other, tmp_path, more.get("number", "double"))
+    assert export_c(first, law, tmp_path) == files
+    assert [file.read_bytes() for file in files] == before and len(list(tmp_path.iterdir())) == len(files)
 
 
 @needs_compiler

@@ -45,7 +45,9 @@ class Host:
         root = ET.parse(folder / "modelDescription.xml").getroot()
         self.references = {one.get("name"): int(one.get("valueReference")) for one in root.iter("ScalarVariable")}
         self.causality = {one.get("name"): one.get("causality") for one in root.iter("ScalarVariable")}
-        self.guid, self.messages = root.get("guid").encode(), []
+        reals = [(one.get("name"), one.find("Real")) for one in root.iter("ScalarVariable")]
+        self.stated = [(name, one.get("min"), one.get("max")) for name, one in reals if one.get("min")]
+        self.guid, self.messages, self.names = root.get("guid").encode(), [], []
         sources = [str(folder / "sources" / one.get("name")) for one in root.iter("File")]
         library = folder / "model.so"
         words = [compiler or COMPILERS[0], *FLAGS, "-shared", "-fPIC", *sources, "-o", str(library)]
@@ -55,14 +57,18 @@ class Host:
         self.library.fmi2Instantiate.restype = ctypes.c_void_p
         c = ctypes.CDLL(None)
         c.calloc.restype = ctypes.c_void_p
-        log = LOG(lambda *words: self.messages.append(words[-1].decode()))
+        log = LOG(self._log)
         allocate = ALLOCATE(lambda n, size: c.calloc(ctypes.c_size_t(n), ctypes.c_size_t(size)))
         self.callbacks = Callbacks(log, allocate, RELEASE(lambda p: c.free(ctypes.c_void_p(p))), None, None)
         self.instance = None
 
-    def instantiate(self, kind=CO_SIMULATION, guid=None):
+    def _log(self, *words):
+        self.names.append(words[1].decode())
+        self.messages.append(words[-1].decode())
+
+    def instantiate(self, kind=CO_SIMULATION, guid=None, name=b"it"):
         guid = self.guid if guid is None else guid
-        found = self.library.fmi2Instantiate(b"it", kind, guid, None, ctypes.byref(self.callbacks), 0, 0)
+        found = self.library.fmi2Instantiate(name, kind, guid, None, ctypes.byref(self.callbacks), 0, 0)
         self.instance = ctypes.c_void_p(found)
         return found
 
@@ -174,15 +180,70 @@ def test_a_host_that_does_wrong_reads_one_line(tmp_path):
     assert not plant.instantiate(MODEL_EXCHANGE) and not plant.instantiate(guid=b"{another}")
     controller.begin()
     assert controller.step(0.0, 2 * PERIOD) == ERROR and controller.set(["torque1"], [1.0]) == ERROR
-    assert controller.set(["q_motor1"], [np.nan]) == OK and controller.step(0.0) == ERROR
+    assert controller.set(["q_motor1"], [np.nan]) == ERROR
     plant.begin()
     assert plant.step(0.0, 0.4 * PERIOD) == ERROR and plant.set(["q_link1"], [0.1]) == ERROR
     for messages, parts in (
         (plant.messages, ("choose co-simulation", "GUID", "whole number of control periods", "after the init")),
-        (controller.messages, ("must be the control period, 0.001 s", "output", "an input of fuzzy_1 is not finite")),
+        (controller.messages, ("must be the control period, 0.001 s", "output", "q_motor1 [rad]")),
     ):
         assert len(messages) == len(parts)
         assert all(part in message and "\n" not in message for part, message in zip(parts, messages, strict=True))
+
+
+@needs_compiler
+def test_what_a_host_may_set_has_the_ranges_of_the_environment(tmp_path):
+    plant, controller = Host(exported(tmp_path, "plant")), Host(exported(tmp_path, "fuzzy-1"))
+    controller.begin()
+    assert plant.instantiate()
+    tried = {
+        plant: {
+            "payload": (-1e-9, 1e13, -np.inf),
+            "torque1": (np.nan, np.inf),
+            "force_y": (np.nan, 1e13),
+            "q_link2": (3.2,),
+            "dq_motor1": (-15.1,),
+        },
+        controller: {"q_motor1": (9.5,), "dq_motor2": (200.0,), "q_reference2": (-3.2,), "ddq_reference1": (1e5,)},
+    }
+    for host, variables in tried.items():
+        for name, values in variables.items():
+            before = host.get([name])
+            assert {host.set([name], [value]) for value in values} == {ERROR}, name
+            np.testing.assert_array_equal(host.get([name]), before)
+            assert host.messages[-1].startswith(f"{name} [")
+    assert plant.set(["torque1", "payload", "force_x"], [1e300, 1e12, -1e12]) == OK  # torques are clipped
+    assert ("payload", "0.0", "1000000000000.0") in plant.stated and not any("torque" in one[0] for one in plant.stated)
+    low, high = FuzzyArmEnv().observation_space.low, FuzzyArmEnv().observation_space.high
+    names = numbered(*OBSERVED)
+    ends = zip(names, map(repr, low.tolist()), map(repr, high.tolist()), strict=True)
+    assert controller.stated == list(ends)
+
+
+@needs_compiler
+def test_a_robot_whose_range_leaves_out_the_angle_zero_starts_within_it(tmp_path):
+    law = Host(exported(tmp_path, "computed-torque", "--robot", "panda"))
+    law.begin()
+    (low, high) = next((float(low), float(high)) for name, low, high in law.stated if name == "q_reference4")
+    assert low < high < 0.0 and law.get(["q_reference4"]) == high
+
+
+@needs_compiler
+def test_a_host_may_have_any_clock_and_reuse_its_texts(tmp_path):
+    """Steps that a host computes from absolute times, which are rounded, are periods; half a period more is not."""
+    plant = Host(exported(tmp_path, "plant"))
+    text = ctypes.create_string_buffer(b"arm of the left cell")
+    assert plant.instantiate(name=text)
+    plant.library.fmi2ExitInitializationMode(plant.instance)
+    text.value = b"x" * 19
+    for start in (0.0, 1e7, 1.7e9, -1.7e9, 1e12):
+        now = start
+        for k in range(20):
+            after = start + (k + 1) * PERIOD
+            assert plant.step(now, after - now) == OK, (start, k)
+            now = after
+        assert plant.step(now, 1.5 * PERIOD) == ERROR
+    assert set(plant.names) == {"arm of the left cell"} and len(plant.names) == 5
 
 
 def test_the_same_export_gives_the_same_bytes(tmp_path):

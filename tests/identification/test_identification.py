@@ -262,6 +262,30 @@ def test_torques_of_the_wrong_sign_are_not_believed(log):
         identify(dataclasses.replace(log, torque=-log.torque), TRUTH)
 
 
+@pytest.mark.parametrize(
+    ("factor", "lag", "words"),
+    [
+        (1e3, 0, r"its torques are (1|9\.\d)e\+0[23] times those of the start: check their unit"),
+        (0.01, 0, r"its torques are 0\.0(1|0\d+) times those of the start: check their unit"),
+        (1.0, 1, r"the simulated arm does not follow it; its torque seems to be 1 ms late: shift it by 1 sample"),
+        (1.0, 3, r"its torque seems to be 3 ms late: shift it by 3 sample"),
+        (1.0, -2, r"its torque seems to be 2 ms early: shift it by 2 sample"),
+        (2.5, 0, r"does not follow it; its torques are 2\.\d times those of the start: check their unit"),
+    ],
+)
+def test_a_torque_that_is_late_or_in_another_unit_is_named(log, monkeypatch, factor, lag, words):
+    """The search that fails with such a log is left out: it takes half a minute."""
+
+    def lost(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("fuzzyarm.identification.result.fit_elastic", lost)
+    other = dataclasses.replace(log, torque=factor * np.roll(log.torque, lag, axis=0))
+    with pytest.raises(ValueError, match=rf"^the log leads to no arm: .*{words}") as caught:
+        identify(other, wrong())
+    assert "Singular" not in str(caught.value) and "\n" not in str(caught.value)
+
+
 @pytest.mark.slow
 def test_what_noise_hides_is_named_and_kept():
     truth = dataclasses.replace(TRUTH, damping=(1.0, 0.2))

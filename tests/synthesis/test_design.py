@@ -20,8 +20,10 @@ from fuzzyarm.fuzzy_policy.controller import consistent_feedforward
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.fuzzy_policy.proof.certificate import certify
 from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES, PREMISES, TSModel
-from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer
+from fuzzyarm.synthesis import DesignFailed, Specification, describe, design, designer, explanation
 from fuzzyarm.synthesis import search as synthesis_search
+from fuzzyarm.synthesis.explanation import why_infeasible
+from fuzzyarm.synthesis.search import lightness
 
 SUBSETS = [subset for count in range(6) for subset in itertools.combinations(PREMISES, count)]
 # None, one premise of each side, and two of one side and of both.
@@ -168,6 +170,32 @@ def test_the_limit_that_binds_is_named_with_the_value_that_would_do(limit, asked
     for factor, works in ((1.01, True), (0.6, False)):
         solution = synthesis_search.best_solution(model, dataclasses.replace(one, **{limit: factor * named}))
         assert (solution is not None) == works
+
+
+@pytest.mark.parametrize(
+    ("mass", "gamma", "named"),
+    [(1.0, 2e-4, "alpha"), (0.1, 2e-4, "gamma"), (0.1, 1e-2, "alpha"), (0.8, 2e-4, "alpha"), (10.0, 2e-4, "alpha")],
+)
+def test_a_default_for_a_heavier_arm_is_named_first(mass, gamma, named, monkeypatch):
+    """γ is an angle per torque: what is asked of an arm is γ times its inertia."""
+    for search in ("largest_feasible_alpha", "smallest_feasible_gamma"):
+        monkeypatch.setattr(explanation, search, lambda *_: 3.0)
+    arm, scaled = ArmParameters(), ("mass", "inertia", "motor_inertia")
+    light = dataclasses.replace(arm, **{k: tuple(mass * number for number in getattr(arm, k)) for k in scaled})
+    model = TSModel(light, ())
+    assert lightness(model, Specification(kept=())) == pytest.approx(1.0 / mass)
+    text = why_infeasible(model, Specification(kept=(), gamma=gamma))
+    assert f"; {named} would have to give: the " in text
+
+
+@pytest.mark.slow
+def test_the_gamma_that_is_named_for_a_light_arm_works():
+    arm, scaled = ArmParameters(), ("mass", "inertia", "motor_inertia")
+    light = dataclasses.replace(arm, **{k: tuple(0.01 * number for number in getattr(arm, k)) for k in scaled})
+    with pytest.raises(DesignFailed, match="; gamma would have to give: the smallest that works") as caught:
+        design(Specification(kept=(), gamma=2e-7), light)
+    named = float(str(caught.value).partition("is about ")[2].partition(",")[0])
+    assert design(Specification(kept=(), gamma=1.05 * named), light).certificate.proven
 
 
 @pytest.mark.parametrize("field", ["alpha", "gamma", "gain_bound", "fastest_pole"])

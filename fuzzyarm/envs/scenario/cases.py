@@ -16,6 +16,7 @@ import re
 import numpy as np
 
 from fuzzyarm.common.checks import instance, shown, truth
+from fuzzyarm.common.registry import Registry
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -64,12 +65,12 @@ _PAPER = (
 PAPER_CASES: tuple[str, ...] = tuple(case.name for case in _PAPER)
 """The cases of the paper. Evaluations, trainings and comparisons use these unless other cases are named."""
 
-CASES: dict[str, Case] = {case.name: case for case in _PAPER}
+CASES = Registry[Case](__name__, {case.name: case for case in _PAPER})
 """All known cases by name; `add_case` adds one."""
 
 
 def add_case(case: Case) -> None:
-    """Register a case under its name; ValueError if the name is taken."""
+    """Make a case known by its name to this process and to the workers of its sweeps; ValueError if it is taken."""
     if case.name in CASES:
         raise ValueError(f"there is a case {case.name!r} already: {CASES[case.name].title}; choose another name")
     CASES[case.name] = case
@@ -78,7 +79,10 @@ def add_case(case: Case) -> None:
 def find_case(name: str) -> Case:
     """Return the case called `name`; ValueError names the choices."""
     if not isinstance(name, str) or name not in CASES:
-        raise ValueError(f"unknown case {shown(name)}; choose from: {', '.join(CASES)}")
+        raise ValueError(
+            f"unknown case {shown(name)}; choose from: {', '.join(CASES)} (add_case adds another, in each process that "
+            "uses it)"
+        )
     return CASES[name]
 
 

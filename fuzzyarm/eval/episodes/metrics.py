@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.registry import Registry
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.episodes.rollout import Rollout
 
@@ -143,7 +144,7 @@ _ALL = (
     ),
 )
 
-METRICS: dict[str, Metric] = {metric.name: metric for metric in _ALL}
+METRICS = Registry[Metric](__name__, {metric.name: metric for metric in _ALL})
 """All metrics by name, in the order of the results' columns; `add_metric` adds one at the end."""
 
 

@@ -30,6 +30,7 @@ from fuzzyarm.eval.episodes.metrics import metrics_of
 from fuzzyarm.eval.episodes.passes import record_passes
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.episodes.rollout_file import digest
+from fuzzyarm.eval.evaluation.saturation import saturation
 from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.policies import COMPARED, PolicySpec, recorded, resolve_all
 from fuzzyarm.policies.declared import Declared
@@ -177,7 +178,8 @@ class Evaluation:
     """The outcome: rollouts, one row of metrics for each, certificates by policy, and what it was made with.
 
     `certificates` are in words, `bounds` in numbers: `text` and `bounds` of `PolicyCertificate`. `declared` says what
-    each policy was chosen for, knows, sees and remembers; None of one that does not say it.
+    each policy was chosen for, knows, sees and remembers; None of one that does not say it. `remarks` are lines about
+    policies that are at a torque limit for long.
     """
 
     config: EvaluationConfig
@@ -187,6 +189,7 @@ class Evaluation:
     bounds: dict[str, dict[str, Any] | None]
     made_with: dict[str, Any]
     declared: dict[str, Declared | None]
+    remarks: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -259,7 +262,8 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         **current_provenance(),
         "policy_files": {label: spec.files() for label, spec in specs.items()},
     }
-    return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations)
+    remarks = saturation(rollouts, policies, config.arm, config.control_period)
+    return Evaluation(config, rollouts, rows, certificates, bounds, made_with, declarations, remarks)
 
 
 def _row(run: Rollout, passes: Sequence[Rollout]) -> dict[str, Any]:

@@ -172,10 +172,14 @@ def margins_in_words(policy: Linearisable, arm: AnyArm, control_period: float) -
     """Return the margins of one policy as a paragraph, for a control period [s]; see `policy_margins`."""
     found = policy_margins(policy, arm, control_period)
     radii = [f"{name} {_radius_cell(radius)}" for name, radius in found["spectral_radius"].items()]
-    limits = [f"{LIMITS[key].heading} {'-' if n is None else f'{n:.2f}'}" for key, n in found["loop_gain"].items()]
+    lower, upper, later = (
+        found["reasons"].get(key) or f"stable {ways} to {found['loop_gain'][key]:.2f} times its loop gain"
+        for key, ways in zip(LIMITS, ("down", "up", "up"), strict=True)
+    )
     text = (
         f"On the elastic arm, sampled every {1e3 * control_period:g} ms, linearised at {POSTURES} postures of its "
-        f"default path (measured, not proven), spectral radius: {', '.join(radii)}; stable for {' '.join(limits)}"
+        f"default path (measured, not proven), spectral radius: {', '.join(radii)}; "
+        f"{' and '.join(dict.fromkeys((lower, upper)))}, one sample later {later}"
     )
     return "\n\n".join([text, *_warnings(found["spectral_radius"])])
 

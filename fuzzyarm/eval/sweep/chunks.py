@@ -15,7 +15,6 @@ from fuzzyarm.eval.sweep.identity import difference, made_with
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD
 from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.store import Store
-from fuzzyarm.eval.sweep.user_modules import module_sources
 from fuzzyarm.fuzzy_policy.policy import Predictor
 
 __all__ = ["Chunk", "load_policies", "run_chunk", "run_missing"]
@@ -67,8 +66,7 @@ def run_missing(
         OSError: a chunk cannot be written.
     """
     work = functools.partial(run_chunk, store.config, policies)
-    sources = module_sources(store.specs.values())
-    with contextlib.closing(engine.run(work, store.missing(), report, sources)) as chunks:
+    with contextlib.closing(engine.run(work, store.missing(), report)) as chunks:
         for number, chunk in chunks:
             if found := difference(chunk.made_with, made_with()):
                 raise ValueError(

@@ -17,7 +17,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fuzzyarm.common.checks import choice, whole
+from fuzzyarm.common.registry import additions, adopt
 from fuzzyarm.eval.sweep.losses import TRIES, WorkersLost
+from fuzzyarm.eval.sweep.user_modules import module_sources
 
 __all__ = ["BACKENDS", "Engine", "Report"]
 
@@ -65,7 +67,6 @@ class Engine:
         work: Callable[[int], Result],
         numbers: Sequence[int],
         report: Report = lambda _: None,
-        modules: Sequence[Path] = (),
     ) -> Generator[tuple[int, Result]]:
         """Yield (number, work(number)) for all numbers, in the order in which they are done.
 
@@ -73,8 +74,9 @@ class Engine:
             work: what is done; it is pickled and sent to the workers, and must give the same result on each.
             numbers: different from each other.
             report: called with a line whenever a worker was lost.
-            modules: package folders and module files of the user's that `work` needs. Workers on this machine import
-                them from where they are; to a Ray cluster they are sent.
+
+        Workers know what was added by name to this process. Those of this machine import the user's modules that `work`
+        needs from where they are; to a Ray cluster the modules are sent.
 
         Raises:
             WorkersLost: nothing was done between `TRIES` losses of workers, or one piece of work lost as many.
@@ -84,7 +86,7 @@ class Engine:
 
         piece = self._piece(work)
         missing, losses = dict.fromkeys(numbers), 0
-        with self._workers(report, modules):
+        with self._workers(report, module_sources(piece.content) if isinstance(piece, _Piece) else ()):
             while missing:
                 try:
                     # Workers that die early break the executor while work is still being submitted.
@@ -105,16 +107,17 @@ class Engine:
                     report(f"a worker died; {len(missing)} chunks that are not done yet are run again")
 
     def _piece(self, work: Callable[[int], Result]) -> Callable[[int], tuple[int, Result]]:
-        """Return the function that workers call: `work` as it is for this process, otherwise pickled once."""
+        """Return the function that workers call: `work` itself here, otherwise pickled once with the additions."""
         import cloudpickle  # type: ignore[import-untyped]
 
         if self.jobs == 1:
             return lambda number: (number, work(number))
         try:
-            content = cloudpickle.dumps(work)
+            content = cloudpickle.dumps((additions(), work))
         except (AttributeError, TypeError, pickle.PicklingError) as error:
             raise ValueError(
-                f"the policies cannot be sent to other processes ({error}): use --jobs 1, or make them picklable"
+                f"policies, or what was added by name, cannot be sent to other processes ({error}): use --jobs 1, or "
+                "make them picklable"
             ) from None
         return _Piece(content, tuple(sys.path) if self.backend == "local" else ())
 
@@ -162,8 +165,8 @@ class _Piece:
     """A piece of work as it travels to a worker.
 
     Attributes:
-        content: the pickled work. It stays pickled until the worker's `paths` are set, as unpickling may import the
-            user's modules; and every piece gets a copy of its own, so that no policy carries memory to the next.
+        content: additions and work, pickled. They stay so until the worker's `paths` are set, as unpickling may import
+            the user's modules; and every piece gets a copy of its own, so that no policy carries memory to the next.
         paths: folders that the worker imports from, as the process that started the sweep does.
     """
 
@@ -173,4 +176,6 @@ class _Piece:
     def __call__(self, number: int) -> tuple[int, Any]:
         """Run the work for a number and return both."""
         sys.path += [path for path in self.paths if path not in sys.path]
-        return number, pickle.loads(self.content)(number)
+        added, work = pickle.loads(self.content)
+        adopt(added)
+        return number, work(number)

@@ -1,4 +1,4 @@
-"""What the numbers of a sweep depend on: its configuration, the code, the versions, and the files of its policies.
+"""What the numbers of a sweep depend on: its configuration, the code, versions, added cases and files of its policies.
 
 Results of different identities are never mixed in one folder.
 """
@@ -9,13 +9,17 @@ import functools
 import hashlib
 import json
 import platform
+import re
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import fuzzyarm
 from fuzzyarm.common.checks import listed
+from fuzzyarm.envs.scenario.cases import CASES, INSTANTS, Case
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.user_modules import module_files
 from fuzzyarm.policies import PolicySpec
@@ -55,7 +59,10 @@ def sweep_identity(config: SweepConfig, specs: Mapping[str, PolicySpec]) -> dict
         OSError: a policy's file cannot be read.
     """
     files = {label: spec.files() | module_files(spec) for label, spec in specs.items()}
-    return {"numbers": config.numbers(), "policies": files, "made_with": made_with()}
+    axes = 2 if config.robot is None else 3
+    added = {name: _described(case, axes) for name, case in CASES.added().items() if name in config.cases}
+    identity = {"numbers": config.numbers(), "policies": files, "made_with": made_with()}
+    return identity | {"cases": added} if added else identity
 
 
 def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
@@ -86,6 +93,15 @@ def _digest_of(paths: Iterable[Path]) -> str:
             if file.is_file() and "__pycache__" not in file.parts:
                 digest.update(file.relative_to(path.parent).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+def _described(case: Case, axes: int) -> str:
+    """Return a digest of what an added case does: its fields as text, and its tip force at some instants."""
+    force, t = case.disturbance.tip_force, np.linspace(0.0, 2.0, INSTANTS)
+    text = re.sub(r" at 0x[0-9a-f]+", "", repr(case))
+    velocity = np.stack([np.cos(t), np.sin(t), t][:axes], axis=-1)
+    forces = b"" if force is None else np.asarray(force.at(t, velocity)).tobytes()
+    return hashlib.sha256(text.encode() + forces).hexdigest()
 
 
 def _short(value: Any) -> str:

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.array_files import read_arrays
-from fuzzyarm.common.checks import instance
+from fuzzyarm.common.checks import instance, listed
 from fuzzyarm.common.documents import DocumentError, check_schema, read_json
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.sweep.config import SHOWN, SweepConfig
 from fuzzyarm.eval.sweep.identity import difference, digest_of_identity, sweep_identity
 from fuzzyarm.eval.sweep.results import METRICS, SweepResults
@@ -109,8 +110,8 @@ class Store:
         found = found_again(config.policies, then["policies"], named, folder)
         specs = {label: resolve(spec.name, run_code=spec.name in named) for label, spec in resolve_all(found).items()}
         now = sweep_identity(config, specs)
-        for name, what in (("made_with", "versions"), ("policies", "policy files")):
-            if changed := difference(then[name], now[name]):
+        for name, what in (("made_with", "versions"), ("policies", "policy files"), ("cases", "added cases")):
+            if changed := difference(then.get(name, {}), now.get(name, {})):
                 raise ValueError(
                     f"{folder} was begun with other {what} than there are now ({changed}), and results are not mixed: "
                     "begin anew in another folder"
@@ -177,10 +178,14 @@ def _read_run(path: Path) -> tuple[SweepConfig, dict[str, Any], str]:
         raise ValueError(f"{error}; begin anew in another folder") from None
     try:
         document = check_schema(content, SCHEMA)
-        config, digest = SweepConfig.from_dict(document["config"]), document["digest"]
-        then = {name: instance(name, document[name], dict) for name in ("numbers", "policies", "made_with")}
+        parts = ("numbers", "policies", "made_with", *({"cases"} & document.keys()))
+        then = {name: instance(name, document[name], dict) for name in parts}
+        unknown = [name for name in then.get("cases", ()) if name not in CASES]
+        config, digest = None if unknown else SweepConfig.from_dict(document["config"]), document["digest"]
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} cannot be used ({_line(error)}): begin anew in another folder") from None
+    if config is None:
+        raise ValueError(f"{path} runs cases that this process lacks: add them with add_case: {listed(unknown)}")
     if digest != digest_of_identity(then) or then["numbers"] != json.loads(json.dumps(config.numbers())):
         raise ValueError(f"{path} was changed after the sweep began: begin anew in another folder")
     return config, then, digest

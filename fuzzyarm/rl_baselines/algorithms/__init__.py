@@ -6,6 +6,7 @@ import importlib
 import pkgutil
 from collections.abc import Iterator
 
+from fuzzyarm.common.registry import Registry
 from fuzzyarm.rl_baselines.algorithm import AlgorithmSpec
 from fuzzyarm.rl_baselines.config import TrainingConfig
 
@@ -18,7 +19,7 @@ def _shipped() -> Iterator[AlgorithmSpec]:
         yield importlib.import_module(f"{__name__}.{module.name}").SPEC
 
 
-ALGORITHMS: dict[str, AlgorithmSpec] = {spec.name: spec for spec in _shipped()}
+ALGORITHMS = Registry[AlgorithmSpec](__name__, {spec.name: spec for spec in _shipped()})
 """All known algorithms by name."""
 
 

@@ -321,3 +321,21 @@ def test_a_design_that_is_unstable_on_the_elastic_arm_is_warned_of_in_words() ->
     assert "WARNING" not in margins_in_words(shipped, ArmParameters(), 1e-3)
     text = margins_in_words(hasty, ArmParameters(), 1e-3)
     assert "WARNING: what is proven is proven for the rigid arm" in text and "raise --gamma" in text
+
+
+def test_the_gain_margins_of_a_design_are_a_sentence(monkeypatch) -> None:
+    found = {
+        "spectral_radius": {"nominal": 0.98},
+        "loop_gain": {"lower": 0.234, "upper": 4.13, "upper_one_sample_later": 1.96},
+        "reasons": {},
+    }
+    monkeypatch.setattr("fuzzyarm.eval.stability.margins.policy_margins", lambda *_: found)
+    words = margins_in_words(load_policy("fuzzy-1"), ArmParameters(), 1e-3)
+    assert words.endswith(
+        "nominal 0.9800; stable down to 0.23 times its loop gain and stable up to 4.13 times its loop gain, "
+        "one sample later stable up to 1.96 times its loop gain"
+    )
+    own = "unstable with its own loop gain"
+    found |= {"loop_gain": dict.fromkeys(found["loop_gain"]), "reasons": dict.fromkeys(found["loop_gain"], own)}
+    words = margins_in_words(load_policy("fuzzy-1"), ArmParameters(), 1e-3)
+    assert words.endswith(f"nominal 0.9800; {own}, one sample later {own}")

@@ -1,14 +1,21 @@
 """Work on many workers: the same results from all, and complete results whichever worker dies."""
 
+import dataclasses
+import importlib
 import os
 import signal
 import threading
 import time
 
+import cloudpickle
+import numpy as np
 import pytest
 
+from fuzzyarm.envs.scenario.cases import CASES, Case, add_case, find_case
+from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.losses import WorkersLost
+from fuzzyarm.eval.sweep.user_modules import module_sources
 
 
 def slow(number):
@@ -111,3 +118,52 @@ def test_work_that_cannot_be_pickled_runs_in_this_process_alone():
     assert dict(Engine(jobs=1).run(locked, [2])) == {2: 2}
     with pytest.raises(ValueError, match=r"cannot be sent to other processes .*use --jobs 1"):
         list(Engine(jobs=2).run(locked, [2]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Push:
+    force: float
+
+    def at(self, time, tip_velocity):
+        return np.full((*np.shape(time), 2), self.force)
+
+
+PUSHED = Case("pushed", "Case 4: pushed", Disturbance(tip_force=Push(30.0)))
+
+
+@pytest.fixture
+def pushed():
+    """The case, which is forgotten at the end."""
+    add_case(PUSHED)
+    yield
+    CASES.pop("pushed", None)
+
+
+def loads(number):
+    return find_case("pushed").disturbance.tip_force.force
+
+
+def test_work_travels_with_what_was_added_by_name(pushed):
+    """As to a process that knows nothing of it, and to one where the name means something else."""
+    piece = Engine(jobs=2)._piece(loads)
+    for known in ({}, {"pushed": dataclasses.replace(PUSHED, disturbance=Disturbance())}):
+        del CASES["pushed"]
+        CASES.update(known)
+        assert piece(3) == (3, 30.0)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("pushed")
+def test_processes_know_what_was_added_by_name():
+    assert dict(Engine(jobs=2).run(loads, range(3))) == dict.fromkeys(range(3), 30.0)
+
+
+def test_the_modules_that_work_refers_to_are_sent_to_a_cluster(tmp_path, monkeypatch):
+    """Those of a policy and of a case alike, not what every machine has, nor what is run."""
+    (tmp_path / "pushes").mkdir()
+    (tmp_path / "pushes" / "__init__.py").touch()
+    (tmp_path / "pushes" / "side.py").write_text("class Side:\n    pass\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    side = importlib.import_module("pushes.side")
+    work = [side.Side(), dataclasses.fields, np.float64, Engine, "__main__"]
+    assert module_sources(cloudpickle.dumps(work)) == (tmp_path / "pushes",)

@@ -9,6 +9,8 @@ import pytest
 
 import fuzzyarm
 from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.cases import CASES, Case, add_case
+from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.identity import SOURCES, difference, digest_of_identity, made_with, sweep_identity
 from fuzzyarm.eval.sweep.store import Store
@@ -68,3 +70,22 @@ def test_the_sweep_of_a_robot_is_opened_again_and_another_robot_is_refused(tmp_p
     assert Store.open(tmp_path, {"robot": robot}).config == config
     with pytest.raises(ValueError, match="choose another --out"):
         Store.open(tmp_path, {"robot": robot.with_payload(0.1)})
+
+
+def test_a_sweep_of_an_added_case_goes_on_only_where_the_case_is_known_and_the_same(tmp_path):
+    pushes = [
+        Case("pushed", "Case 4: pushed", Disturbance(tip_force=ConstantForce((0.0, force)))) for force in (30.0, 31.0)
+    ]
+    add_case(pushes[0])
+    try:
+        config = SweepConfig(policies=("computed-torque",), cases=("pushed", "nominal"), plants=2)
+        Store.create(tmp_path, config)
+        assert Store.open(tmp_path).config == config
+        CASES["pushed"] = pushes[1]
+        with pytest.raises(ValueError, match="begun with other added cases"):
+            Store.open(tmp_path)
+        del CASES["pushed"]
+        with pytest.raises(ValueError, match=r"this process lacks: add them with add_case: pushed$"):
+            Store.open(tmp_path)
+    finally:
+        CASES.pop("pushed", None)

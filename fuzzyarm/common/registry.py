@@ -1,0 +1,39 @@
+"""Things known by name, those of the package and those that were added; worker processes are told of what was added."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+__all__ = ["Registry", "additions", "adopt"]
+
+Thing = TypeVar("Thing")
+
+_REGISTRIES: dict[str, Registry[Any]] = {}  # by the module that each is in
+
+
+class Registry(dict[str, Thing]):
+    """Things by name; what is added to those that it is made with belongs to the `additions` of this process."""
+
+    def __init__(self, home: str, shipped: Mapping[str, Thing]) -> None:
+        """Begin with what the package ships; `home` is the name of the module that holds the registry."""
+        super().__init__(shipped)
+        self.shipped = frozenset(shipped)
+        _REGISTRIES[home] = self
+
+    def added(self) -> dict[str, Thing]:
+        """Return what was added, by name."""
+        return {name: thing for name, thing in self.items() if name not in self.shipped}
+
+
+def additions() -> dict[str, dict[str, Any]]:
+    """Return what was added to each registry of this process, by the registry's module, for `adopt`."""
+    return {home: added for home, registry in _REGISTRIES.items() if (added := registry.added())}
+
+
+def adopt(added: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add the `additions` of another process; a name that was added before means the new thing from now on."""
+    for home, things in added.items():
+        importlib.import_module(home)
+        _REGISTRIES[home].update(things)

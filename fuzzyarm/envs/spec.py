@@ -1,0 +1,76 @@
+"""The environment's spec as JSON: objects among its arguments are written as data and made again, or refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import functools
+import importlib
+import json
+import os
+from collections.abc import Callable
+from typing import Any, ParamSpec
+
+import numpy as np
+from gymnasium.envs.registration import EnvSpec, WrapperSpec
+
+from fuzzyarm.common.checks import shown
+
+__all__ = ["Spec", "made_from_json"]
+
+Arguments = ParamSpec("Arguments")
+_KIND, _HOME = "record", "fuzzyarm.envs."  # as data, a record of the package names its class under this key
+
+
+class Spec(EnvSpec):
+    """A spec whose `to_json` writes what `gymnasium.make` and `make_vec` make again from `EnvSpec.from_json`."""
+
+    def to_json(self) -> str:
+        """Return the spec as JSON; ValueError for an argument that is neither data nor a record of the package."""
+        return json.dumps(_fields(self), default=_plain)
+
+
+def made_from_json(init: Callable[Arguments, None]) -> Callable[Arguments, None]:
+    """Let an environment take arguments as `Spec.to_json` writes them."""
+
+    @functools.wraps(init)
+    def made(*given: Arguments.args, **named: Arguments.kwargs) -> None:
+        init(*given, **{name: _made(value) for name, value in named.items()})
+
+    return made
+
+
+def _fields(one: Any) -> dict[str, Any]:
+    return {field.name: getattr(one, field.name) for field in dataclasses.fields(one) if field.init}
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON does not know as what it knows."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, enum.Enum):
+        return value.value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, WrapperSpec):
+        return _fields(value)
+    home, kind = type(value).__module__, type(value).__qualname__
+    if dataclasses.is_dataclass(value) and home.startswith(_HOME) and kind.isidentifier():
+        return {_KIND: f"{home.removeprefix(_HOME)}.{kind}", **_fields(value)}
+    raise ValueError(f"{shown(value)} cannot be written as JSON: give it to gymnasium.make again instead")
+
+
+def _made(value: Any, inside: bool = False) -> Any:
+    """Return what `_plain` was given; a sequence is a tuple `inside` a record, and a list elsewhere."""
+    if isinstance(value, list):
+        return (tuple if inside else list)(_made(entry, inside) for entry in value)
+    if not isinstance(value, dict) or _KIND not in value:
+        return value
+    home, _, kind = str(value[_KIND]).rpartition(".")
+    try:
+        made = getattr(importlib.import_module(_HOME + home), kind)
+    except (AttributeError, ImportError):
+        made = None
+    if not (isinstance(made, type) and dataclasses.is_dataclass(made)):
+        raise ValueError(f"the package has no {_KIND} {shown(value[_KIND])}")
+    return made(**{name: _made(entry, inside=True) for name, entry in value.items() if name != _KIND})
