@@ -27,19 +27,10 @@ def _circularity(
     for end, paper in papers.items():
         quantity, measure = _ENDS[end]
         claims.append(
-            Claim(
-                key=f"case-{number}-{end}-{side}",
-                where=f"6.2, Fig. {number + 3}",
-                says=says,
-                quantity=f"circularity error, Case {number}, {side}, {quantity}",
-                unit="mm",
-                paper=paper,
-                decimals=1,
-                measure=m.circularity(case, side, measure),
-                reason=reason,
-                tolerance=SIMULATED_MM,
-            )
-        )
+            Claim(f"case-{number}-{end}-{side}", f"6.2, Fig. {number + 3}", says,
+                  f"circularity error, Case {number}, {side}, {quantity}", "mm", paper,
+                  m.circularity(case, side, measure), decimals=1, reason=reason, tolerance=SIMULATED_MM)
+        )  # fmt: skip
     return claims
 
 
@@ -55,54 +46,20 @@ ROLLOUTS: tuple[Claim, ...] = (
     *_circularity(3, "payload", "tip", "a figure", {"inmost": None, "outmost": None}, reasons.NO_NUMBER),
     *_circularity(3, "payload", "motors", "a figure", {"inmost": None, "outmost": None}, reasons.NO_NUMBER),
     *(
-        Claim(
-            key=f"worst-case-{side}",
-            where="6.2",
-            says="the worst one being Case 2",
-            quantity=f"largest circularity error, {side}, Case 2 over Case 3",
-            unit="-",
-            paper=1.0,
-            comparison="more than",
-            measure=m.worst_case(side),
-            reason=reasons.WORST,
-            tolerance=SIMULATED,
-        )
+        Claim(f"worst-case-{side}", "6.2", "the worst one being Case 2",
+              f"largest circularity error, {side}, Case 2 over Case 3", "-", 1.0, m.worst_case(side),
+              comparison="more than", reason=reasons.WORST, tolerance=SIMULATED)
         for side in ("tip", "motors")
     ),
     *(
-        Claim(
-            key=f"peak-torque-{joint}",
-            where="6.2, Fig. 7",
-            says="the maximal required torques are 228 Nm for joint 1 and 47 Nm for joint 2",
-            quantity=f"largest torque of joint {joint}, Case 1",
-            unit="N m",
-            paper=paper,
-            measure=m.peak_torque(joint - 1),
-            reason=reasons.PEAKS,
-            tolerance=SIMULATED,
-        )
+        Claim(f"peak-torque-{joint}", "6.2, Fig. 7",
+              "the maximal required torques are 228 Nm for joint 1 and 47 Nm for joint 2",
+              f"largest torque of joint {joint}, Case 1", "N m", paper, m.peak_torque(joint - 1), reason=reasons.PEAKS,
+              tolerance=SIMULATED)
         for joint, paper in ((1, 228.0), (2, 47.0))
     ),
-    Claim(
-        key="end",
-        where="6.1.3",
-        says="executed in a duration of 1.5 s",
-        quantity="end of the shortest episode of the three cases",
-        unit="s",
-        paper=1.5,
-        decimals=1,
-        measure=m.shortest_episode,
-        tolerance=SIMULATED,
-    ),
-    Claim(
-        key="feedforward-at-rest",
-        where="6.2, L_11",
-        says="no number",
-        quantity="torque of joint 1 that L asks for at t = 0",
-        unit="N m",
-        paper=None,
-        measure=m.feedforward_at_rest,
-        reason=reasons.FREE_L,
-        tolerance=COMPUTED,
-    ),
-)
+    Claim("end", "6.1.3", "executed in a duration of 1.5 s", "end of the shortest episode of the three cases", "s", 1.5,
+          m.shortest_episode, decimals=1, tolerance=SIMULATED),
+    Claim("feedforward-at-rest", "6.2, L_11", "no number", "torque of joint 1 that L asks for at t = 0", "N m", None,
+          m.feedforward_at_rest, reason=reasons.FREE_L, tolerance=COMPUTED),
+)  # fmt: skip
