@@ -222,7 +222,7 @@ class Policy(abc.ABC):
         return result
 
     def _meets(self, period: float, sure: bool) -> bool:
-        """Become the policy for a control period [s] and return True; or, if sure, warn that this one is for another."""
+        """Become the policy for a control period [s] and return True; else warn, if it is sure."""
         reason = ""
         if self.remake is not None:
             try:

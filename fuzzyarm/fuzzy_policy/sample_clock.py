@@ -67,7 +67,9 @@ class SampleClock:
         `state` is what came with it: the observation follows the last one if that is what `returned` was then.
         """
         seen, period = observation.copy(), 0.0
-        if self.samples and (state is self.returned or np.array_equal(state, self.returned)):
+        # Memories that are still empty are equal in any two episodes.
+        copied = self.returned is not None and np.any(self.returned) and np.array_equal(state, self.returned)
+        if self.samples and (state is self.returned or copied):
             period = period_between(self.samples[-1][0], seen[0])
         self.sure = period > 0.0 and abs(period - self._found) <= TOLERANCE * period
         self._found = period

@@ -54,7 +54,8 @@ NAMED_RULES = {
 
 # sinc x = sin x / x has its minimum -0.21723362821122165740... where tan x = x (x = 4.4934...); rounded outwards.
 SINC_MINIMUM = Fraction("-0.2172336282112217")
-# Bounds are widened by this share of their range, far more than a premise loses by rounding in floating point.
+# Bounds are widened by this share of their range, far more than a premise loses by rounding in floating point; by this
+# number where the range is a point, as those of z2 and z3 without gravity: a weight divides by its width.
 GUARD = Fraction(1, 10**12)
 
 
@@ -78,7 +79,7 @@ def premise_bounds(parameters: ArmParameters) -> np.ndarray:
 
 def _outwards(low: Fraction, high: Fraction, side: int) -> float:
     """Return the float beyond `low` (side -1) or `high` (side 1), widened by the guard."""
-    target = (low if side < 0 else high) + side * GUARD * (high - low)
+    target = (low if side < 0 else high) + side * GUARD * (high - low or 1)
     rounded = float(target)
     return rounded if side * (Fraction(rounded) - target) >= 0 else math.nextafter(rounded, side * math.inf)
 

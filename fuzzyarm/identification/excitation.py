@@ -166,7 +166,7 @@ def condition_of(motion: Excitation, arm: ArmParameters) -> float:
     stacked = np.concatenate([row / limit for row, limit in zip(rows, arm.torque_limit, strict=True)])
     size = np.sqrt(np.mean(stacked**2, axis=0))
     scale = np.maximum(np.abs(base_of(arm)), 1e-2 / np.maximum(size, 1e-12))
-    singular = np.linalg.svd(stacked * scale, compute_uv=False)
+    singular = np.linalg.svd((stacked * scale)[:, size > 0.0], compute_uv=False)  # without gravity one moves nothing
     return float(singular[0] / max(singular[-1], 1e-300))
 
 

@@ -105,6 +105,7 @@ def fit_rigid(motion: Motion, start: ArmParameters) -> RigidFit:
         stacked = np.concatenate([y / sigma for (y, _), sigma in zip(parts, noise, strict=True)])
         known = np.concatenate([value / sigma for (_, value), sigma in zip(parts, noise, strict=True)])
         size = np.linalg.norm(stacked, axis=0)
+        exciting = np.count_nonzero(size)
         size[size == 0.0] = 1.0
         scaled, _, _, singular = np.linalg.lstsq(stacked / size, known, rcond=1e-12)
         base = scaled / size
@@ -118,7 +119,7 @@ def fit_rigid(motion: Motion, start: ArmParameters) -> RigidFit:
     for joint in range(2):
         ways = [np.mean(fast[:, joint] & (side * dq[:, joint] > 0.0)) for side in (-1.0, 1.0)]
         untold |= (min(ways) < LEAST_MOVING) & np.array([f"[{joint}]" in name for name in BASE])
-    condition = float(singular[0] / max(singular[-1], 1e-300))
+    condition = float(singular[0] / max(singular[exciting - 1], 1e-300))
     return RigidFit(base, error, condition, np.array(found), tuple(np.array(BASE)[untold].tolist()))
 
 

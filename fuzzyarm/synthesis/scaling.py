@@ -71,7 +71,6 @@ class Scaling:
                 for b in system.uncertainties
             ]
         )
-        balance[balance == 0.0] = 1.0  # what is left out is nothing, as gravity on a horizontal arm
         return cls(time, state, row, torque, disturbance, lyapunov, balance)
 
     def apply(self, system: ErrorModel) -> ErrorModel:

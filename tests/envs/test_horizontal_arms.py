@@ -1,0 +1,121 @@
+"""Arms that gravity does not move: none acts on them, or it points along their axes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from fuzzyarm import load_policy
+from fuzzyarm.cli import main
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.perspective import in_space
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import Robot, robot_named
+from fuzzyarm.envs.scenario.cases import case_for, load_scale
+from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
+from fuzzyarm.fuzzy_policy.ts_model import TSModel, premise_bounds, premises
+from fuzzyarm.identification.excitation import condition_of, suggested
+from fuzzyarm.synthesis import Specification, design
+
+FLAT = ArmParameters(
+    gravity=0.0,
+    length=(0.325, 0.275),
+    mass=(7.0, 5.0),
+    mass_center=(0.16, 0.13),
+    inertia=(0.12, 0.06),
+    motor_inertia=(1.2, 0.5),
+    stiffness=(2e4, 1e4),
+    damping=(6.0, 3.0),
+)
+PLANAR = robot_named("planar-3r")
+ARMS = {
+    "two joints": FLAT,
+    "robot of two joints": Robot.of(FLAT),
+    "none": dataclasses.replace(PLANAR, gravity=(0.0, 0.0, 0.0)),
+    "along the axes": dataclasses.replace(Robot.of(FLAT), gravity=(0.0, 0.0, -9.81)),
+    "cicese": robot_named("cicese"),
+}
+# Structures of their own, whose kernels take half a minute to compile.
+MARKS = dict.fromkeys(("none", "along the axes"), pytest.mark.slow)
+
+
+def test_two_joints_without_gravity_are_an_arm_and_negative_gravity_is_none():
+    assert ArmParameters(gravity=0.0).gravity == 0.0
+    with pytest.raises(ValueError, match=r"gravity = -1\.0 m/s\^2 is out of range; allowed: \[0, 1e\+12\]"):
+        ArmParameters(gravity=-1.0)
+
+
+@pytest.mark.parametrize("arm", [FLAT, ARMS["robot of two joints"], ARMS["along the axes"]])
+def test_a_payload_that_no_motor_holds_is_the_papers_share_of_the_links(arm):
+    """5 kg of 24 kg; 12 kg of links then carry 2.5 kg."""
+    assert case_for("payload", arm).disturbance.payload.mass == 2.5
+    assert case_for("payload", arm).title == "Case 3: 2.5 kg payload"
+    assert load_scale(arm if isinstance(arm, Robot) else Robot.of(arm))[1] == 0.5
+
+
+def test_gravity_that_has_a_leverage_keeps_its_loads():
+    weaker = tuple(0.165 * component for component in PLANAR.gravity)  # as on the moon
+    lighter = dataclasses.replace(PLANAR, gravity=weaker)
+    assert case_for("payload", lighter) == case_for("payload", PLANAR)
+    assert {name: load_scale(robot_named(name)) for name in ("cicese", "manutec-r3", "panda", "planar-3r", "ur5")} == {
+        "cicese": (0.067, 0.067),
+        "manutec-r3": (1.7, 1.7),
+        "panda": (0.18, 0.27),
+        "planar-3r": (0.32, 0.54),
+        "ur5": (0.39, 0.4),
+    }
+
+
+@pytest.mark.parametrize("arm", [pytest.param(arm, id=name, marks=MARKS.get(name, ())) for name, arm in ARMS.items()])
+@pytest.mark.parametrize("case", ["nominal", "machining", "payload"])
+def test_every_case_runs_and_is_drawn(arm, case):
+    env = FuzzyArmEnv(case, robot=arm, render_mode="rgb_array")
+    (observation, info), state, policy = env.reset(seed=0), None, load_policy("computed-torque", robot=arm)
+    if arm is not ARMS["cicese"] and arm is not ARMS["none"]:
+        assert_allclose(info["q_motor"], info["q_link"], atol=1e-12)  # nothing hangs
+    for _ in range(3):
+        action, state = policy.predict(observation, state)
+        observation, *_, info = env.step(action)
+    assert info["in_domain"] and info["tip_error"] < 1e-4
+    assert env.render().shape == (720, 720, 3)
+
+
+def test_vectors_of_the_plane_lie_in_space():
+    flat, whole = np.arange(6.0).reshape(3, 2), np.arange(9.0).reshape(3, 3)
+    assert np.array_equal(in_space(flat), np.c_[flat, np.zeros(3)]) and np.array_equal(in_space(whole), whole)
+
+
+@pytest.mark.parametrize("kept", [(), ("z1", "z3"), ("z1", "z2", "z3", "z4", "z5")])
+def test_a_fuzzy_controller_is_designed_and_acts_without_gravity(kept):
+    made = design(Specification(kept, alpha=20.0, gamma=2e-3), FLAT)
+    assert made.certificate.proven
+    torque, _ = FuzzyPolicy(made.controller).predict(np.full(10, 0.1))
+    assert np.isfinite(torque).all()
+
+
+def test_premises_without_gravity_lie_within_bounds_of_some_width():
+    bounds = premise_bounds(FLAT)
+    assert (bounds[:, 0] < bounds[:, 1]).all() and np.abs(bounds[1:3]).max() < 1e-11
+    z = premises(np.array([0.3, 0.4]), np.array([1.0, 2.0]), FLAT)
+    (h, v) = TSModel(FLAT, ("z1", "z3")).weights(z)
+    assert_allclose([h.sum(), v.sum()], 1.0)
+
+
+def test_a_motion_to_record_is_judged_by_what_moves_the_motors():
+    assert condition_of(suggested(FLAT, 4.0), FLAT) < 1e4
+
+
+def test_a_robot_of_two_joints_is_designed_for_without_being_told_how_many_rules(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("fuzzyarm.cli.design._margins", lambda controller: "")
+    given = []
+
+    def chosen(specification, robot):
+        given.append(specification.rules)
+        raise SystemExit(0)
+
+    monkeypatch.setattr("fuzzyarm.synthesis.design_scheduled", chosen)
+    for name in ("cicese", "planar-3r"):
+        with pytest.raises(SystemExit):
+            main(["design", "--robot", name, "--out", str(tmp_path / "c.json")])
+    assert given == [2, 4]

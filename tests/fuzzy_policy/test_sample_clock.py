@@ -1,0 +1,137 @@
+"""The time between samples by their reference, and policies that meet another one than they were made for."""
+
+import copy
+import itertools
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.physics.equations import chosen_arm
+from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.envs.vector import FuzzyArmVectorEnv
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.fuzzy_policy.sample_clock import period_between
+
+SLOW = pytest.param("adaptive-observer", marks=pytest.mark.slow)
+PERIODS = (1e-4, 1 / 3000, 1e-3, 2e-3, 0.02)
+
+
+def observations(robot, period, count, start=0.0):
+    """Return observations (count, 5 n) of the default reference, the motors at 0."""
+    sample = default_reference(chosen_arm(robot, None)).sample(start + period * np.arange(count))
+    still = np.zeros_like(sample.q)
+    return np.hstack([still, still, sample.q, sample.dq, sample.ddq])
+
+
+@pytest.mark.parametrize("robot", ["paper", "planar-3r", "ur5"])
+@pytest.mark.parametrize("period", PERIODS)
+@pytest.mark.parametrize("start", [0.0, 0.3])
+def test_two_observations_tell_their_distance_or_nothing(robot, period, start):
+    seen = observations(robot, period, 40, start)
+    found = np.array([period_between(*pair) for pair in itertools.pairwise(seen)])
+    assert np.count_nonzero(found) >= (20 if period > 1e-4 else 10)
+    assert_allclose(found[found > 0.0], period, rtol=2e-4)
+
+
+def test_what_is_no_motion_tells_nothing():
+    generator = np.random.default_rng(0)
+    still = observations("ur5", 1e-3, 1)[0]
+    late = observations("ur5", 1e-3, 2, 0.5)
+    assert period_between(still, still) == 0.0  # at rest
+    assert period_between(late[1], still) == 0.0  # a new episode
+    assert period_between(late[1], late[0]) == 0.0  # backwards
+    assert not any(period_between(*generator.normal(size=(2, 10))) for _ in range(10_000))
+    step = late.copy()
+    step[:, -12:] = 0.0  # angles that move without velocities
+    assert period_between(*step) == 0.0
+
+
+def errors(policy, period, robot=None):
+    env = FuzzyArmEnv(control_period=period, robot=robot)
+    (observation, _), state, found = env.reset(seed=0), None, []
+    for _ in range(40):
+        action, state = policy.predict(observation, state)
+        observation, *_, info = env.step(action)
+        found.append(info["tip_error"])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("name", ["fuzzy-4-tip", "elastic-observer", SLOW])
+def test_a_policy_without_a_period_becomes_that_of_the_environment(name):
+    policy = load_policy(name)
+    assert policy.control_period == 1e-3
+    for period in (2e-3, 5e-4):  # the same object, in one environment after the other
+        stated = errors(load_policy(name, control_period=period), period)
+        assert_allclose(errors(policy, period), stated, rtol=1e-4, atol=1e-9)
+        assert policy.control_period == period
+
+
+def test_a_robot_and_the_lanes_of_a_batch_that_restart():
+    assert_allclose(
+        errors(load_policy("elastic-observer", robot="cicese"), 5e-4, "cicese"),
+        errors(load_policy("elastic-observer", robot="cicese", control_period=5e-4), 5e-4, "cicese"),
+        rtol=1e-4,
+        atol=1e-9,
+    )
+    envs = FuzzyArmVectorEnv(2, control_period=2e-3)
+    policy, (observation, _), state = load_policy("computed-torque"), envs.reset(seed=0), None
+    for step in range(5):
+        action, state = policy.predict(observation, state, np.array([False, step == 3]))
+        observation = envs.step(action)[0]
+    assert policy.control_period == 2e-3 and action.shape == (2, 2)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: ComputedTorquePolicy(chosen_arm("paper", None)),
+        pytest.param(lambda: load_policy("learned-observer"), marks=pytest.mark.slow),
+    ],
+)
+def test_a_policy_that_stays_as_it_is_names_both_periods(made):
+    policy = made()
+    with pytest.warns(
+        RuntimeWarning, match=r"a control period of 1 ms, but .* 2 ms apart; give load_policy contr"
+    ) as said:
+        errors(policy, 2e-3)
+    assert len(said) == 1 and policy.control_period == 1e-3
+
+
+def test_the_right_period_and_a_sample_that_is_left_out_change_nothing():
+    seen, stated = observations("paper", 1e-3, 12), load_policy("elastic-observer", control_period=1e-3)
+    left_out = np.delete(seen, 2, axis=0)
+    policy, state = load_policy("elastic-observer", control_period=1e-3), None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for one in left_out:
+            _, state = policy.predict(one, state)
+    adapting, state, own, expected = load_policy("elastic-observer"), None, None, None
+    for one in seen:
+        (torque, state), (expected, own) = adapting.predict(one, state), stated.predict(one, own)
+        assert_array_equal(torque, expected)
+    for _ in range(2):  # the period of the last intervals stays
+        state = None
+        for one in left_out:
+            _, state = adapting.predict(one, state)
+        assert adapting.control_period == 1e-3
+
+
+def test_interleaved_episodes_of_one_policy_are_kept_apart():
+    policy, states = load_policy("computed-torque"), [None, None]
+    for one, other in zip(observations("paper", 1e-3, 9), observations("paper", 1e-3, 9, 1e-3 / 3), strict=True):
+        for lane, observation in enumerate((one, other)):
+            _, states[lane] = policy.predict(observation, states[lane])
+    assert policy.control_period == 1e-3
+
+
+def test_copies_adapt_as_well():
+    for policy in (pickle.loads(pickle.dumps(load_policy("fuzzy-4"))), copy.deepcopy(load_policy("fuzzy-4"))):
+        state = None
+        for observation in observations("paper", 2e-3, 4):
+            _, state = policy.predict(observation, state)
+        assert policy.control_period == 2e-3
