@@ -70,79 +70,38 @@ def _of_joint(joint: int) -> tuple[Metric, Metric]:
 
 (_PEAK_1, _RMS_1), (_PEAK_2, _RMS_2) = map(_of_joint, (1, 2))
 _ALL = (
-    Metric(
-        "tip_error_max_mm",
-        "mm",
-        "Largest distance between the tip (link side) and its reference at the same instant.",
-        lambda r: 1e3 * r.tip_error.max(),
-    ),
-    Metric(
-        "tip_error_max_mid_mm",
-        "mm",
-        "The maximum without the first and the last 0.1 s, in which loads set in and fade; that of all steps if the "
-        "episode is no longer than that.",
-        lambda r: 1e3 * _middle(r).max(),
-    ),
-    Metric(
-        "tip_error_rms_mm",
-        "mm",
-        "Root mean square of the distance between the tip and its reference.",
-        lambda r: 1e3 * _rms(r.tip_error),
-    ),
-    Metric(
-        "circularity_link_min_mm",
-        "mm",
-        "Smallest |tip - center| - R with the link angles; for a path that is no circle, the tip error's component "
-        "along the left normal of the path. Lag along the path does not show in it.",
-        lambda r: 1e3 * r.circularity_error.min(),
-    ),
+    Metric("tip_error_max_mm", "mm",
+           "Largest distance between the tip (link side) and its reference at the same instant.",
+           lambda r: 1e3 * r.tip_error.max()),
+    Metric("tip_error_max_mid_mm", "mm",
+           "The maximum without the first and the last 0.1 s, in which loads set in and fade; that of all steps if the "
+           "episode is no longer than that.", lambda r: 1e3 * _middle(r).max()),
+    Metric("tip_error_rms_mm", "mm", "Root mean square of the distance between the tip and its reference.",
+           lambda r: 1e3 * _rms(r.tip_error)),
+    Metric("circularity_link_min_mm", "mm",
+           "Smallest |tip - center| - R with the link angles; for a path that is no circle, the tip error's component "
+           "along the left normal of the path. Lag along the path does not show in it.",
+           lambda r: 1e3 * r.circularity_error.min()),
     Metric("circularity_link_max_mm", "mm", "Largest of the same quantity.", lambda r: 1e3 * r.circularity_error.max()),
     Metric("circularity_motor_min_mm", "mm", _MOTOR_CIRCULARITY, lambda r: 1e3 * r.circularity_error_motor.min()),
-    Metric(
-        "circularity_motor_max_mm",
-        "mm",
-        "Largest of the same quantity.",
-        lambda r: 1e3 * r.circularity_error_motor.max(),
-    ),
-    Metric(
-        "joint_error_rms_mrad",
-        "mrad",
-        "Root mean square of q_a - q_d over all joints: the error of a policy that leads the motors along the "
-        "reference, and no error of one that leads the tip.",
-        lambda r: 1e3 * _rms(r.q_motor - r.q_reference),
-    ),
-    _PEAK_1,
-    _PEAK_2,
-    _RMS_1,
-    _RMS_2,
-    Metric(
-        "torque_rate_rms",
-        "N m/s",
-        "Root mean square of the change of torque from step to step over the control period, all joints.",
-        lambda r: _rms(np.diff(r.torque, axis=0) / r.control_period) if len(r.torque) > 1 else 0.0,
-    ),
-    Metric(
-        "energy",
-        "J",
-        "Absolute mechanical work of the motors, ∫ |Γ_1 q̇_a1| + |Γ_2 q̇_a2| + ... dt.",
-        lambda r: np.abs(r.torque * r.dq_motor).sum() * r.control_period,
-    ),
-    Metric(
-        "domain_margin",
-        "",
-        "Share of the joint box (25) left unused at the worst instant: 1 - max(|q|/limit, |q̇|/limit), both sides; "
-        "angles are taken from the middle of their range.",
-        lambda r: 1.0 - r.domain_use.max(),
-    ),
+    Metric("circularity_motor_max_mm", "mm", "Largest of the same quantity.",
+           lambda r: 1e3 * r.circularity_error_motor.max()),
+    Metric("joint_error_rms_mrad", "mrad",
+           "Root mean square of q_a - q_d over all joints: the error of a policy that leads the motors along the "
+           "reference, and no error of one that leads the tip.", lambda r: 1e3 * _rms(r.q_motor - r.q_reference)),
+    _PEAK_1, _PEAK_2, _RMS_1, _RMS_2,
+    Metric("torque_rate_rms", "N m/s",
+           "Root mean square of the change of torque from step to step over the control period, all joints.",
+           lambda r: _rms(np.diff(r.torque, axis=0) / r.control_period) if len(r.torque) > 1 else 0.0),
+    Metric("energy", "J", "Absolute mechanical work of the motors, ∫ |Γ_1 q̇_a1| + |Γ_2 q̇_a2| + ... dt.",
+           lambda r: np.abs(r.torque * r.dq_motor).sum() * r.control_period),
+    Metric("domain_margin", "",
+           "Share of the joint box (25) left unused at the worst instant: 1 - max(|q|/limit, |q̇|/limit), both sides; "
+           "angles are taken from the middle of their range.", lambda r: 1.0 - r.domain_use.max()),
     Metric("return", "", "Sum of rewards.", lambda r: r.reward.sum()),
-    Metric(
-        "predict_us",
-        "µs",
-        "Median wall time of one `predict` call; the only metric that differs between runs.",
-        lambda r: 1e6 * r.step_time,
-        reproducible=False,
-    ),
-)
+    Metric("predict_us", "µs", "Median wall time of one `predict` call; the only metric that differs between runs.",
+           lambda r: 1e6 * r.step_time, reproducible=False),
+)  # fmt: skip
 
 METRICS = Registry[Metric](__name__, {metric.name: metric for metric in _ALL})
 """All metrics by name, in the order of the results' columns; `add_metric` adds one at the end."""
