@@ -31,6 +31,8 @@ TUBES = {"least": 3, "narrowed": 1, "swollen": 1}
 DIVISIONS = {1: 4, 2: 2, 3: 1, 5: 1, 16: 1}
 """How often each is chosen for the other ones of its kind."""
 
+MOST_PARTS = 60  # of a motion, so that a try takes seconds at most
+
 Claims = list[list[tuple[Segment, Claim]]]
 
 
@@ -65,6 +67,8 @@ def drawn_attack(rng: np.random.Generator) -> Attack:
 
 def forged(claim: TipClaim, attack: Attack, rng: np.random.Generator) -> Claims:
     """Return the tube of the first control steps of a claim, as many of them as close."""
+    if claim.steps is not None and attack.division * claim.steps > MOST_PARTS:
+        claim = dataclasses.replace(claim, steps=max(1, MOST_PARTS // attack.division))
     problem = problem_of(claim, policy_of(claim.policy))
     found: Claims = []
 
