@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tip_bound import CLAIMS, COUNTED, exact_errors
+from tip_bound import CLAIMS, COUNTED, exact_errors, set_of
 from tip_plants import Plants, random_genes
 
 from fuzzyarm.common.files import write_atomically
@@ -39,13 +39,13 @@ SETS = {
 }  # fmt: skip
 OWN = (
     TipClaim("fuzzy-4-tip", "nominal", "force of any course to 3 N", PlantSet(force_course=3.0)),
-    TipClaim("fuzzy-4-tip", "nominal", "encoders ± 10 µrad, ± 1 mrad/s", PlantSet(noise=(1e-5, 1e-3))),
+    TipClaim("fuzzy-4-tip", "nominal", "encoders +-10 urad, +-1 mrad/s", PlantSet(noise=(1e-5, 1e-3))),
 )
 
 
 def claims() -> list[TipClaim]:
     """Return what is tried."""
-    return [*(claim for claim in CLAIMS if claim.set_name in SETS), *OWN]
+    return [*(claim for claim in CLAIMS if set_of(claim) in SETS), *OWN]
 
 
 def ratios(bound: TipBound, genes: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ def tried(claim: TipClaim, lanes: int) -> dict[str, Any]:
     return {
         "policy": claim.policy,
         "case": claim.case,
-        "set": claim.set_name,
+        "set": set_of(claim),
         "plants": lanes * (1 + GENERATIONS),
         "largest_ratio": largest,
         "by_generation": by_generation,
@@ -117,13 +117,13 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     for claim in claims():
-        if options.only in f"{claim.policy} {claim.set_name}":
+        if options.only in f"{claim.policy} {set_of(claim)}":
             rows.append(tried(claim, options.lanes))
             print(json.dumps(rows[-1]), flush=True)
     if options.json and options.only and options.json.exists():
         before = json.loads(options.json.read_text(encoding="utf-8"))["rows"]
         fresh = {(row["policy"], row["set"]): row for row in [*before, *rows]}
-        rows = [fresh[c.policy, c.set_name] for c in claims() if (c.policy, c.set_name) in fresh]
+        rows = [fresh[c.policy, set_of(c)] for c in claims() if (c.policy, set_of(c)) in fresh]
     if options.json:
         document = {"command": COMMAND, "rows": rows, **current_provenance()}
         write_atomically(options.json, json.dumps(document, indent=1) + "\n")

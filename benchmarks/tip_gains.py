@@ -145,7 +145,7 @@ def bounds_of(controller: Controller, arm: ArmParameters, sets: dict[str, PlantS
     """Return the proven bound [mm] for each set, or why there is none."""
     policy, found = TipPolicy(FuzzyPolicy(controller, PERIOD)), {}
     for name, plants in sets.items():
-        claim = TipClaim("it", "nominal", name, plants, duration=default_reference(arm).duration)
+        claim = TipClaim("it", "nominal", name.replace("±", "+-"), plants, duration=default_reference(arm).duration)
         try:
             found[name] = 1e3 * find_bound(claim, policy=policy).largest
         except NoBound as error:

@@ -34,7 +34,7 @@ def bounded(gamma: float, folder: Path) -> dict[str, Any]:
     except DesignFailed:
         return {"gamma": gamma, "bound_mm": None, "reason": "no design"}
     controller.save(folder / "design.json")
-    claim = TipClaim(f"{folder / 'design.json'}-tip", "nominal", "stiffness ± 10 %", PLANTS)
+    claim = TipClaim(f"{folder / 'design.json'}-tip", "nominal", "stiffness +-10 %", PLANTS)
     try:
         return {"gamma": gamma, "bound_mm": 1e3 * find_bound(claim).largest, "reason": ""}
     except NoBound as error:

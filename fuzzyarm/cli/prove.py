@@ -64,7 +64,9 @@ def run(options: Options) -> int:
         output_file(options.out, ".json")
     plants = find_set(options.set)
     duration = own_duration(options.policy) if options.duration is None else options.duration
-    claim = TipClaim(options.policy, options.case, options.set, plants, options.path, duration, options.steps)
+    claim = TipClaim(
+        options.policy, options.case, plants=plants, path=options.path, duration=duration, steps=options.steps
+    )
     try:
         if options.cells is not None:
             found, text = _by_cells(options, claim)
@@ -87,15 +89,15 @@ def run(options: Options) -> int:
 def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
     """Return the result by cells as plain data and as text; `NoBound` names the first cell without one."""
     from fuzzyarm.common.checks import whole
-    from fuzzyarm.common.console import escaped, progress
+    from fuzzyarm.common.console import progress
     from fuzzyarm.common.rounding import at_most
-    from fuzzyarm.eval.certified.tip.bound import problem_of
+    from fuzzyarm.eval.certified.tip.bound import arm_in_words, plain, problem_of
     from fuzzyarm.eval.certified.tip.cells import bounds_of_cells, cells
     from fuzzyarm.eval.certified.tip.cells_file import save_cells
 
     divisions, jobs = options.cells or [], whole("--jobs", options.jobs, low=1, high=64)
     count = sum(1 for _ in cells(claim.plants, divisions))
-    problem_of(claim)
+    arm = problem_of(claim).parameters
     found = []
     with progress("cells", count) as advance:
         for parts in bounds_of_cells(claim, divisions, jobs, options.out):
@@ -106,12 +108,12 @@ def _by_cells(options: Options, claim: TipClaim) -> tuple[dict[str, Any], str]:
         save_cells(claim, found, options.out)
     names = [name for name, _ in divisions]
     fields = list(dict.fromkeys(name.partition("-")[0] for name in names))
-    samples = claim.samples(min(cell.samples for cell in found))
+    motion = claim.motion(min(cell.samples for cell in found))
     rows = [{**{name: cell.plants.to_dict()[name] for name in fields}, "bound": cell.bound} for cell in found]
-    named = {"policy": options.policy, "case": options.case, "set": options.set}
-    text = f"{options.policy}, {options.case}, set {options.set}, {len(found)} cells of {', '.join(names)}"
+    named = {"policy": options.policy, "case": options.case, "set": claim.named_set(arm)}
+    text = f"{plain(options.policy)}, {len(found)} cells of {', '.join(names)}"
+    plants = f"set {claim.named_set(arm)} ({arm_in_words(arm)})"
     return (
         named | {"proven": True, "bound": most, "cells": rows},
-        f"{escaped(text)}: the tip error is at most {at_most(1e3 * most, 4)} mm\n"
-        f"  at {samples} of the {options.path} in {claim.duration:g} s: PROVEN",
+        f"{text}: the tip error is at most {at_most(1e3 * most, 4)} mm for {plants}\n  {motion}: PROVEN",
     )

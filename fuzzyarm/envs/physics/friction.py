@@ -6,19 +6,38 @@ run in plain NumPy, on torch tensors and, compiled by Numba, inside the step ker
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, sign, smaller
 
-__all__ = ["friction_torque", "stick_slip", "stribeck_magnitude"]
+__all__ = ["STRIBECK", "FrictionCurve", "friction_torque", "stick_slip", "stribeck_magnitude"]
 
 
 @register_jitable
 def stribeck_magnitude(velocity: Any, coulomb: Any, static: Any, stribeck_velocity: Any) -> Any:
     """Return F(v) = Γ_fc + (Γ_fs - Γ_fc) exp(-(v/v_s)²) [N m], the friction magnitude; F(0) is the static torque."""
     return coulomb + (static - coulomb) * gaussian(velocity * (1.0 / stribeck_velocity))
+
+
+class FrictionCurve(NamedTuple):
+    """A curve F(v) of dry friction that falls from F(0) = Γ_fs, and what a proof takes from it and checks in balls.
+
+    Attributes:
+        magnitude: F(v) [N m], of the speed, Γ_fc, Γ_fs and v_s, for numbers of any type.
+        steepest: a bound of -F'(v), as a share of (Γ_fs - Γ_fc)/v_s.
+        inflection: v/v_s at which -F' is largest: F' falls below it and rises above it.
+    """
+
+    magnitude: Callable[[Any, Any, Any, Any], Any]
+    steepest: float
+    inflection: float
+
+
+STRIBECK = FrictionCurve(stribeck_magnitude, steepest=0.858, inflection=0.5**0.5)  # -F' = √2 e^(-1/2) at v_s/√2
+"""The friction of the motors."""
 
 
 @register_jitable

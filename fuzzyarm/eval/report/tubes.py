@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fuzzyarm.eval.certified.tip.bound import plain
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
 from fuzzyarm.eval.certified.tip.cells_file import check_cells, is_cells
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -43,7 +44,7 @@ def tube_section(checks: Sequence[BoundCheck], rollouts: Sequence[Rollout]) -> s
     if not checks:
         return ""
     drawn = "".join(_tube(check, _episode(check, rollouts)) for check in checks)
-    sentences = "".join(f"<li>{escape(check.claim.policy)}: {escape(check.sentence)}.</li>" for check in checks)
+    sentences = "".join(f"<li>{escape(plain(check.claim.policy))}: {escape(check.sentence)}.</li>" for check in checks)
     return (
         '<section aria-labelledby="tubes"><h2 id="tubes">Proven of the tip</h2>'
         f'<ul>{sentences}</ul><div class="charts">{drawn}</div><p class="note">{escape(NOTE)}</p></section>'
@@ -81,7 +82,7 @@ def _tube(check: BoundCheck, run: Rollout) -> str:
 
     half = times * check.tip[:, np.newaxis] * across
     band = np.concatenate([path + half, (path - half)[::-1]])
-    title = f"{check.claim.policy}, set {check.claim.set_name}: errors {times:g} times"
+    title = f"{plain(check.claim.policy)}, set {check.claim.named_set(check.arm)}: errors {times:g} times"
     svg = (
         f'<svg class="chart tube" role="img" viewBox="0 0 {SIZE:g} {SIZE:g}"><title>{escape(title)}</title>'
         f'<polygon class="band" points="{points(band)}"/><polyline class="path" points="{points(path)}"/>'

@@ -10,27 +10,38 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, whole
-from fuzzyarm.common.console import escaped
+from fuzzyarm.common.checks import choice, real, whole
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
-from fuzzyarm.envs.scenario.default_reference import default_reference
+from fuzzyarm.envs.scenario.default_reference import LONGEST, default_reference
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.centre import Segment
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.period import Claim
 from fuzzyarm.eval.certified.tip.plant import ball_plant
-from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
+from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet, check_set_name, exactly, ranges_in_words
 from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
 from fuzzyarm.eval.certified.tip.zonotope import SOURCES
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies import load_policy
 
-__all__ = ["PATHS", "PERIOD", "TipBound", "TipClaim", "find_bound", "own_duration", "problem_of", "reference_of"]
+__all__ = [
+    "PATHS",
+    "PERIOD",
+    "TipBound",
+    "TipClaim",
+    "arm_in_words",
+    "find_bound",
+    "own_duration",
+    "plain",
+    "problem_of",
+    "reference_of",
+    "two_joint_arm",
+]
 
 PATHS = ("circle", "lemniscate")
 """Paths of the tip by name: the paper's circle, and an eight of the same width."""
@@ -48,7 +59,7 @@ class TipClaim:
     Attributes:
         policy: name of the policy.
         case: name of the case, whose payload and tip force act.
-        set_name: what the set is called.
+        set_name: label of the set for its user, see `check_set_name`; no word of a result is made from it.
         plants: the set.
         path: one of `PATHS`.
         duration: of the motion [s].
@@ -57,16 +68,38 @@ class TipClaim:
 
     policy: str
     case: str = "nominal"
-    set_name: str = "table-1"
+    set_name: str = dataclasses.field(default="", compare=False)
     plants: PlantSet = SETS["table-1"]
     path: str = "circle"
     duration: float = 1.5
     steps: int | None = None
 
+    def __post_init__(self) -> None:
+        """Check every field but the names of policy and case; ValueError names it and what is allowed."""
+        known = next((name for name, plants in SETS.items() if plants == self.plants), "own")
+        object.__setattr__(self, "set_name", self.set_name or known)
+        check_set_name(self.set_name, self.plants)
+        choice("path", self.path, PATHS)
+        real("duration", self.duration, "s", low=PERIOD, high=LONGEST)
+        if self.steps is not None:
+            whole("steps", self.steps, low=1, high=math.ceil(self.duration / PERIOD - 1e-9))
+
     def samples(self, count: int) -> str:
         """Return in words which samples of the motion `count` ones are."""
         total = math.ceil(self.duration / PERIOD - 1e-9)
         return f"every one of {total} samples" if count == total else f"the first {count} of {total} samples"
+
+    def motion(self, count: int) -> str:
+        """Return start, samples, path and case in words, of a bound of `count` samples."""
+        at = f"{self.samples(count)} of the {self.path} in {exactly(self.duration)} s, case {self.case}"
+        return f"at {at}, from rest with the links on the path"
+
+    def named_set(self, arm: ArmParameters) -> str:
+        """Return the set by the name of `SETS` whose plants these are, else by its ranges; `arm`: in its middle."""
+        if self.plants == PlantSet() and arm != ArmParameters():
+            return "of one plant"
+        name = next((name for name, plants in SETS.items() if plants == self.plants), None)
+        return name or f"with {ranges_in_words(self.plants)}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +108,7 @@ class TipBound:
 
     Attributes:
         claim: what it is proven for.
+        arm: in the middle of the set.
         tip: bound of the tip error at the end of each control step [m].
         sources: of each of these, the share of each of `SOURCES`, of the uncertain constants and of the centre [m].
         steps: the tube; empty if it was not kept.
@@ -82,6 +116,7 @@ class TipBound:
     """
 
     claim: TipClaim
+    arm: ArmParameters
     tip: np.ndarray
     sources: np.ndarray
     steps: tuple[Step, ...]
@@ -102,7 +137,7 @@ class TipBound:
         return {
             "policy": self.claim.policy,
             "case": self.claim.case,
-            "set": self.claim.set_name,
+            "set": self.claim.named_set(self.arm),
             "path": self.claim.path,
             "duration": self.claim.duration,
             "proven": True,
@@ -116,15 +151,26 @@ class TipBound:
     def to_text(self) -> str:
         """Return the result as text."""
         c, spent = self.claim, self.spent()
-        parts = ", ".join(f"{name} {at_most(1e3 * x, 2)}" for name, x in spent.items() if x > 1e-3 * self.largest)
+        parts = ", ".join(f"{name} {at_most(1e3 * x, 4)}" for name, x in spent.items() if x > 1e-3 * self.largest)
         at = PERIOD * (int(self.tip.argmax()) + 1)
-        what = escaped(f"{c.policy}, {c.case}, set {c.set_name}")
+        plants = f"set {c.named_set(self.arm)} ({arm_in_words(self.arm)})"
         return (
-            f"{what}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm\n"
-            f"  at {c.samples(len(self.tip))} of the {c.path} in {c.duration:g} s: PROVEN "
-            f"in {self.seconds:.0f} s\n"
+            f"{plain(c.policy)}: the tip error is at most {at_most(1e3 * self.largest, 4)} mm for {plants}\n"
+            f"  {c.motion(len(self.tip))}: PROVEN in {self.seconds:.0f} s\n"
             f"  largest at t = {at:.3f} s; made of, in mm: {parts}"
         )
+
+
+def plain(name: str) -> str:
+    """Return a name or path in ASCII: no letter looks like another one."""
+    return ascii(name)[1:-1]
+
+
+def arm_in_words(arm: ArmParameters) -> str:
+    """Return an arm as Table 1's, or by all of its numbers that are not Table 1's."""
+    own = {f: getattr(arm, f.name) for f in dataclasses.fields(arm) if getattr(arm, f.name) != f.default}
+    numbers = ", ".join(f"{f.name} = {value} {f.metadata['unit']}" for f, value in own.items())
+    return f"an arm with {numbers} instead of Table 1's" if own else "the arm of Table 1"
 
 
 def reference_of(claim: TipClaim, arm: ArmParameters) -> JointReference:
@@ -139,6 +185,14 @@ def own_duration(policy: str) -> float:
     return default_reference(load_policy(policy, control_period=PERIOD).parameters).duration
 
 
+def two_joint_arm(policy: Policy) -> ArmParameters:
+    """Return the arm that a policy is for; `NoBound` for another robot."""
+    parameters = policy.parameters
+    if not isinstance(parameters, ArmParameters):
+        raise NoBound(f"there is no bound for a robot of {len(parameters)} joints; choose the two-joint arm")
+    return parameters
+
+
 def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
     """Return the problem that a claim is about; ValueError for an unknown name, `NoBound` for a policy without law.
 
@@ -147,14 +201,11 @@ def problem_of(claim: TipClaim, policy: Policy | None = None) -> Problem:
         policy: the policy itself, where it has no name yet.
     """
     policy = load_policy(claim.policy, control_period=PERIOD) if policy is None else policy
-    parameters = policy.parameters
-    if not isinstance(parameters, ArmParameters):
-        raise NoBound(f"there is no bound for a robot of {len(parameters)} joints; choose the two-joint arm")
+    parameters = two_joint_arm(policy)
     case, reference = case_for(claim.case, parameters), reference_of(claim, parameters)
     schedule = Schedule.build(reference, case.disturbance, PERIOD, PLANAR)
     if claim.steps is not None:
-        steps = whole("steps", claim.steps, low=1, high=schedule.steps)
-        schedule = dataclasses.replace(schedule, table=schedule.table[: steps + 1])
+        schedule = dataclasses.replace(schedule, table=schedule.table[: claim.steps + 1])
     if case.disturbance.torque_bias is not None or case.disturbance.encoder_noise is not None:
         raise NoBound(f"case {claim.case}: a torque bias or Gaussian noise of the encoders has no bound here")
     plant = ball_plant(parameters, case.disturbance, claim.plants)
@@ -186,13 +237,11 @@ def find_bound(
     problem = problem_of(claim, policy)
     steps: list[Step] = []
     try:
-        for step in Tube(problem, claims):
-            steps.append(step)
-            advance()
-    except ValueError as error:
-        raise NoBound(
-            f"{claim.policy}, {claim.case}, set {claim.set_name}: "
-            f"no bound beyond t = {PERIOD * len(steps):.3f} s: {error}"
-        ) from None
+        with np.errstate(all="ignore"):  # what is too large is no number, and fails each check
+            for step in Tube(problem, claims):
+                steps.append(step)
+                advance()
+    except (ValueError, ArithmeticError) as error:
+        raise NoBound(f"{plain(claim.policy)}: no bound beyond t = {PERIOD * len(steps):.3f} s: {error}") from None
     tip, sources = np.array([s.tip for s in steps]), np.array([s.sources for s in steps])
-    return TipBound(claim, tip, sources, tuple(steps), time.perf_counter() - begin)
+    return TipBound(claim, problem.parameters, tip, sources, tuple(steps), time.perf_counter() - begin)

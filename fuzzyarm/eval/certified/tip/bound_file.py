@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -21,22 +22,33 @@ from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.eval.certified.tip.bound import Claims, TipBound, TipClaim, find_bound, reference_of
+from fuzzyarm.eval.certified.tip.bound import (
+    PERIOD,
+    Claims,
+    TipBound,
+    TipClaim,
+    arm_in_words,
+    find_bound,
+    plain,
+    reference_of,
+    two_joint_arm,
+)
 from fuzzyarm.eval.certified.tip.centre import DEGREE, Mode, Segment
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.friction import Plan
 from fuzzyarm.eval.certified.tip.period import Claim
-from fuzzyarm.eval.certified.tip.plant_set import PlantSet, check_set_name
+from fuzzyarm.eval.certified.tip.plant_set import plants_of
 from fuzzyarm.eval.certified.tip.transition import ROW_COUNT, STATES
 from fuzzyarm.policies import load_policy, resolve
 
-__all__ = ["SCHEMA", "BoundCheck", "check_bound", "is_bound", "read_bound", "save_bound"]
+__all__ = ["LARGEST", "SCHEMA", "BoundCheck", "check_bound", "is_bound", "read_bound", "save_bound"]
 
 SCHEMA = "fuzzyarm-tip-bound/1"
 """Of the file of a bound."""
 
 MAX_BYTES = 16 * 2**20
-LARGEST = 1e6  # of any number of a tube
+LARGEST = 1e6
+"""Of any number of a tube or a bound."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +87,7 @@ class BoundCheck:
     Attributes:
         path: the file.
         claim: what it claims a bound for.
+        arm: in the middle of the set.
         bound: that it claims [m], or what was found now where that is larger by rounding.
         reason: why it is not proven; empty if it is.
         seconds: that the check took.
@@ -83,6 +96,7 @@ class BoundCheck:
 
     path: Path
     claim: TipClaim
+    arm: ArmParameters
     bound: float
     reason: str
     seconds: float
@@ -96,27 +110,25 @@ class BoundCheck:
     @property
     def sentence(self) -> str:
         """What is proven of the tip, in one sentence."""
-        c = self.claim
-        motion = f"{c.samples(len(self.tip))} of the {c.path} in {c.duration:g} s, case {c.case}"
-        most = at_most(1e3 * self.bound, 4)
+        c, most = self.claim, at_most(1e3 * self.bound, 4)
         said = "claimed" if self.reason else "proven"
-        return f"tip within {most} mm for set {c.set_name}, {said} (elastic arm, sampled control; {motion})"
+        motion = c.motion(len(self.tip))
+        within = f"tip within {most} mm for set {c.named_set(self.arm)}, {said}"
+        return f"{within} (elastic arm, {arm_in_words(self.arm)}; sampled control; {motion})"
 
     def reference(self) -> JointReference:
         """Return the motion that the bound is about."""
-        arm = load_policy(self.claim.policy).parameters
-        assert isinstance(arm, ArmParameters)
-        return reference_of(self.claim, arm)
+        return reference_of(self.claim, self.arm)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
         c = self.claim
-        named = {"file": str(self.path), "policy": c.policy, "case": c.case, "set": c.set_name}
+        named = {"file": str(self.path), "policy": c.policy, "case": c.case, "set": c.named_set(self.arm)}
         return {**named, "proven": self.proven, "bound": self.bound, "reason": self.reason, "seconds": self.seconds}
 
     def to_text(self) -> str:
         """Return the result as text."""
-        what = escaped(f"{self.claim.policy}: {self.sentence}")
+        what = f"{plain(self.claim.policy)}: {self.sentence}"
         head = f"{escaped(str(self.path))}: {'PROVEN' if self.proven else 'NOT PROVEN'} ({self.seconds:.1f} s)"
         return f"{head}\n  {what}" if self.proven else f"{head}\n  {what}\n  {escaped(self.reason)}"
 
@@ -153,11 +165,11 @@ def read_bound(path: Path) -> tuple[TipClaim, _Document, Claims]:
     try:
         document = record(check_schema(content, SCHEMA), _Document)
         claim = TipClaim(
-            document.policy, document.case, document.set_name, PlantSet.from_dict(document.plants), document.path,
-            document.duration, len(document.tip),
+            document.policy, document.case, plants=plants_of(document.set_name, document.plants), path=document.path,
+            duration=document.duration, steps=len(document.tip),
         )  # fmt: skip
-        check_set_name(claim.set_name, claim.plants)
-        real("bound", document.bound, "m", low=0.0)
+        real("bound", document.bound, "m", low=0.0, high=LARGEST)
+        finite_array("tip", document.tip, (len(document.tip),), largest=LARGEST)
         if resolve(document.policy).files() != document.files:
             raise ValueError(f"policy {document.policy} is made from other files than when the bound was found")
         return claim, document, [[_claimed(part) for part in step] for step in document.steps]
@@ -173,7 +185,7 @@ def _claimed(part: _Part) -> tuple[Segment, Claim]:
     angles = finite_array("angles", part.angles, (2 * JOINTS, DEGREE + 1), largest=LARGEST)
     end = finite_array("end", part.end, (STATES,), largest=LARGEST)
     tube = finite_array("tube", part.tube, (ROW_COUNT,), largest=LARGEST)
-    duration = real("duration", part.duration, "s", above=0.0)
+    duration = real("duration", part.duration, "s", low=math.ulp(PERIOD), high=PERIOD)
     return Segment(angles, modes, duration, end), Claim(tube, plans)
 
 
@@ -185,9 +197,11 @@ def check_bound(path: Path) -> BoundCheck:
         OSError: the file cannot be read.
     """
     claim, document, claims = read_bound(path)
+    policy = load_policy(claim.policy, control_period=PERIOD)
+    arm = two_joint_arm(policy)
     begin, reason, bound = time.perf_counter(), "", document.bound
     try:
-        found = find_bound(claim, claims=claims)
+        found = find_bound(claim, claims=claims, policy=policy)
         bound = max(bound, found.largest)
         if found.tip.shape != (len(document.tip),) or not (found.tip <= np.array(document.tip) * (1 + 1e-9)).all():
             reason = "a bound of the tip is larger than the file says"
@@ -198,4 +212,4 @@ def check_bound(path: Path) -> BoundCheck:
     except IndexError:
         reason = "the file ends before the motion does"
     tip = np.array(document.tip) * (1 + 1e-9)
-    return BoundCheck(path, claim, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)
+    return BoundCheck(path, claim, arm, document.bound if reason else bound, reason, time.perf_counter() - begin, tip)

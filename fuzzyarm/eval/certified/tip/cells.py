@@ -22,9 +22,9 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.certified.tip.bound import TipBound, TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT, RANGES, PlantSet
+from fuzzyarm.eval.certified.tip.plant_set import AXES, BY_JOINT, RANGES, Axis, PlantSet, ranges_in_words
 
-__all__ = ["CellBound", "Division", "bounds_of_cell", "bounds_of_cells", "cells", "missed", "ranges_in_words"]
+__all__ = ["CellBound", "Division", "bounds_of_cell", "bounds_of_cells", "cells", "missed"]
 
 MOST = 10_000
 """Cells of a set."""
@@ -34,14 +34,9 @@ HALVINGS = 6
 Division = tuple[str, int]
 """A name of `DIVISIBLE`, and into how many equal parts its range is divided."""
 
-Axis = tuple[str, int]
-"""A field of `RANGES` and a joint; 0 where the range is not by joint."""
-
-_AXES = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
-
 DIVISIBLE: dict[str, list[Axis]] = {
-    **{name: [axis for axis in _AXES if axis[0] == name] for name in RANGES},
-    **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in _AXES if name in BY_JOINT},
+    **{name: [axis for axis in AXES if axis[0] == name] for name in RANGES},
+    **{f"{name}-{joint + 1}": [(name, joint)] for name, joint in AXES if name in BY_JOINT},
 }
 """What can be divided by name: the range of a field, of each joint where it has its own, or of one joint (mass-2)."""
 
@@ -99,10 +94,7 @@ def bounds_of_cells(
     Raises:
         NoBound: a cell has none; the message says which.
     """
-    tasks = [
-        dataclasses.replace(claim, plants=cell, set_name=f"{claim.set_name}, cell {number}")
-        for number, cell in enumerate(cells(claim.plants, divisions), 1)
-    ]
+    tasks = [dataclasses.replace(claim, plants=cell, set_name="cell") for cell in cells(claim.plants, divisions)]
     names = [name for name, _ in divisions]
     paths = [out and out.with_name(f"{out.stem}-{number:03}") for number in range(1, len(tasks) + 1)]
     work = (delayed(_saved)(task, claim.plants, names, path) for task, path in zip(tasks, paths, strict=True))
@@ -168,29 +160,19 @@ def _narrowed(plants: PlantSet, axis: Axis, part: tuple[float, float]) -> PlantS
     return dataclasses.replace(plants, **named)
 
 
-def ranges_in_words(cell: PlantSet, plants: PlantSet) -> str:
-    """Return the ranges in which a cell differs from the whole set."""
-    words = []
-    for name, joint in _AXES:
-        low, high = cell.of_joint(name, joint)
-        if (low, high) != plants.of_joint(name, joint):
-            words.append(f"{name}{f' {joint + 1}' if name in BY_JOINT else ''} from {low:g} to {high:g}")
-    return ", ".join(words) or "the whole set"
-
-
 def missed(plants: PlantSet, parts: Sequence[PlantSet]) -> PlantSet | None:
     """Return a part of a set that no cell holds; None where the cells cover the set."""
     found = _hole(_box(plants), np.array([_box(part) for part in parts]))
     if found is None:
         return None
     hole = plants
-    for axis, ends in zip(_AXES, found.tolist(), strict=True):
+    for axis, ends in zip(AXES, found.tolist(), strict=True):
         hole = _narrowed(hole, axis, (ends[0], ends[1]))
     return hole
 
 
 def _box(plants: PlantSet) -> np.ndarray:
-    return np.array([plants.of_joint(name, joint) for name, joint in _AXES])
+    return np.array([plants.of_joint(name, joint) for name, joint in AXES])
 
 
 def _hole(box: np.ndarray, parts: np.ndarray) -> np.ndarray | None:

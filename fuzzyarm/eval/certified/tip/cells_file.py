@@ -16,9 +16,9 @@ from fuzzyarm.common.documents import DocumentError, check_schema, open_regular,
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.eval.certified.tip.bound import TipClaim
-from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound
-from fuzzyarm.eval.certified.tip.cells import CellBound, missed, ranges_in_words
-from fuzzyarm.eval.certified.tip.plant_set import RANGES, PlantSet, check_set_name
+from fuzzyarm.eval.certified.tip.bound_file import LARGEST, BoundCheck, check_bound
+from fuzzyarm.eval.certified.tip.cells import CellBound, missed
+from fuzzyarm.eval.certified.tip.plant_set import RANGES, plants_of, ranges_in_words
 
 __all__ = ["SCHEMA", "CellsCheck", "check_cells", "is_cells", "save_cells"]
 
@@ -49,6 +49,7 @@ class CellsCheck(BoundCheck):
     Attributes:
         path: the file.
         claim: what it claims a bound for; its set is the whole one.
+        arm: in the middle of the set.
         bound: that it claims [m], or what was found now where that is larger by rounding.
         reason: why it is not proven; empty if every cell was confirmed and they cover the set.
         seconds: that the check took.
@@ -89,14 +90,13 @@ def check_cells(path: Path) -> CellsCheck:
     content = read_json(path)
     try:
         document = record(check_schema(content, SCHEMA), _Document)
-        real("bound", document.bound, "m", low=0.0)
+        real("bound", document.bound, "m", low=0.0, high=LARGEST)
         if not document.cells or any(Path(name).name != name for name in document.cells):
             raise ValueError("cells: each is the name of a file in the same folder, and there is at least one")
         claim = TipClaim(
-            document.policy, document.case, document.set_name, PlantSet.from_dict(document.plants), document.path,
-            document.duration, document.samples,
+            document.policy, document.case, plants=plants_of(document.set_name, document.plants), path=document.path,
+            duration=document.duration, steps=document.samples,
         )  # fmt: skip
-        check_set_name(claim.set_name, claim.plants)
     except (TypeError, ValueError) as error:
         raise DocumentError(f"{path}: {error}") from None
     begin = time.perf_counter()
@@ -105,17 +105,18 @@ def check_cells(path: Path) -> CellsCheck:
     bound = document.bound if reason else max(document.bound, *(cell.bound for cell in found))
     samples = min(len(cell.tip) for cell in found)
     tip = np.max([cell.tip[:samples] for cell in found], axis=0)
-    return CellsCheck(path, claim, bound, reason, time.perf_counter() - begin, tip, len(found))
+    return CellsCheck(path, claim, found[0].arm, bound, reason, time.perf_counter() - begin, tip, len(found))
 
 
 def _why_not(claim: TipClaim, document: _Document, found: Sequence[BoundCheck]) -> str:
     """Return what a bound by cells lacks; empty if it is proven."""
     for cell in found:
         ranges: dict[str, Any] = {name: getattr(claim.plants, name) for name in RANGES}
-        whole = dataclasses.replace(cell.claim, plants=dataclasses.replace(cell.claim.plants, **ranges))
+        parts = dataclasses.replace(cell.claim.plants, **ranges)
+        whole = dataclasses.replace(cell.claim, plants=parts, set_name=claim.set_name)
         if not cell.proven:
             return f"{cell.path.name}: {cell.reason}"
-        if dataclasses.replace(whole, set_name=claim.set_name) != claim:
+        if whole != claim or cell.arm != found[0].arm:
             return f"{cell.path.name} is about something else"
         if cell.bound > document.bound * (1 + 1e-9):
             return f"{cell.path.name}: the tip may err by {at_most(1e3 * cell.bound, 4)} mm"

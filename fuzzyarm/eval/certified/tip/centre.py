@@ -18,7 +18,7 @@ from numpy.polynomial import polynomial
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, solve_mass_matrix, tip_force_torque
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.friction import STRIBECK
 
 __all__ = ["DEGREE", "Centre", "Mode", "Segment"]
 
@@ -209,7 +209,7 @@ class Centre:
             if mode == Mode.REST:
                 motors.append(np.zeros_like(q1))
                 continue
-            slip = stribeck_magnitude(v[j], (arm.coulomb1, arm.coulomb2)[j], self._static[j], arm.stribeck_velocity)
+            slip = STRIBECK.magnitude(v[j], (arm.coulomb1, arm.coulomb2)[j], self._static[j], arm.stribeck_velocity)
             net = self._net(x[j], x[2 + j], v[j], v[2 + j], torque[j], j)
             motors.append((net - int(mode) * slip) / (arm.motor_inertia1, arm.motor_inertia2)[j])
         return np.stack([*motors, *links])

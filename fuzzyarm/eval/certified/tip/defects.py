@@ -21,7 +21,7 @@ from flint import arb, arb_mat, arb_series, ctx
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.friction import STRIBECK
 from fuzzyarm.eval.certified.tip.centre import DEGREE
 from fuzzyarm.eval.certified.tip.enclosures import between, largest, low_high
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
@@ -209,7 +209,7 @@ class PeriodMotion:
 def dry_friction(speed: Any, joint: int, arm: Arm) -> Any:
     """Return F(v) [N m] of a motor for a number type of one's own, as the environment has it."""
     coulomb, static = (arm.coulomb1, arm.coulomb2)[joint], (arm.static1, arm.static2)[joint]
-    return stribeck_magnitude(speed, coulomb, static, arm.stribeck_velocity)
+    return STRIBECK.magnitude(speed, coulomb, static, arm.stribeck_velocity)
 
 
 def combined(parts: list[tuple[Any, Signal]]) -> Signal:

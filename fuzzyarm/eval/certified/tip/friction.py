@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fuzzyarm.eval.certified.tip.centre import Mode
+from fuzzyarm.eval.certified.tip.curve import rates, steepest_fall, strength
 from fuzzyarm.eval.certified.tip.defects import (
     PeriodMotion,
     Signal,
@@ -87,34 +88,21 @@ class Friction:
         self.side = int(mode) if mode in (Mode.FORWARD, Mode.BACKWARD) else 0
         self._slip: Signal | None = None
         self._missed, self._duration = 0.0, motion.duration
-        self.static = self.strength(0.0, 0.0)
+        self.static = low_high(dry_friction(ball(0.0), joint, plant.exact))
         self._rests = all(a.is_zero() for a in motion.velocity[joint])
         self.slope = self.drag = 0.0
         if self.side:
             self._slip = motion.slip(joint, self.side, plant.exact)
             parts = [(ball(1.0), self._needed), (ball(-float(self.side)), self._slip)]
             self._missed = signal_size(combined(parts))
-        # -F' is largest at v = v_s/√2, where it is √2 e^(-1/2) (F_s - F_c)/v_s = 0.8578 (F_s - F_c)/v_s.
-        arm = plant.exact
-        rise = (arm.static1 - arm.coulomb1, arm.static2 - arm.coulomb2)[joint]
-        self._steepest = largest(rise / arm.stribeck_velocity) * 0.858
+        self._steepest = steepest_fall(joint, plant.exact)
         if plan is Plan.SLIP:
             slope = dry_friction(Jet.variable(ball(abs(centre(self._speed))), 0), joint, self._arm).slope(0)
             self.slope = -centre(slope)
 
-    def _rates_of_strength(self, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the lowest and the highest F'(v) [N m s/rad] for speeds in a range; F' falls to v_s/√2, then rises."""
-        ends = [
-            low_high(dry_friction(Jet.variable(ball(v), 0), self.joint, self._arm).slope(0)) for v in (slowest, fastest)
-        ]
-        turn = 0.5**0.5 * centre(self._arm.stribeck_velocity)
-        inside = slowest <= turn * (1.0 + 1e-9) and turn * (1.0 - 1e-9) <= fastest
-        return -self._steepest if inside else min(ends[0][0], ends[1][0]), max(ends[0][1], ends[1][1])
-
     def strength(self, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the lowest and the highest F(v) [N m] in a range of speeds: F falls, as static >= Coulomb friction."""
-        ends = [low_high(dry_friction(ball(x), self.joint, self._arm)) for x in (fastest, slowest)]
-        return ends[0][0], ends[1][1]
+        """Return the lowest and the highest F(v) [N m] in a range of speeds."""
+        return strength(slowest, fastest, self.joint, self._arm)
 
     def torque(self) -> Signal | None:
         """Return the friction torque of the centre in the plan SLIP, which the uncertain friction factor multiplies."""
@@ -148,10 +136,10 @@ class Friction:
         eta += max(self.share[1] - 1.0, 1.0 - self.share[0]) * static
         return (tube_net + eta + constants + products) * (1.0 + SLACK)
 
-    def pull(self, tube_net: float) -> float:
-        """Return a bound of |I_a δθ̈| [N m] whatever the friction does."""
+    def pull(self, tube_net: float, constants: float, products: float) -> float:
+        """Return a bound of |I_a δθ̈| [N m] whatever the friction does; arguments as for `bound`."""
         static = self.static[1]
-        return (tube_net + signal_size(self._needed) + self.share[1] * static) * (1.0 + SLACK)
+        return (tube_net + signal_size(self._needed) + self.share[1] * static + constants + products) * (1.0 + SLACK)
 
     def bound(self, tube_speed: float, tube_net: float, constants: float, products: float) -> float:
         """Return a bound of |w| [N m], without the signal of `torque`.
@@ -173,13 +161,14 @@ class Friction:
         if self.plan is Plan.HELD:
             limit = self.share[0] * self.static[0]
             known = self.known == (0.0, 0.0) and self._rests
-            if not known or largest(self._net) + tube_net + constants + products >= limit * (1.0 - 1e-9):
+            if not (known and largest(self._net) + tube_net + constants + products < limit * (1.0 - 1e-9)):
                 raise PlanFails(self.joint)
             return 0.0
         if self.plan is Plan.SLIP:
             if not (self.side * (low if self.side > 0 else high) > 0.0):
                 raise PlanFails(self.joint)
-            falling, rising = self._rates_of_strength(min(abs(low), abs(high)), max(abs(low), abs(high)))
+            slowest, fastest = sorted((abs(low), abs(high)))
+            falling, rising = rates(slowest, fastest, self.joint, self._arm)
             uncertain = max(self.share[1] - 1.0, 1.0 - self.share[0]) * max(-falling, rising)
             rest = max(abs(falling + self.slope), abs(rising + self.slope)) + uncertain
             return (self._missed + rest * tube_speed) * (1.0 + SLACK) + products

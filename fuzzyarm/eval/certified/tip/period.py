@@ -145,7 +145,7 @@ class Period:
         for _ in range(ITERATIONS if claimed is None else 1):
             torques = self._torques(tube, frictions, driven, before, (free, solution.push))
             reached = ((free + solution.push @ torques) * ROUND_UP)[:ROW_COUNT]
-            self._given_accelerations(reached, tube, frictions)
+            self._given_accelerations(reached, tube, frictions, driven)
             if (reached < tube).all():
                 if claimed is None:
                     self._check_monotone(torques[CHANNELS.motor], before, frictions)
@@ -160,13 +160,25 @@ class Period:
         worst = int(np.argmax(solution.push[ROWS.link].sum(axis=0) * torques))
         raise NoBound(f"the tube does not close: the torque {torques[worst]:.3g} on {_NAMES[worst]} grows with it")
 
-    def _given_accelerations(self, reached: np.ndarray, tube: np.ndarray, frictions: list[Friction]) -> None:
+    def _given_accelerations(
+        self, reached: np.ndarray, tube: np.ndarray, frictions: list[Friction], driven: Drive
+    ) -> None:
         """Fill in the accelerations of motors whose velocity is no state."""
         inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
+        constants, products = self._on_motors(tube, driven)
         for j, friction in enumerate(frictions):
             if friction.plan is Plan.MONOTONE:
-                pull = friction.pull(float(tube[ROWS.net][j])) / inertia[j]
+                pull = friction.pull(float(tube[ROWS.net][j]), constants[j], products[j]) / inertia[j]
                 reached[ROWS.motor_acceleration.start + j] = pull * ROUND_UP
+
+    def _on_motors(self, tube: np.ndarray, driven: Drive) -> tuple[np.ndarray, np.ndarray]:
+        """Return bounds (2,) [N m] of what uncertain constants do on each motor, for a claimed tube.
+
+        First their torques along the centre and, within the joint, times the deviation; then those of the motor's own
+        inertia and viscosity times the deviation.
+        """
+        within = sum(half * tube[rows] for half, rows in self._within)
+        return driven.motor + within, np.asarray(sum(half * tube[rows] for half, rows in self._own))
 
     def _friction(self, joint: int, plan: Plan, known: Speed) -> Friction:
         """Return the friction of a motor by a plan; it is made once."""
@@ -239,32 +251,30 @@ class Period:
         torques = driven.rest.copy()
         torques[CHANNELS.link] += self._defect
         torques[CHANNELS.link] += self._lever_spread @ self._tip.courses
-        within = sum(half * tube[rows] for half, rows in self._within)
-        own = sum(half * tube[rows] for half, rows in self._own)
-        torques[CHANNELS.joint] += within
+        constants, products = self._on_motors(tube, driven)
+        torques[CHANNELS.joint] += sum(half * tube[rows] for half, rows in self._within)
         torques[CHANNELS.tip] += self._tip.courses
         for j, friction in enumerate(frictions):
             if friction.plan is Plan.MONOTONE:
-                driving = friction.driving(tube[ROWS.net][j], driven.motor[j] + within[j], own[j])
+                driving = friction.driving(tube[ROWS.net][j], constants[j], products[j])
                 torques[CHANNELS.motor.start + j] = friction.parted(before[j], self._period, driving)
                 continue
             # The products within the joint have a channel of their own; a motor that sticks feels them, too.
             torques[CHANNELS.motor][j] += friction.bound(
-                tube[ROWS.d_theta][j], tube[ROWS.net][j], driven.motor[j] + within[j], own[j]
+                tube[ROWS.d_theta][j], tube[ROWS.net][j], constants[j], products[j]
             )
         torques[CHANNELS.link] += self._links.bound(tube, torques * ROUND_UP, *observed)
         return torques * ROUND_UP
 
     def _speeds(self, tube: np.ndarray, frictions: list[Friction], driven: Drive) -> tuple[Speed, ...]:
         """Return what is known of the motors' velocities at the end."""
-        within = sum(half * tube[rows] for half, rows in self._within)
-        own = sum(half * tube[rows] for half, rows in self._own)
+        constants, products = self._on_motors(tube, driven)
         ends = self.motion.at(1)
         found = []
         for j, friction in enumerate(frictions):
             radius = float(tube[ROWS.d_theta][j])
             low, high = low_high(ends[STATES // 2 + j])
-            spread = float(tube[ROWS.net][j] + driven.motor[j] + within[j] + own[j])
+            spread = float(tube[ROWS.net][j] + constants[j] + products[j])
             found.append(friction.after(radius, spread, (low - radius, high + radius)))
         return tuple(found)
 

@@ -17,7 +17,19 @@ from fuzzyarm.common.documents import read_toml, record
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
 
-__all__ = ["BY_JOINT", "RANGES", "SETS", "PlantSet", "check_set_name", "find_set"]
+__all__ = [
+    "AXES",
+    "BY_JOINT",
+    "RANGES",
+    "SETS",
+    "Axis",
+    "PlantSet",
+    "check_set_name",
+    "exactly",
+    "find_set",
+    "plants_of",
+    "ranges_in_words",
+]
 
 Range = tuple[float, float]
 Factor = tuple[float | Range, float | Range]
@@ -27,6 +39,16 @@ BY_JOINT = ("mass", "motor_inertia", "stiffness", "damping", "dry_friction", "vi
 """The factors of which each joint has its own."""
 RANGES = (*BY_JOINT, "force", "payload")
 """All ranges of a set."""
+
+Axis = tuple[str, int]
+"""A field of `RANGES` and a joint; 0 where the range is not by joint."""
+
+AXES: list[Axis] = [(name, joint) for name in RANGES for joint in range(JOINTS if name in BY_JOINT else 1)]
+"""All ranges of a set, joint by joint."""
+
+LIMITS = {"force_swing": ("", 10.0), "force_course": ("N", 1e6)}
+NOISIEST = 1e3  # rad, rad/s
+LONGEST_LABEL = 60  # characters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,9 +93,9 @@ class PlantSet:
             for name in RANGES:
                 object.__setattr__(self, name, _checked(name, getattr(self, name)))
             checks.choice("friction", self.friction, ("law", "any"))
-            for name, unit in (("force_swing", ""), ("force_course", "N")):
-                object.__setattr__(self, name, checks.real(name, getattr(self, name), unit, low=0.0))
-            object.__setattr__(self, "noise", checks.reals("noise", self.noise, 2, low=0.0))
+            for name, (unit, high) in LIMITS.items():
+                object.__setattr__(self, name, checks.real(name, getattr(self, name), unit, low=0.0, high=high))
+            object.__setattr__(self, "noise", checks.reals("noise", self.noise, 2, low=0.0, high=NOISIEST))
             object.__setattr__(self, "late", checks.whole("late", self.late, high=1))
         except TypeError as error:
             raise ValueError(str(error)) from None
@@ -126,9 +148,50 @@ I_a ± 1 %, dry friction ± 20 %; the same with every torque one control period 
 
 
 def check_set_name(name: str, plants: PlantSet) -> None:
-    """Raise ValueError where a name of `SETS` is given to other plants than its own."""
+    """Raise ValueError for a label that is no short printable ASCII text, or a name of `SETS` for other plants."""
+    if not (isinstance(name, str) and 0 < len(name) <= LONGEST_LABEL and name.isascii() and name.isprintable()):
+        raise ValueError(f"set_name = {checks.shown(name)} must be 1 to {LONGEST_LABEL} printable ASCII characters")
     if name in SETS and plants != SETS[name]:
         raise ValueError(f"set_name = {checks.shown(name)}, but the plants are not those of this set")
+
+
+def plants_of(label: str, values: dict[str, Any]) -> PlantSet:
+    """Return the set of a file; ValueError where its label is a name of `SETS` for other plants.
+
+    Any other label is a note of the file's maker, which is neither checked nor repeated.
+    """
+    plants = PlantSet.from_dict(values)
+    if label in SETS:
+        check_set_name(label, plants)
+    return plants
+
+
+def ranges_in_words(plants: PlantSet, others: PlantSet | None = None) -> str:
+    """Return in what a set differs from another one, or from a single arm: "mass 1 from 0.98 to 1.02 times", ..."""
+    others, words = others or PlantSet(), []
+    for name, joint in AXES:
+        low, high = plants.of_joint(name, joint)
+        if (low, high) != others.of_joint(name, joint):
+            unit = " kg" if name == "payload" else " times"
+            words.append(
+                f"{name}{f' {joint + 1}' if name in BY_JOINT else ''} from {exactly(low)} to {exactly(high)}{unit}"
+            )
+    if plants.friction != others.friction:
+        words.append(f"friction {plants.friction}")
+    words += [
+        f"{name} {exactly(getattr(plants, name))}" for name in LIMITS if getattr(plants, name) != getattr(others, name)
+    ]
+    if plants.noise != others.noise:
+        words.append(f"encoder errors up to {exactly(plants.noise[0])} rad and {exactly(plants.noise[1])} rad/s")
+    if plants.late != others.late:
+        words.append(f"torques {plants.late} control period late")
+    return ", ".join(words) or "the whole set"
+
+
+def exactly(value: float) -> str:
+    """Return the shortest decimal that is exactly a float."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
 
 
 def find_set(name: str | Path) -> PlantSet:

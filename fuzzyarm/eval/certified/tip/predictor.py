@@ -24,6 +24,7 @@ from flint import arb
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, solve_mass_matrix
 from fuzzyarm.envs.physics.friction import stick_slip
+from fuzzyarm.eval.certified.tip.curve import check_curve, steepest_fall, strength
 from fuzzyarm.eval.certified.tip.defects import dry_friction
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, NoBound, ball, centre, low_high, radius_of
 from fuzzyarm.eval.certified.tip.forms import Forms
@@ -61,8 +62,8 @@ class Predictor:
         self._stiffness = np.diag([arm.stiffness1, arm.stiffness2])
         self._damping = np.diag([arm.damping1, arm.damping2])
         self._viscous = np.diag([arm.viscous1, arm.viscous2])
-        rises = np.array([arm.static1 - arm.coulomb1, arm.static2 - arm.coulomb2])
-        self._steepest = 0.858 * rises / arm.stribeck_velocity * ROUND_UP  # of F', see `friction`
+        check_curve(arm)
+        self._steepest = [steepest_fall(joint, arm) for joint in range(JOINTS)]
 
     def advance(self, forms: Forms) -> None:
         """Take θ, q, θ̇, q̇, d and u, the 12 numbers of `forms`, over all sub-steps; d and u stay."""
@@ -218,8 +219,7 @@ class Predictor:
         (alpha, v, vm), (alpha_r, v_r, vm_r), dt = at, spread, float(duration)
         inertia = float(self._inertia[joint])
         slowest, fastest = max(0.0, abs(vm) - vm_r), abs(vm) + vm_r
-        weak = low_high(dry_friction(ball(fastest), joint, self._arm) / inertia)[0]
-        strong = low_high(dry_friction(ball(slowest), joint, self._arm) / inertia)[1]
+        weak, strong = (x / inertia for x in strength(slowest, fastest, joint, self._arm))
         f = dry_friction(ball(vm), joint, self._arm) / inertia
         slack = SLACK * (abs(v) + v_r + dt * (abs(alpha) + alpha_r + strong))
         for side in (1.0, -1.0):
@@ -248,8 +248,7 @@ class Predictor:
         (alpha, v, vm), dt, inertia = at, float(duration), float(self._inertia[joint])
         slope = dry_friction(Jet.variable(ball(vm, vm_r), 0), joint, self._arm).slope(0)
         low, high = low_high(slope)
-        steepest = float(self._steepest[joint])
-        low, high = max(low, -steepest), min(high, steepest)
+        low, high = max(low, -self._steepest[joint]), min(high, self._steepest[joint])
         gain = -side * 0.5 * (low + high) * dt / inertia
         rest = 0.5 * (high - low) * dt / inertia * vm_r * ROUND_UP + SLACK * abs(gain) * vm_r
         speed = ball(v) + duration * (ball(alpha) - side * f)

@@ -13,6 +13,7 @@ from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.centre import Centre, Segment
+from fuzzyarm.eval.certified.tip.curve import check_curve
 from fuzzyarm.eval.certified.tip.defects import Forces, TipForces, combined, signal_size
 from fuzzyarm.eval.certified.tip.enclosures import BITS, ROUND_UP, SLACK, NoBound, centre, largest, radius_of
 from fuzzyarm.eval.certified.tip.friction import Plan, Speed
@@ -98,6 +99,8 @@ class Tube:
 
     def __iter__(self) -> Iterator[Step]:
         """Advance to the end of the motion; `NoBound` where there is no tube."""
+        with ctx.workprec(BITS):
+            check_curve(self.problem.plant.exact)
         for k in range(self.problem.schedule.steps):
             with ctx.workprec(BITS):
                 yield self._step(k)

@@ -56,7 +56,7 @@ def test_a_cell_without_a_tube_is_halved_where_it_is_widest_until_all_have_one(m
     found = [part.plants for part in bounds_of_cell(claim, WIDE, ["stiffness", "mass"])]
     assert len(found) > 1 and missed(claim.plants, found) is None
     assert all(high - low <= 0.06 for low, high in (part.of_joint("stiffness", 1) for part in found))
-    with pytest.raises(NoBound, match=r"stiffness 1 from 0\.9 to 1, .*: too wide"):
+    with pytest.raises(NoBound, match=r"stiffness 1 from 0\.9 to 1 times, .*: too wide"):
         list(bounds_of_cell(claim, WIDE, ["mass"], 2))
 
 

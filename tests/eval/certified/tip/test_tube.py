@@ -16,11 +16,12 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound, problem_of
+from fuzzyarm.eval.certified.tip.bound import TipClaim, arm_in_words, find_bound, plain, problem_of
 from fuzzyarm.eval.certified.tip.bound_file import check_bound, save_bound
 from fuzzyarm.eval.certified.tip.centre import Mode
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.friction import Plan
+from fuzzyarm.eval.certified.tip.period import Period
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet, find_set
 from fuzzyarm.eval.certified.tip.transition import ROWS, STATES
 from fuzzyarm.eval.certified.tip.tube import Tube
@@ -146,6 +147,20 @@ def test_the_column_of_a_constant_holds_what_its_corners_do_where_a_velocity_is_
     assert Plan.MONOTONE in plans
 
 
+def test_uncertain_constants_act_on_a_motor_whose_velocity_is_bounded_by_itself(monkeypatch):
+    """A file may choose the plan MONOTONE where the search gives it up: the inertia's own torque counts there, too."""
+    monkeypatch.setattr(Period, "_check_monotone", lambda *_: None)
+    plants = PlantSet(motor_inertia=(0.5, 1.5), dry_friction=(0.0, 0.0))
+    (step,) = find_bound(claim(plants, policy="computed-torque-tip", steps=1)).steps
+    assert [closed.plans for closed in step.closed] == [(Plan.MONOTONE, Plan.MONOTONE)]
+    table, speeds = ArmParameters(), slice(4, 6)
+    light = tuple(0.5 * x for x in table.motor_inertia)
+    arm = dataclasses.replace(table, motor_inertia=light, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0))
+    states, _ = simulated(claim(plants, policy="computed-torque-tip", steps=1), arm)
+    mean = (states[1] - step.segments[0].end)[speeds] / 1e-3  # of the deviation, both start at rest
+    assert (np.abs(mean) <= step.closed[0].tube[ROWS.motor_acceleration]).all()
+
+
 def test_any_friction_has_a_wider_tube(exact):
     wide = find_bound(claim(PlantSet(friction="any"), steps=12))
     assert (wide.tip >= exact.tip[:12]).all() and wide.tip[-1] > 10.0 * exact.tip[11]
@@ -204,6 +219,47 @@ def test_the_file_is_checked_again(exact, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)[0]["proven"] is True
 
 
+def test_the_words_are_made_from_the_numbers(tmp_path, capsys):
+    """No label of a set is repeated, no name of a set for another arm, no letter that looks like another one."""
+    path = tmp_path / "bound.json"
+    save_bound(find_bound(claim(steps=2)), path)
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"set_name": "near, and stiffness ± 10 %"}))
+    assert main(["verify", str(path)]) == 0
+    assert (
+        "for set table-1, proven (elastic arm, the arm of Table 1; sampled control;"
+        in (said := capsys.readouterr().out)
+        and "10 %" not in said
+    )
+    other, own = ArmParameters(mass=(12.0, 9.0)), PlantSet(stiffness=(0.99, 1.01), late=1)
+    assert TipClaim("it").named_set(other) == "of one plant"
+    assert arm_in_words(other) == "an arm with mass = (12.0, 9.0) kg instead of Table 1's"
+    ranges = "stiffness 1 from 0.99 to 1.01 times, stiffness 2 from 0.99 to 1.01 times, torques 1 control period late"
+    assert TipClaim("it", plants=own).named_set(ArmParameters()) == f"with {ranges}"
+    assert TipClaim("it", plants=find_set("near")).named_set(other) == "near"
+    assert plain("fuzz\u0443-4") == "fuzz\\u0443-4"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"set_name": "n\u0435ar"}, {"set_name": "x" * 61}, {"set_name": "near"}, {"path": "square"},
+        {"duration": 1e300}, {"duration": 0.0}, {"steps": 0}, {"steps": 1501},
+    ],
+)  # fmt: skip
+def test_a_claim_is_checked_when_it_is_made(change):
+    with pytest.raises(ValueError, match=f"^{next(iter(change))}"):
+        TipClaim("fuzzy-4-tip", **change)
+
+
+@pytest.mark.parametrize("late", [{}, {"late": 1}])
+def test_a_part_of_a_bound_is_not_larger_than_the_bound(late):
+    found = find_bound(claim(PlantSet(**late), policy="computed-torque-tip", steps=8))
+    whole = float(found.to_text().split("at most ")[1].split(" mm")[0])
+    parts = found.to_text().split("made of, in mm: ")[1].split(", ")
+    assert max(float(part.rsplit(" ", 1)[1]) for part in parts) <= whole
+
+
 @pytest.mark.parametrize("spoil", ["tube", "angles", "tip", "bound", "duration", "plan", "missing"])
 def test_a_spoiled_file_is_not_proven(exact, tmp_path, capsys, spoil):
     path = tmp_path / "bound.json"
@@ -241,6 +297,12 @@ def test_files_that_are_none(exact, tmp_path, capsys):
         ("plants", {"mass": [1.0]}),
         ("files", {"a": "b"}),
         ("set_name", "near"),
+        ("bound", 1e300),
+        ("tip", [1e300] * STEPS),
+        ("duration", 1e300),
+        ("plants", {"noise": [1e300, 0.0]}),
+        ("steps", [[content["steps"][0][0] | {"duration": 1e300}]]),
+        ("steps", [[content["steps"][0][0] | {"duration": 5e-324}]]),
     ):
         path.write_text(json.dumps(content | {name: value}))
         assert main(["verify", str(path)]) == 2
@@ -311,10 +373,10 @@ def test_the_file_of_cells_is_checked_with_every_cell(tmp_path, capsys):
     words = ["prove", "--set", str(wanted), "--steps", "2", "--cells", "payload", "2", "--out", str(out)]
     assert main(words) == 0
     assert {path.name for path in tmp_path.glob("*.json")} == {"loads.json", "loads-001.json", "loads-002.json"}
-    assert "at the first 2 of 1500 samples of the circle" in capsys.readouterr().out
+    assert "at the first 2 of 1500 samples of the circle in 1.5 s, case nominal, from rest" in capsys.readouterr().out
     assert main(["verify", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["cells"] == 2
-    assert "for set " + str(wanted) + ", cell 2, proven" in check_bound(tmp_path / "loads-002.json").sentence
+    assert "set with payload from 0.1 to 0.2 kg, proven" in check_bound(tmp_path / "loads-002.json").sentence
     sound = json.loads(out.read_text())
     first, second = sound["cells"]
     for change, why in (

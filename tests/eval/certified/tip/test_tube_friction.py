@@ -8,12 +8,14 @@ from flint import ctx
 from scipy.integrate import solve_ivp
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.physics.friction import friction_torque, stribeck_magnitude
+from fuzzyarm.envs.physics.friction import STRIBECK, friction_torque, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import Disturbance
+from fuzzyarm.eval.certified.tip import curve, defects
 from fuzzyarm.eval.certified.tip.centre import Centre, Mode
+from fuzzyarm.eval.certified.tip.curve import check_curve
 from fuzzyarm.eval.certified.tip.defects import PeriodMotion
-from fuzzyarm.eval.certified.tip.enclosures import BITS
+from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.friction import Friction, Plan, PlanFails, Speed
 from fuzzyarm.eval.certified.tip.plant import ball_plant
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
@@ -153,3 +155,22 @@ def test_centres_divide_a_period_where_a_motor_breaks_away():
     parts = list(Centre(ARM, 1e-3).segments(state, held, np.zeros(4), (None, None)))
     assert [part.modes[0] for part in parts][:2] == [Mode.BACKWARD, Mode.REST]
     assert parts[0].end[4] == 0.0 and sum(part.duration for part in parts) == 1e-3
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"steepest": 0.857},
+        {"inflection": 0.7},
+        {"magnitude": lambda v, coulomb, static, scale: stribeck_magnitude(v, coulomb, static, 0.5 * scale)},
+        {"magnitude": lambda v, coulomb, static, scale: stribeck_magnitude(v, coulomb, 1.01 * static, scale)},
+        {"magnitude": lambda v, coulomb, static, scale: stribeck_magnitude(v, coulomb, static, scale) + 0.1 * v},
+    ],
+)
+def test_what_the_friction_says_of_its_curve_is_checked(monkeypatch, change):
+    for arm in (ARM, ARM._replace(coulomb1=0.0, static2=ARM.coulomb2)):
+        check_curve(arm)
+    for module in (curve, defects):
+        monkeypatch.setattr(module, "STRIBECK", STRIBECK._replace(**change))
+    with pytest.raises(NoBound, match="the friction of motor 1 is not as its curve's own numbers say"):
+        check_curve(ARM)
