@@ -23,7 +23,7 @@ Pair = tuple[float, float]
 
 
 class Body(NamedTuple):
-    """A rigid body on link 2, or the link itself: mass [kg], distance of its centre from joint 2 [m], inertia [kg m²]."""
+    """A rigid body on a link: mass [kg], distance of its centre from the link's joint [m], inertia about it [kg m²]."""
 
     mass: float
     radius: float
@@ -225,14 +225,11 @@ def _mode(arm: ElasticArm, field: Field, t: float, x: Vector, j: int) -> int:
     return 0 if abs(net) <= arm.static[j] else (1 if net > 0.0 else -1)
 
 
-def _changed(
-    arm: ElasticArm, field: Field, t: float, x: Vector, modes: tuple[int, ...], who: int
-) -> tuple[int, ...]:
+def _changed(arm: ElasticArm, field: Field, t: float, x: Vector, modes: tuple[int, ...], who: int) -> tuple[int, ...]:
     """Return the modes after an event of one motor."""
-    if modes[who]:
-        mode = _mode(arm, field, t, x, who)
-    else:  # it breaks away; at the event itself |N| is F(0) but for the last digits
-        mode = 1 if _net(arm, field, t, x, who) > 0.0 else -1
+    # A motor that breaks away has |N| = F(0) but for the last digits.
+    away = 1 if _net(arm, field, t, x, who) > 0.0 else -1
+    mode = _mode(arm, field, t, x, who) if modes[who] else away
     return tuple(mode if j == who else modes[j] for j in range(2))
 
 

@@ -9,11 +9,13 @@ smallest tube that closes.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 from unittest import mock
 
 import numpy as np
+
 from fuzzyarm.eval.certified.tip import tube as tube_module
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, problem_of
 from fuzzyarm.eval.certified.tip.centre import Centre, Mode, Segment
@@ -118,7 +120,7 @@ class _Centre(Centre):
             return
         grains = round(PERIOD / self._grain)
         cuts = sorted({*rng.integers(1, grains, attack.division - 1).tolist(), 0, grains})
-        for first, last in zip(cuts, cuts[1:], strict=False):
+        for first, last in itertools.pairwise(cuts):
             begun, part = first * self._grain, (last - first) * self._grain
             modes, pulls = self._modes(state, torque, drags), torque + [drag or 0.0 for drag in drags]
             if attack.centre == "modes":
@@ -165,7 +167,9 @@ class _Period(Period):
         if friction == "any" or plans == "own":
             return super()._plan(joint, start, known, friction)
         if plans == "random":
-            return Plan(str(self._rng.choice(["any", "held", "slip", "monotone", "mixed"], p=[0.1, 0.1, 0.3, 0.3, 0.2])))
+            return Plan(
+                str(self._rng.choice(["any", "held", "slip", "monotone", "mixed"], p=[0.1, 0.1, 0.3, 0.3, 0.2]))
+            )
         return Plan(plans)
 
     def close(self, start: Zonotope, known: tuple[Speed, ...], *, friction: str) -> Closed:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipBound, TipClaim, find_bound, problem_of
 from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, save_bound
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
@@ -60,7 +61,7 @@ class Outcome:
 
 
 class _Accepted(NamedTuple):
-    """A step of an accepted tube, and columns (8, n) of the constants and what else the zonotope has (8,) at its end."""
+    """A step of an accepted tube; at its end the columns (8, n) of the constants, and how far all else reaches (8,)."""
 
     step: Step
     columns: np.ndarray
@@ -128,7 +129,8 @@ def _judge(outcome: Outcome, problem: Problem, accepted: list[_Accepted], sample
         return []
     found = [_ratios(problem, accepted, sample, motion) for sample, motion in zip(samples, motions, strict=True)]
     for i, sample in enumerate(samples):
-        if max(found[i].values()) > 1.0 + RELATIVE:
+        worth = found[i]["tip"] > max(1.0, outcome.tip) if outcome.finding else max(found[i].values()) > 1.0
+        if worth:
             finer, found[i] = (
                 _ratios(problem, accepted, sample, simulated(claim, [sample], stops, refined)[0]) for refined in FINER
             )
@@ -192,7 +194,9 @@ def _tube_ratio(problem: Problem, step: Step, motion: Motion, k: int) -> float:
             deviation = states[inside].T - np.vstack([values, slopes])
             bend, bend_rate = deviation[:2] - deviation[2:4], deviation[4:6] - deviation[6:8]
             held = (motion.torques[k] - step.torque)[:, np.newaxis]
-            net = held - K[:, np.newaxis] * bend - B[:, np.newaxis] * bend_rate - viscous[:, np.newaxis] * deviation[4:6]
+            net = (
+                held - K[:, np.newaxis] * bend - B[:, np.newaxis] * bend_rate - viscous[:, np.newaxis] * deviation[4:6]
+            )
             rows = np.vstack([deviation, bend, bend_rate, net, rates[inside].T[4:] - bends])
             excess = (np.abs(rows).max(axis=1) - ROUNDING) / closed.tube
             largest = max(largest, float(excess.max()))

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim
 
 from .arm import Node, hold
 from .sets import Sample, arm_of, policy_of, schedule_of
-
 
 SUBSTEPS = 12  # of a control step
 

@@ -7,6 +7,7 @@ import functools
 from typing import Any
 
 import numpy as np
+
 from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.cases import case_for
@@ -115,10 +116,14 @@ class Sample:
 
 
 def drawn_samples(plants: PlantSet, steps: int, count: int, rng: np.random.Generator) -> list[Sample]:
-    """Return plants of a set: the corners with all ends low and all high, other corners, and every fifth from within."""
+    """Return plants of a set: the corners with all ends low and all high, other ones, and every fifth from within."""
     found = []
     for i in range(count):
-        ends = np.array([0.0, 1.0])[i] * np.ones(len(CONSTANTS)) if i < 2 else rng.integers(0, 2, len(CONSTANTS)).astype(float)
+        ends = (
+            np.array([0.0, 1.0])[i] * np.ones(len(CONSTANTS))
+            if i < 2
+            else rng.integers(0, 2, len(CONSTANTS)).astype(float)
+        )
         if i % 5 == 4:
             ends = rng.uniform(size=len(CONSTANTS))
         found.append(sample_at(plants, ends, steps, rng))
