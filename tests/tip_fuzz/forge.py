@@ -33,7 +33,7 @@ TUBES = {"least": 3, "narrowed": 1, "swollen": 1}
 DIVISIONS = {1: 4, 2: 2, 3: 1, 5: 1, 16: 1}
 """How often each is chosen for the other ones of its kind."""
 
-MOST_PARTS = 60  # of a motion, so that a try takes seconds at most
+MOST_PARTS = 130  # of a motion, so that a try takes seconds at most
 
 Claims = list[list[tuple[Segment, Claim]]]
 
@@ -65,6 +65,13 @@ def drawn_attack(rng: np.random.Generator) -> Attack:
         return names[int(rng.choice(len(names), p=np.array([*table.values()]) / sum(table.values())))]
 
     return Attack(chosen(PLANS), chosen(CENTRES), chosen(TUBES), chosen(DIVISIONS))
+
+
+def drawn_fine_attack(rng: np.random.Generator) -> Attack:
+    """Return an attack of velocities that are bounded by themselves in many short parts: little adds up beside them."""
+    return Attack(
+        "monotone", str(rng.choice(["own", "corner"])), "least", int(rng.choice([8, 16, 64], p=[0.4, 0.4, 0.2]))
+    )
 
 
 def forged(claim: TipClaim, attack: Attack, rng: np.random.Generator) -> Claims:

@@ -14,11 +14,12 @@ from fuzzyarm.eval.certified.tip.bound_file import BoundCheck, check_bound, save
 from fuzzyarm.eval.certified.tip.enclosures import NoBound
 from fuzzyarm.eval.certified.tip.tube import Problem, Step, Tube
 
-from .forge import Attack, Claims, drawn_attack, forged
+from .forge import Attack, Claims, drawn_attack, drawn_fine_attack, forged
 from .motions import Motion, even_stops, simulated
-from .sets import CONSTANTS, Sample, bred_samples, drawn_claim, drawn_samples, policy_of
+from .sets import CONSTANTS, Sample, bred_samples, drawn_claim, drawn_light_claim, drawn_samples, policy_of
 
 SAMPLES, BRED = 8, 3  # plants of the first round, and of the second for each of the two closest
+FINE = 5  # every how many tries the motors have little friction and the parts are short
 FINER = 4, 16  # times more sub-steps for a plant that seems to leave its tube
 INSIDE = (0.05, 0.5, 0.95, 1.0)  # of a segment: where nodes of a motion are, beside those at equal distances
 ROUNDING = np.repeat([1e-13, 1e-11, 1e-13, 1e-11, 1e-8, 1e-8], [4, 4, 2, 2, 2, 4])
@@ -71,7 +72,10 @@ class _Accepted(NamedTuple):
 def tried(seed: int, number: int) -> Outcome:
     """Return what comes of a try."""
     rng = np.random.default_rng([seed, number])
-    claim, attack = drawn_claim(rng), drawn_attack(rng)
+    if number % FINE == FINE - 1:
+        claim, attack = drawn_light_claim(rng), drawn_fine_attack(rng)
+    else:
+        claim, attack = drawn_claim(rng), drawn_attack(rng)
     return attacked(Outcome(seed, number, claim, attack), rng)
 
 

@@ -45,6 +45,17 @@ def drawn_claim(rng: np.random.Generator) -> TipClaim:
     return TipClaim(policy, case, "fuzzed", drawn_set(rng, case), path, duration, min(steps, int(duration / PERIOD)))
 
 
+def drawn_light_claim(rng: np.random.Generator) -> TipClaim:
+    """Return a claim with little dry friction and wide constants on the motors, for two or three control steps."""
+    policy = str(rng.choice([name for name, often in POLICIES.items() if often > 1]))
+    names = rng.choice(["motor_inertia", "motor_inertia", "stiffness", "damping", "viscous_friction"], 2)
+    halves = rng.uniform(0.1, 0.6, 2)
+    ranges: dict[str, Any] = {str(name): (1.0 - h, 1.0 + h) for name, h in zip(names, halves, strict=True)}
+    least = 0.0 if rng.uniform() < 0.6 else _size(rng, 1e-3, 0.1)
+    plants = PlantSet(dry_friction=(least, least), **ranges)
+    return TipClaim(policy, "nominal", "fuzzed", plants, str(rng.choice(PATHS)), steps=int(rng.integers(2, 4)))
+
+
 def drawn_set(rng: np.random.Generator, case: str) -> PlantSet:
     """Return a set: some factors are wide, some narrow, most certain; dry friction is often light or absent."""
     ranges: dict[str, Any] = {}

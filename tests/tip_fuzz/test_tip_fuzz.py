@@ -21,15 +21,15 @@ from .__main__ import main
 from .forge import Attack
 from .judge import Outcome, attacked, tried
 
-SLICE = (0, 6, 9, 14, 17, 18, 21, 22, 138)
-"""Tries of seed 0 that are short. 14, 17, 18 and 21 found that the acceleration of a motor whose velocity is bounded by
-itself left out the torques of uncertain constants; 138, that the column of an uncertain tip force was too short where the
-middle of its range is not 1."""
+SLICE = ((0, 0), (0, 6), (0, 17), (0, 18), (0, 21), (0, 22), (0, 138), (1, 4))
+"""Short tries, by seed and number. (0, 17), (0, 18), (0, 21) and (1, 4), whose tip exceeds its bound, found that the
+acceleration of a motor whose velocity is bounded by itself left out the torques of uncertain constants; (0, 138), that
+the column of an uncertain tip force was too short where the middle of its range is not 1."""
 
 
-@pytest.mark.parametrize("number", SLICE)
-def test_no_plant_leaves_a_tube_that_is_accepted(number):
-    outcome = tried(0, number)
+@pytest.mark.parametrize(("seed", "number"), SLICE)
+def test_no_plant_leaves_a_tube_that_is_accepted(seed, number):
+    outcome = tried(seed, number)
     assert outcome.accepted and not outcome.finding, outcome.finding
     assert max(outcome.ratios.values()) > 0.1  # the plants do not stay in the middle of it
 
@@ -92,13 +92,13 @@ def test_the_command_keeps_figures_and_a_finding_is_written_and_made_again(tmp_p
     without_constants(monkeypatch)
     out, files = tmp_path / "tip_fuzz.json", tmp_path / "files"
     words = ["tip_fuzz", "--minutes", "1", "--seed", "0", "--json", str(out), "--files", str(files), "--until-found"]
-    monkeypatch.setattr(sys, "argv", [*words, "--first", "20"])
+    monkeypatch.setattr(sys, "argv", [*words, "--first", "21"])
     assert main() == 1
     assert "seed 0, try 21: exceeded: tube" in capsys.readouterr().out
     document = json.loads(out.read_text())
-    assert (document["tries"], document["accepted"], len(document["findings"])) == (2, 2, 1)
-    assert document["command"] == "python -m tests.tip_fuzz --minutes 1 --seed 0 --first 20"
-    assert sum(part["tries"] for part in document["by"]["plans"].values()) == 2
+    assert (document["tries"], document["accepted"], len(document["findings"])) == (1, 1, 1)
+    assert document["command"] == "python -m tests.tip_fuzz --minutes 1 --seed 0 --first 21"
+    assert sum(part["tries"] for part in document["by"]["plans"].values()) == 1
     assert {"commit", "machine", "versions", "seconds", "tip", "tube", "column"} <= document.keys()
     assert check_bound(files / "bound-0-21.json").proven
     monkeypatch.setattr(sys, "argv", ["tip_fuzz", "--seed", "0", "--only", "21"])
