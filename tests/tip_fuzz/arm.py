@@ -1,0 +1,273 @@
+"""The elastic arm under a held torque, by equations (1) to (3) of the paper: RK4 with located stick and slip events.
+
+    I_a θ̈ = u - Γ_t - f_v θ̇ + Γ_f,                Γ_t = K (θ - q) + B (θ̇ - q̇),
+    M(q) q̈ = Γ_t - C(q, q̇) q̇ - g(q) + J(q)ᵀ F,
+
+with the signs of the descriptor form (5), which are those that conserve energy. A motor that slips has the friction
+-F(|v|) sgn v; one that sticks rests as long as |N| <= F(0), N = u - Γ_t. Within a mode the equations are smooth. Where
+a velocity passes zero or a net torque exceeds F(0), the step is cut there, to the last digits, and the modes change.
+
+Nothing of the package is used: plain Python floats, one plant after the other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+MOST_EVENTS = 400  # in a hold
+
+Vector = tuple[float, ...]
+Pair = tuple[float, float]
+
+
+class Body(NamedTuple):
+    """A rigid body on a link: mass [kg], distance of its centre from the link's joint [m], inertia about it [kg m²]."""
+
+    mass: float
+    radius: float
+    inertia: float = 0.0
+
+
+class ElasticArm(NamedTuple):
+    """A plant; per joint where there are two numbers.
+
+    Attributes:
+        length: L_1, L_2 [m].
+        first: link 1, about joint 1.
+        second: link 2 and all that it carries, about joint 2.
+        gravity: g [m/s²].
+        motor_inertia: I_a [kg m²].
+        viscous: f_v [N m s/rad].
+        stiffness: K [N m/rad].
+        damping: B [N m s/rad].
+        static: F(0) [N m].
+        coulomb: F(∞) [N m].
+        stribeck: v_s [rad/s].
+        any_friction: whether friction is a torque that is given, rather than that of the law.
+    """
+
+    length: Pair
+    first: Body
+    second: tuple[Body, ...]
+    gravity: float
+    motor_inertia: Pair
+    viscous: Pair
+    stiffness: Pair
+    damping: Pair
+    static: Pair
+    coulomb: Pair
+    stribeck: float
+    any_friction: bool = False
+
+    def tip(self, q1: float, q2: float) -> Pair:
+        """Return the tip [m]; x points down, along gravity."""
+        (l1, l2), q12 = self.length, q1 + q2
+        return l1 * math.cos(q1) + l2 * math.cos(q12), l1 * math.sin(q1) + l2 * math.sin(q12)
+
+    def slip_friction(self, j: int, velocity: float) -> float:
+        """Return F(|v|) [N m]."""
+        return self.coulomb[j] + (self.static[j] - self.coulomb[j]) * math.exp(-((velocity / self.stribeck) ** 2))
+
+    def energy(self, x: Sequence[float]) -> float:
+        """Return kinetic energy, energy of the bent joints and potential energy [J]."""
+        th1, th2, q1, q2, v1, v2, w1, w2 = x
+        (l1, _), g = self.length, self.gravity
+        total = 0.5 * (self.motor_inertia[0] * v1**2 + self.motor_inertia[1] * v2**2)
+        total += 0.5 * (self.stiffness[0] * (th1 - q1) ** 2 + self.stiffness[1] * (th2 - q2) ** 2)
+        m, r, inertia = self.first
+        total += 0.5 * (m * r**2 + inertia) * w1**2 - m * g * r * math.cos(q1)
+        for m, r, inertia in self.second:
+            w12 = w1 + w2
+            square = (l1 * w1) ** 2 + (r * w12) ** 2 + 2.0 * l1 * r * w1 * w12 * math.cos(q2)
+            total += 0.5 * (m * square + inertia * w12**2) - m * g * (l1 * math.cos(q1) + r * math.cos(q1 + q2))
+        return total
+
+
+class Node(NamedTuple):
+    """A moment of a motion: time since the hold began [s], state θ, q, θ̇, q̇ (8,), and its rates (8,)."""
+
+    time: float
+    state: Vector
+    rates: Vector
+
+
+Force = tuple[float, float, float, float]
+"""x, y at the beginning of the hold [N], and their rates [N/s]."""
+
+
+def hold(
+    arm: ElasticArm,
+    state: Vector,
+    torque: Sequence[float],
+    force: Force,
+    stops: Sequence[float],
+    refined: int = 1,
+    given: Sequence[float] = (0.0, 0.0),
+) -> Iterator[Node]:
+    """Yield the motion under a held torque [N m] at given times; the first node is the start.
+
+    Args:
+        arm: the plant.
+        state: at the beginning.
+        torque: of the motors [N m].
+        force: at the tip.
+        stops: times since the beginning at which there is a node [s], rising; the last one ends the hold.
+        refined: steps of RK4 between two of them, without those that end at an event.
+        given: friction torques [N m] of an arm with any friction.
+    """
+    field = _field(arm, torque, force, given)
+    modes = _modes(arm, field, 0.0, state)
+    yield Node(0.0, state, field(0.0, state, modes))
+    now, events = 0.0, 0
+    for last, stop in zip([0.0, *stops], stops, strict=False):
+        for i in range(1, refined + 1):
+            target = stop if i == refined else last + (stop - last) * i / refined
+            while now < target:
+                after = _rk4(field, now, state, modes, target - now)
+                part, who = _first_event(arm, field, now, state, modes, target - now, after)
+                if who is None:
+                    now, state = target, after
+                    break
+                after = _rk4(field, now, state, modes, part)
+                if modes[who]:
+                    after = (*after[: 4 + who], 0.0, *after[5 + who :])
+                now, state = now + part, after
+                modes = _changed(arm, field, now, state, modes, who)
+                events += 1
+                if events > MOST_EVENTS:
+                    raise RuntimeError(f"more than {MOST_EVENTS} events in {stop} s; the motors chatter")
+        yield Node(stop, state, field(stop, state, modes))
+
+
+Field = Callable[[float, Vector, tuple[int, ...]], Vector]
+
+
+def _field(arm: ElasticArm, torque: Sequence[float], force: Force, given: Sequence[float]) -> Field:
+    """Return the right-hand side (t, state, modes) -> rates; modes: 1 and -1 slip, 0 sticks."""
+    (l1, l2), g = arm.length, arm.gravity
+    (ia1, ia2), (f1, f2), (k1, k2), (b1, b2) = arm.motor_inertia, arm.viscous, arm.stiffness, arm.damping
+    (s1, s2), (c1, c2), vs = arm.static, arm.coulomb, arm.stribeck
+    m, r, inertia = arm.first
+    fixed = m * r * r + inertia + sum(b.mass for b in arm.second) * l1 * l1
+    coupling = sum(b.mass * l1 * b.radius for b in arm.second)
+    turning = sum(b.mass * b.radius**2 + b.inertia for b in arm.second)
+    weight1 = (m * r + sum(b.mass for b in arm.second) * l1) * g
+    weight2 = sum(b.mass * b.radius for b in arm.second) * g
+    (u1, u2), (fx, fy, dfx, dfy), loose = torque, force, arm.any_friction
+    if loose:
+        u1, u2 = u1 + given[0], u2 + given[1]
+
+    def rates(t: float, x: Vector, modes: tuple[int, ...]) -> Vector:
+        th1, th2, q1, q2, v1, v2, w1, w2 = x
+        joint1 = k1 * (th1 - q1) + b1 * (v1 - w1)
+        joint2 = k2 * (th2 - q2) + b2 * (v2 - w2)
+        m1, m2 = modes
+        if loose:
+            a1, a2 = (u1 - joint1 - f1 * v1) / ia1, (u2 - joint2 - f2 * v2) / ia2
+        else:
+            a1 = a2 = 0.0
+            if m1:
+                a1 = (u1 - joint1 - f1 * v1 - m1 * (c1 + (s1 - c1) * math.exp(-((v1 / vs) ** 2)))) / ia1
+            if m2:
+                a2 = (u2 - joint2 - f2 * v2 - m2 * (c2 + (s2 - c2) * math.exp(-((v2 / vs) ** 2)))) / ia2
+        q12 = q1 + q2
+        sin2, cos2, sin12, cos12 = math.sin(q2), math.cos(q2), math.sin(q12), math.cos(q12)
+        sin1, cos1 = math.sin(q1), math.cos(q1)
+        x_force, y_force = fx + t * dfx, fy + t * dfy
+        tip2 = l2 * (cos12 * y_force - sin12 * x_force)
+        tip1 = l1 * (cos1 * y_force - sin1 * x_force) + tip2
+        turn = coupling * sin2
+        tau1 = joint1 + tip1 + turn * w2 * (2.0 * w1 + w2) - weight1 * sin1 - weight2 * sin12
+        tau2 = joint2 + tip2 - turn * w1 * w1 - weight2 * sin12
+        m12 = turning + coupling * cos2
+        m11 = fixed + turning + 2.0 * coupling * cos2
+        det = m11 * turning - m12 * m12
+        return v1, v2, w1, w2, a1, a2, (turning * tau1 - m12 * tau2) / det, (m11 * tau2 - m12 * tau1) / det
+
+    return rates
+
+
+def _rk4(field: Field, t: float, x: Vector, modes: tuple[int, ...], h: float) -> Vector:
+    half = 0.5 * h
+    a = field(t, x, modes)
+    b = field(t + half, tuple([p + half * d for p, d in zip(x, a, strict=True)]), modes)
+    c = field(t + half, tuple([p + half * d for p, d in zip(x, b, strict=True)]), modes)
+    d = field(t + h, tuple([p + h * d for p, d in zip(x, c, strict=True)]), modes)
+    sixth = h / 6.0
+    after = [p + sixth * (i + 2.0 * (j + k) + m) for p, i, j, k, m in zip(x, a, b, c, d, strict=True)]
+    return tuple(after)
+
+
+def _net(arm: ElasticArm, field: Field, t: float, x: Vector, j: int) -> float:
+    """Return N [N m] of a motor at rest: its acceleration with the friction of one side, without that friction."""
+    modes = (1, 0) if j == 0 else (0, 1)
+    return field(t, x, modes)[4 + j] * arm.motor_inertia[j] + arm.slip_friction(j, x[4 + j])
+
+
+def _margin(arm: ElasticArm, field: Field, t: float, x: Vector, modes: tuple[int, ...], j: int) -> float:
+    """Return how far a motor is from an event: a positive number as long as its mode lasts."""
+    return modes[j] * x[4 + j] if modes[j] else arm.static[j] - abs(_net(arm, field, t, x, j))
+
+
+def _modes(arm: ElasticArm, field: Field, t: float, x: Vector) -> tuple[int, ...]:
+    """Return the modes of motors, those that begin at a state or go on from it."""
+    if arm.any_friction:
+        return 0, 0
+    return tuple(_mode(arm, field, t, x, j) for j in range(2))
+
+
+def _mode(arm: ElasticArm, field: Field, t: float, x: Vector, j: int) -> int:
+    if x[4 + j]:
+        return 1 if x[4 + j] > 0.0 else -1
+    net = _net(arm, field, t, x, j)
+    return 0 if abs(net) <= arm.static[j] else (1 if net > 0.0 else -1)
+
+
+def _changed(arm: ElasticArm, field: Field, t: float, x: Vector, modes: tuple[int, ...], who: int) -> tuple[int, ...]:
+    """Return the modes after an event of one motor."""
+    # A motor that breaks away has |N| = F(0) but for the last digits.
+    away = 1 if _net(arm, field, t, x, who) > 0.0 else -1
+    mode = _mode(arm, field, t, x, who) if modes[who] else away
+    return tuple(mode if j == who else modes[j] for j in range(2))
+
+
+def _first_event(
+    arm: ElasticArm, field: Field, t: float, x: Vector, modes: tuple[int, ...], h: float, after: Vector
+) -> tuple[float, int | None]:
+    """Return when within a step a mode ends first [s], and whose; None if all last."""
+    first, who = h, None
+    for j in range(2):
+        if arm.any_friction or _margin(arm, field, t + h, after, modes, j) >= 0.0:
+            continue
+        at = _root(lambda part, j=j: _margin(arm, field, t + part, _rk4(field, t, x, modes, part), modes, j), h)
+        if who is None or at < first:
+            first, who = at, j
+    return first, who
+
+
+def _root(margin: Callable[[float], float], h: float) -> float:
+    """Return the first part of a step at which a margin is not positive, by bisection between secants (Illinois)."""
+    low, high, below, above = 0.0, h, margin(0.0), margin(h)
+    if below <= 0.0:  # it begins at an event: with its velocity or its margin zero but for rounding
+        for share in (1e-9, 1e-6, 1e-3, 1e-1):
+            if margin(share * h) > 0.0:
+                low, below = share * h, margin(share * h)
+                break
+        else:
+            return 1e-9 * h
+    for _ in range(60):
+        if high - low <= 1e-15 * h:
+            break
+        at = low + (high - low) * below / (below - above)
+        if not low < at < high:
+            at = 0.5 * (low + high)
+        value = margin(at)
+        if value > 0.0:
+            low, below, above = at, value, 0.5 * above
+        else:
+            if value == 0.0:
+                return at
+            high, above, below = at, value, 0.5 * below
+    return high

@@ -1,0 +1,78 @@
+"""Motions of plants under a sampled policy, in lanes: the law of the package, all else from `arm`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim
+
+from .arm import Node, hold
+from .sets import Sample, arm_of, policy_of, schedule_of
+
+SUBSTEPS = 12  # of a control step
+
+
+class Motion(NamedTuple):
+    """The motion of one plant.
+
+    Attributes:
+        nodes: of every control step.
+        torques: held in each control step (steps, 2) [N m].
+        tip_errors: at the end of each control step (steps,) [m].
+    """
+
+    nodes: list[list[Node]]
+    torques: np.ndarray
+    tip_errors: np.ndarray
+
+
+def even_stops(steps: int, count: int = SUBSTEPS) -> list[list[float]]:
+    """Return the ends of equal parts of each control step [s]."""
+    return [[PERIOD * (i + 1) / count for i in range(count)]] * steps
+
+
+def simulated(
+    claim: TipClaim, samples: list[Sample], stops: Sequence[Sequence[float]], refined: int = 1
+) -> list[Motion]:
+    """Return the motions of plants for the first control steps of a claim.
+
+    The policy is the package's own: the proof states the laws again, so that the shipped policy is the right one to
+    compare with. Reference and tip force are read from the package's schedule, as the claim is about these.
+
+    Args:
+        claim: whose policy, motion and case these are.
+        samples: the plants.
+        stops: of each control step, the times at which there is a node, see `hold`.
+        refined: steps between two of them.
+    """
+    problem, plants, policy = schedule_of(claim), claim.plants, policy_of(claim.policy)
+    table, lanes = problem.schedule, range(len(samples))
+    arms = [arm_of(claim, sample) for sample in samples]
+    states = [tuple(problem.start.tolist()) for _ in lanes]
+    nodes: list[list[list[Node]]] = [[] for _ in lanes]
+    torques, errors = np.zeros((len(samples), len(stops), 2)), np.zeros((len(samples), len(stops)))
+    memory, waiting = None, None
+    spread = np.repeat(plants.noise, 2)
+    for k, times in enumerate(stops):
+        measured = np.array(states)[:, [0, 1, 4, 5]] + spread * np.array([sample.noise[k] for sample in samples])
+        seen = np.hstack([measured, np.repeat(table.references[k : k + 1], len(samples), axis=0)])
+        asked, memory = policy.predict(seen, memory)
+        asked = np.array(asked, dtype=float)
+        acting = asked if waiting is None or not plants.late else waiting
+        waiting = asked
+        for i in lanes:
+            sample, arm = samples[i], arms[i]
+            factor = sample.force + plants.force_swing * sample.swing[k]
+            x, y, dx, dy = (factor * table.forces[k]).tolist()
+            beside = plants.force_course * sample.course[k]
+            line = x - 0.5 * dx + beside[0], y - 0.5 * dy + beside[1], dx / PERIOD, dy / PERIOD
+            given = (sample.friction[k] * arm.static).tolist()
+            found = list(hold(arm, states[i], acting[i].tolist(), line, times, refined, given))
+            nodes[i].append(found)
+            states[i], torques[i, k] = found[-1].state, acting[i]
+            tip, wanted = arm.tip(*states[i][2:4]), table.targets[k + 1, :2]
+            errors[i, k] = np.hypot(tip[0] - wanted[0], tip[1] - wanted[1])
+    return [Motion(nodes[i], torques[i], errors[i]) for i in lanes]

@@ -1,0 +1,182 @@
+"""What is attacked: sets of plants and motions drawn at random, and plants of a set."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.scenario.cases import case_for
+from fuzzyarm.eval.certified.tip.bound import PATHS, PERIOD, TipClaim, problem_of
+from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT, PlantSet
+from fuzzyarm.eval.certified.tip.tube import Problem
+from fuzzyarm.fuzzy_policy.policy import Policy
+
+from .arm import Body, ElasticArm
+
+JOINTS = 2
+POLICIES = {
+    "computed-torque-tip": 6, "fuzzy-4-tip": 6, "computed-torque": 2, "fuzzy-1": 2, "fuzzy-8-tip": 1, "fuzzy-32": 1,
+    "elastic-observer": 2, "ppo-robust": 1, "ppo-nominal": 1, "ppo-residual": 1,
+}  # fmt: skip
+"""Which policies are tried, and how often one for the other."""
+CONSTANTS = (*((kind, joint) for kind in BY_JOINT for joint in range(JOINTS)), ("payload", 0), ("force", 0))
+"""What is constant in a plant of a set, in the order of its places."""
+
+
+@functools.cache
+def policy_of(name: str) -> Policy:
+    """Return a policy for the period of a claim; one is as good as many, as it keeps nothing."""
+    return load_policy(name, control_period=PERIOD)
+
+
+def drawn_claim(rng: np.random.Generator) -> TipClaim:
+    """Return a claim with a set of any kind, for the first control steps of a motion of any speed."""
+    names = list(POLICIES)
+    policy = str(rng.choice(names, p=np.array([*POLICIES.values()]) / sum(POLICIES.values())))
+    case = str(rng.choice(["nominal", "machining", "payload"], p=[0.7, 0.2, 0.1]))
+    steps = int(rng.choice([2, 3, 5, 8, 12, 20, 40], p=[0.2, 0.2, 0.2, 0.15, 0.15, 0.07, 0.03]))
+    duration = round(float(np.exp(rng.uniform(np.log(0.8), np.log(3.0)))), 3)
+    path = str(rng.choice(PATHS))
+    return TipClaim(policy, case, "fuzzed", drawn_set(rng, case), path, duration, min(steps, int(duration / PERIOD)))
+
+
+def drawn_light_claim(rng: np.random.Generator) -> TipClaim:
+    """Return a claim with little dry friction and wide constants on the motors, for two or three control steps."""
+    policy = str(rng.choice([name for name, often in POLICIES.items() if often > 1]))
+    names = rng.choice(["motor_inertia", "motor_inertia", "stiffness", "damping", "viscous_friction"], 2)
+    halves = rng.uniform(0.1, 0.6, 2)
+    ranges: dict[str, Any] = {str(name): (1.0 - h, 1.0 + h) for name, h in zip(names, halves, strict=True)}
+    least = 0.0 if rng.uniform() < 0.6 else _size(rng, 1e-3, 0.1)
+    plants = PlantSet(dry_friction=(least, least), **ranges)
+    return TipClaim(policy, "nominal", "fuzzed", plants, str(rng.choice(PATHS)), steps=int(rng.integers(2, 4)))
+
+
+def drawn_set(rng: np.random.Generator, case: str) -> PlantSet:
+    """Return a set: some factors are wide, some narrow, most certain; dry friction is often light or absent."""
+    ranges: dict[str, Any] = {}
+    for name in BY_JOINT:
+        if rng.uniform() < 0.35:
+            halves = _size(rng, 1e-3, 0.6 if name == "motor_inertia" else 0.2), _size(rng, 1e-3, 0.6)
+            middles = np.exp(rng.normal(0.0, 0.4, 2)) if rng.uniform() < 0.2 else (1.0, 1.0)
+            parts = [(m * (1.0 - h), m * (1.0 + h)) for m, h in zip(middles, halves, strict=True)]
+            ranges[name] = tuple(parts) if rng.uniform() < 0.3 else parts[0]
+    if rng.uniform() < 0.6:
+        least = 0.0 if rng.uniform() < 0.5 else _size(rng, 1e-3, 0.5)
+        ranges["dry_friction"] = (least, least * (1.0 if rng.uniform() < 0.5 else 1.0 + _size(rng, 1e-2, 1.0)))
+    if rng.uniform() < 0.15:
+        ranges["payload"] = tuple(sorted((_size(rng, 1e-3, 2.0), 0.0 if rng.uniform() < 0.5 else 0.5)))
+    if case == "machining" and rng.uniform() < 0.5:
+        ranges["force"] = (1.0 - _size(rng, 1e-2, 0.5), 1.0)
+    if case == "machining" and rng.uniform() < 0.4:
+        ranges["force_swing"] = _size(rng, 1e-3, 0.3)
+    if rng.uniform() < 0.1:
+        ranges["force_course"] = _size(rng, 1e-2, 10.0)
+    if rng.uniform() < 0.1:
+        ranges["noise"] = (_size(rng, 1e-7, 1e-5), _size(rng, 1e-5, 1e-3))
+    ranges["friction"] = "any" if rng.uniform() < 0.1 else "law"
+    ranges["late"] = int(rng.uniform() < 0.2)
+    return PlantSet(**ranges)
+
+
+def _size(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+@functools.lru_cache(maxsize=64)
+def _whole(policy: str, case: str, path: str, duration: float, steps: int | None) -> Problem:
+    return problem_of(TipClaim(policy, case, "fuzzed", PlantSet(), path, duration, steps), policy_of(policy))
+
+
+def schedule_of(claim: TipClaim) -> Problem:
+    """Return the problem of a claim's motion with Table 1 for its set: its schedule and its start are those of all."""
+    return _whole(claim.policy, claim.case, claim.path, claim.duration, claim.steps)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sample:
+    """One plant of a set, and what varies with time beside it.
+
+    Attributes:
+        factors: of `BY_JOINT`, one per joint.
+        payload: beside the case's own [kg].
+        force: factor of the case's tip force.
+        friction: torque of a set with any friction, as a share of the static one, in each control step (steps, 2).
+        swing: of the case's force, as a share of the allowed one (steps,).
+        course: of the further force, as a share of the allowed one (steps, 2).
+        noise: errors of the encoders, as a share of the allowed one (steps, 4).
+    """
+
+    factors: dict[str, tuple[float, float]]
+    payload: float
+    force: float
+    friction: np.ndarray
+    swing: np.ndarray
+    course: np.ndarray
+    noise: np.ndarray
+
+    def share(self, plants: PlantSet, kind: str, joint: int) -> float:
+        """Return where a constant lies in its range, -1 to 1."""
+        value = self.factors[kind][joint] if kind in BY_JOINT else float(getattr(self, kind))
+        low, high = plants.of_joint(kind, joint)
+        return (2.0 * value - low - high) / (high - low) if high > low else 0.0
+
+
+def drawn_samples(plants: PlantSet, steps: int, count: int, rng: np.random.Generator) -> list[Sample]:
+    """Return plants of a set: the corners with all ends low and all high, other ones, and every fifth from within."""
+    found = []
+    for i in range(count):
+        ends = (
+            np.array([0.0, 1.0])[i] * np.ones(len(CONSTANTS))
+            if i < 2
+            else rng.integers(0, 2, len(CONSTANTS)).astype(float)
+        )
+        if i % 5 == 4:
+            ends = rng.uniform(size=len(CONSTANTS))
+        found.append(sample_at(plants, ends, steps, rng))
+    return found
+
+
+def bred_samples(plants: PlantSet, best: np.ndarray, steps: int, count: int, rng: np.random.Generator) -> list[Sample]:
+    """Return corners near the one whose places in the ranges are given."""
+    flips = rng.uniform(size=(count, len(CONSTANTS))) < 0.25
+    return [sample_at(plants, np.where(flip, 1.0 - np.round(best), np.round(best)), steps, rng) for flip in flips]
+
+
+def sample_at(plants: PlantSet, places: np.ndarray, steps: int, rng: np.random.Generator) -> Sample:
+    """Return the plant whose constants lie at `places` in [0, 1] of their ranges, with random courses."""
+    at = iter(places.tolist())
+
+    def value(name: str, joint: int) -> float:
+        low, high = plants.of_joint(name, joint)
+        return min(max(low + (high - low) * next(at), low), high)
+
+    factors = {name: (value(name, 0), value(name, 1)) for name in BY_JOINT}
+    payload, force = value("payload", 0), value("force", 0)
+    courses = [rng.choice([-1.0, 1.0], (steps, 9)), np.repeat(rng.choice([-1.0, 1.0], (1, 9)), steps, axis=0)]
+    course = courses[int(rng.integers(2))]
+    return Sample(factors, payload, force, course[:, :2], course[:, 2], course[:, 3:5], course[:, 5:])
+
+
+def arm_of(claim: TipClaim, sample: Sample) -> ElasticArm:
+    """Return the plant of a sample, with what it carries in the claim's case."""
+    p = policy_of(claim.policy).parameters
+    assert isinstance(p, ArmParameters)
+    load = case_for(claim.case, p).disturbance.payload
+
+    def scaled(name: str, values: tuple[float, float]) -> tuple[float, float]:
+        first, second = sample.factors[name]
+        return first * values[0], second * values[1]
+
+    mass, inertia = scaled("mass", p.mass), scaled("mass", p.inertia)
+    carried = [Body(mass[1], p.mass_center[1], inertia[1]), Body(load.mass, load.radius(p))]
+    return ElasticArm(
+        p.length, Body(mass[0], p.mass_center[0], inertia[0]), (*carried, Body(sample.payload, p.length[1])), p.gravity,
+        scaled("motor_inertia", p.motor_inertia), scaled("viscous_friction", p.viscous_friction),
+        scaled("stiffness", p.stiffness), scaled("damping", p.damping), scaled("dry_friction", p.static_friction),
+        scaled("dry_friction", p.coulomb_friction), p.stribeck_velocity, claim.plants.friction == "any",
+    )  # fmt: skip

@@ -1,0 +1,113 @@
+"""The simulator of the fuzzer, by mathematics and against the package's environment."""
+
+import dataclasses
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fuzzyarm import load_policy
+from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.event_integrator import integrate
+from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+
+from .arm import hold
+from .motions import even_stops, simulated
+from .sets import CONSTANTS, arm_of, policy_of, sample_at, schedule_of
+
+MIDDLE = np.full(len(CONSTANTS), 0.5)
+START = (0.7, 0.8, 0.699, 0.802, 0.3, -0.02, 0.25, 0.0)
+TORQUE, FORCE = (67.0, 20.0), (5.0, -3.0, 2e3, 1e3)
+
+
+def exact(claim=None, places=MIDDLE, steps=1):
+    claim = claim or TipClaim("computed-torque-tip", steps=steps)
+    return arm_of(claim, sample_at(claim.plants, places, steps, np.random.default_rng(0)))
+
+
+def path(arm, count, duration=0.1):
+    """Motors that come to rest, and that a rising force breaks away again."""
+    start, torque, force = (0.70116, 0.8018, 0.7, 0.8, 0.02, -0.01, 0.0, 0.0), (74.0, 22.0), (0.0, 0.0, 200.0, -400.0)
+    stops = [duration * (i + 1) / count for i in range(count)]
+    return np.array([node.state for node in hold(arm, start, torque, force, stops)])
+
+
+def test_it_is_of_fourth_order_through_stick_and_slip():
+    arm, counts = exact(), (100, 200, 400)
+    rests = (path(arm, 400)[1:, 4:6] == 0.0).astype(int)
+    assert (np.diff(rests, axis=0) == 1).any(axis=0).all() and (np.diff(rests, axis=0) == -1).any(axis=0).all()
+    fine = path(arm, 3200)[-1]
+    errors = [np.abs(path(arm, count)[-1] - fine).max() for count in counts]
+    assert np.polyfit(np.log(counts), np.log(errors), 1)[0] < -3.5
+    assert errors[-1] < 1e-7
+
+
+def test_energy_is_what_motors_and_the_tip_force_do_less_what_friction_and_damping_take():
+    """The sign of every term: inertia, Coriolis, gravity, elasticity, dry and viscous friction, damping, tip force."""
+    claim = TipClaim("computed-torque-tip", "payload", plants=PlantSet(payload=(1.0, 2.0)), steps=1)
+    arm, duration, count = exact(claim), 0.02, 400
+    nodes = [*hold(arm, START, TORQUE, FORCE, [duration * (i + 1) / count for i in range(count)])]
+    powers = []
+    for node in nodes:
+        q1, q2, v1, v2, w1, w2 = node.state[2:]
+        x, y = (FORCE[i] + FORCE[2 + i] * node.time for i in range(2))
+        (l1, l2), q12, w12 = arm.length, q1 + q2, w1 + w2
+        tip = -l1 * w1 * math.sin(q1) - l2 * w12 * math.sin(q12), l1 * w1 * math.cos(q1) + l2 * w12 * math.cos(q12)
+        power = TORQUE[0] * v1 + TORQUE[1] * v2 + x * tip[0] + y * tip[1]
+        for j, (v, w) in enumerate(((v1, w1), (v2, w2))):
+            power -= arm.slip_friction(j, v) * abs(v) + arm.viscous[j] * v * v + arm.damping[j] * (v - w) ** 2
+        powers.append(power)
+    work = duration / count / 3.0 * np.dot([1.0, *([4.0, 2.0] * (count // 2))[:-1], 1.0], powers)  # Simpson's rule
+    assert abs(work) > 0.1
+    assert arm.energy(nodes[-1].state) - arm.energy(nodes[0].state) == pytest.approx(work, rel=1e-5)
+
+
+def test_a_motor_rests_as_long_as_static_friction_holds_it():
+    arm = exact()
+    still = (0.7, 0.8, 0.7, 0.8, 0.0, 0.0, 0.0, 0.0)
+    weak, strong = (
+        next(iter(hold(arm, still, (share * arm.static[0], 0.0), (0.0,) * 4, [1e-6]))) for share in (0.99, 1.01)
+    )
+    assert weak.rates[4] == 0.0 and strong.rates[4] == pytest.approx(0.01 * arm.static[0] / arm.motor_inertia[0])
+    free = arm._replace(any_friction=True)
+    pushed = next(iter(hold(free, still, (0.0, 0.0), (0.0,) * 4, [1e-6], given=(1.0, -2.0))))
+    assert pushed.rates[4:6] == pytest.approx((1.0 / arm.motor_inertia[0], -2.0 / arm.motor_inertia[1]))
+
+
+@pytest.mark.parametrize("case", ["nominal", "machining", "payload"])
+def test_it_agrees_with_the_environment(case):
+    """The tip differs by what the environment's own time step leaves, 0.2 µm in the whole motion."""
+    claim, steps = TipClaim("fuzzy-4-tip", case, steps=60), 60
+    motion = simulated(claim, [sample_at(claim.plants, MIDDLE, steps, np.random.default_rng(0))], even_stops(steps))[0]
+    env, policy, memory = gym.make("fuzzyarm:FuzzyArm-v0", case=case), load_policy("fuzzy-4-tip"), None
+    seen, info = env.reset(seed=0)
+    for k in range(steps):
+        action, memory = policy.predict(seen, memory)
+        assert motion.torques[k] == pytest.approx(action, abs=0.1)
+        seen, *_, info = env.step(action)
+        state = np.array(motion.nodes[k][-1].state)
+        assert np.abs(state[2:4] - info["q_link"]).max() < 3e-7
+    assert np.abs(state[:2] - schedule_of(claim).start[:2]).max() > 1e-3  # it moves
+
+
+def test_it_agrees_with_events_that_are_located_by_the_package():
+    """A plant at a corner, one period late: to what the tolerance of that integrator leaves."""
+    plants = PlantSet(motor_inertia=(0.6, 1.4), stiffness=(0.8, 1.2), dry_friction=(0.1, 0.5), late=1)
+    claim, steps = TipClaim("computed-torque-tip", plants=plants, steps=12), 12
+    sample = sample_at(plants, np.tile([0.0, 1.0], len(CONSTANTS) // 2), steps, np.random.default_rng(0))
+    motion = simulated(claim, [sample], even_stops(steps))[0]
+    parameters, problem = policy_of(claim.policy).parameters, schedule_of(claim)
+    fields = {"motor_inertia": ["motor_inertia"], "stiffness": ["stiffness"],
+              "dry_friction": ["static_friction", "coulomb_friction"]}  # fmt: skip
+    changed = {
+        field: tuple(np.multiply(getattr(parameters, field), sample.factors[name]).tolist())
+        for name, of in fields.items()
+        for field in of
+    }
+    arm, state = dataclasses.replace(parameters, **changed), problem.start
+    assert motion.torques[0].tolist() == motion.torques[1].tolist()  # the first one acts until the late ones do
+    for k in range(steps):
+        state = integrate(state, motion.torques[k], lambda t: np.zeros(2), arm, Payload(), 0.0, PERIOD)
+        assert np.abs(state - motion.nodes[k][-1].state).max() < 1e-8

@@ -1,0 +1,110 @@
+"""No plant leaves a tube that the checker accepts, and faults of the proof are found.
+
+The hour's worth is `python -m tests.tip_fuzz --minutes 60 --seed 0`.
+"""
+
+import dataclasses
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from fuzzyarm.eval.certified.tip import bound as bound_module
+from fuzzyarm.eval.certified.tip.bound import TipClaim
+from fuzzyarm.eval.certified.tip.bound_file import check_bound
+from fuzzyarm.eval.certified.tip.friction import Friction
+from fuzzyarm.eval.certified.tip.plant import BallPlant
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+
+from .__main__ import main
+from .forge import Attack
+from .judge import Outcome, attacked, tried
+
+SLICE = ((0, 0), (0, 6), (0, 17), (0, 18), (0, 21), (0, 22), (0, 138), (1, 4))
+"""Short tries, by seed and number. (0, 17), (0, 18), (0, 21) and (1, 4), whose tip exceeds its bound, found that the
+acceleration of a motor whose velocity is bounded by itself left out the torques of uncertain constants; (0, 138), that
+the column of an uncertain tip force was too short where the middle of its range is not 1."""
+
+
+@pytest.mark.parametrize(("seed", "number"), SLICE)
+def test_no_plant_leaves_a_tube_that_is_accepted(seed, number):
+    outcome = tried(seed, number)
+    assert outcome.accepted and not outcome.finding, outcome.finding
+    assert max(outcome.ratios.values()) > 0.1  # the plants do not stay in the middle of it
+
+
+def judged(claim, plans, centre="own", division=2):
+    attack = Attack(plans, centre, "least", division)
+    return attacked(Outcome(0, 0, claim, attack), np.random.default_rng(0))
+
+
+INERTIA = TipClaim("computed-torque-tip", plants=PlantSet(motor_inertia=(0.5, 1.5), dry_friction=(0.0, 0.0)), steps=2)
+FORCE = TipClaim("fuzzy-4-tip", "machining", plants=PlantSet(force=(0.0, 0.2)), steps=2)
+LIGHT = TipClaim("fuzzy-4-tip", plants=PlantSet(dry_friction=(0.02, 0.04)), steps=3)
+
+
+def without_constants(monkeypatch):
+    """A motor's acceleration without the torques of uncertain constants."""
+    pull = Friction.pull
+    monkeypatch.setattr(Friction, "pull", lambda self, net, constants, products: pull(self, net, 0.0, 0.0))
+
+
+def without_products(monkeypatch):
+    """Nothing of uncertain constants times the deviation."""
+    monkeypatch.setattr(BallPlant, "half", lambda self, kind: [0.0, 0.0])
+
+
+def force_of_the_middle(monkeypatch):
+    """An uncertain force that is relative to its middle twice."""
+    whole = bound_module.ball_plant
+
+    def ball_plant(parameters, disturbance, plants):
+        made, middle = whole(parameters, disturbance, plants), 0.5 * sum(plants.force)
+        constants = [dataclasses.replace(p, half=p.half * middle) if p.kind == "force" else p for p in made.parameters]
+        return dataclasses.replace(made, parameters=tuple(constants))
+
+    monkeypatch.setattr(bound_module, "ball_plant", ball_plant)
+
+
+def without_share(monkeypatch):
+    """Velocities that part by net torques alone, whatever the friction factor."""
+    monkeypatch.setattr(Friction, "driving", lambda self, net, constants, products: net + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("fault", "claim", "plans"),
+    [
+        (without_constants, INERTIA, "monotone"),
+        (without_products, INERTIA, "mixed"),
+        (force_of_the_middle, FORCE, "own"),
+        (without_share, LIGHT, "monotone"),
+    ],
+)
+def test_a_fault_of_the_proof_is_found(fault, claim, plans, monkeypatch):
+    assert not judged(claim, plans).finding
+    fault(monkeypatch)
+    outcome = judged(claim, plans)
+    assert outcome.finding.startswith("exceeded: ") and "the checker says PROVEN" in outcome.finding
+
+
+def test_the_command_keeps_figures_and_a_finding_is_written_and_made_again(tmp_path, monkeypatch, capsys):
+    without_constants(monkeypatch)
+    out, files = tmp_path / "tip_fuzz.json", tmp_path / "files"
+    words = ["tip_fuzz", "--minutes", "1", "--seed", "0", "--json", str(out), "--files", str(files), "--until-found"]
+    monkeypatch.setattr(sys, "argv", [*words, "--first", "21"])
+    assert main() == 1
+    assert "seed 0, try 21: exceeded: tube" in capsys.readouterr().out
+    document = json.loads(out.read_text())
+    assert (document["tries"], document["accepted"], len(document["findings"])) == (1, 1, 1)
+    assert document["command"] == "python -m tests.tip_fuzz --minutes 1 --seed 0 --first 21"
+    assert sum(part["tries"] for part in document["by"]["plans"].values()) == 1
+    assert {"commit", "machine", "versions", "seconds", "tip", "tube", "column"} <= document.keys()
+    assert check_bound(files / "bound-0-21.json").proven
+    monkeypatch.setattr(sys, "argv", ["tip_fuzz", "--seed", "0", "--only", "21"])
+    assert main() == 1
+    monkeypatch.undo()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["tip_fuzz", "--seed", "0", "--only", "21"])
+        assert main() == 0
+    assert not check_bound(files / "bound-0-21.json").proven
