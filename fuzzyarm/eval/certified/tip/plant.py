@@ -33,7 +33,7 @@ class Parameter:
     Attributes:
         kind: "mass", "payload", "force", "stiffness", "damping", "motor_inertia", "viscous_friction", "dry_friction".
         joint: whose constant it is; 0 for the payload and the force.
-        half: half the width of its range, in its unit; relative to the middle for dry friction.
+        half: half the width of its range, in its unit; relative to the middle for dry friction and the force.
         arm: constants ∂c/∂p times `half`, for a mass or the payload.
     """
 
@@ -101,7 +101,7 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
     if _half(plants.force) and disturbance.tip_force is not None:
         nothing = PerJoint(arb(0), arb(0))
         massless = lump(_in_balls(nominal)._replace(mass=nothing, inertia=nothing))
-        units.append(Parameter("force", 0, _half(plants.force), massless))
+        units.append(Parameter("force", 0, _half(plants.force) / (0.5 * sum(plants.force)), massless))
     uncertain += units
     middle = Arm(*(centre(x) for x in exact))
     return BallPlant(middle, exact, tuple(uncertain), share)
