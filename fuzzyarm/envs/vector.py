@@ -102,9 +102,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError(f"render_mode = {checks.shown(render_mode)}: a batch draws nothing; use gymnasium.make")
         self.num_envs = checks.whole("num_envs", num_envs, low=1, high=MOST_LANES)
         plants = arms_of(robot, parameters, self.num_envs)
-        self._randomisation = find_randomisation(randomisation, plants[0])
-        rate = fastest_rate(plants, self._randomisation)
-        self.control_period, self.substeps = checked_periods(control_period, substep, rate)
+        drawn = self._randomisation = find_randomisation(randomisation, plants[0])
+        self.control_period, self.substeps = checked_periods(control_period, substep, fastest_rate(plants, drawn))
         self._disturbances = each_lane(
             chosen_disturbance, self._per_lane("case", case), self._per_lane("disturbance", disturbance), plants
         )

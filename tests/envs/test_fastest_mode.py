@@ -140,7 +140,7 @@ def test_the_margins_of_a_stiff_arm_see_no_mode_that_grows():
 
 def test_an_arm_that_no_sub_step_can_do_is_refused_with_the_one_it_needs():
     with pytest.raises(
-        ValueError, match=r"needs a sub-step of 4\.87e-08 s, more than 10000 in 0\.001 s; choose a cont"
+        ValueError, match=r"needs a sub-step of 4\.87e-08 s, more than 10000 in 0\.001 s; choose a shor"
     ):
         FuzzyArmEnv(parameters=dataclasses.replace(TABLE_1, motor_inertia=(1e-6, 1e-6)))
     with pytest.raises(ValueError, match="needs a sub-step of 0 s"):

@@ -169,12 +169,11 @@ def _leverages(robot: Robot) -> tuple[float, float, float]:
     t = np.linspace(0.0, reference.duration, INSTANTS)
     down = np.broadcast_to(gravity if gravity.any() else np.array([0.0, 0.0, -1.0]), (len(t), 3))
     jacobian = tip_jacobian(robot, reference.sample(t).q) / robot.drive("torque_limit")
-
-    def most(direction: np.ndarray) -> float:
-        length = np.linalg.norm(direction, axis=-1, keepdims=True)
-        return float(np.max(np.abs(np.einsum("tai,ta->ti", jacobian, direction / np.where(length > 0.0, length, 1.0)))))
-
-    return most(reference.tip(t).velocity), most(down), float(np.max(np.linalg.norm(jacobian, axis=1)))
+    directions = np.stack([reference.tip(t).velocity, down])
+    length = np.linalg.norm(directions, axis=-1, keepdims=True)
+    torque = np.einsum("tai,kta->kti", jacobian, directions / np.where(length > 0.0, length, 1.0))
+    along, fallen = np.abs(torque).max(axis=(1, 2)).tolist()
+    return along, fallen, float(np.max(np.linalg.norm(jacobian, axis=1)))
 
 
 def _scaled_number(factor: float, number: float) -> float:
