@@ -148,27 +148,11 @@ def lump(plant: Plant) -> Arm:
     """Return the constants of (3) for a plant without payload."""
     c1, c2, c3, c4, c5 = inertia_and_gravity(plant.length, plant.mass, plant.mass_center, plant.inertia, plant.gravity)
     return Arm(
-        c1,
-        c2,
-        c3,
-        c4,
-        c5,
-        plant.motor_inertia[0],
-        plant.motor_inertia[1],
-        plant.viscous_friction[0],
-        plant.viscous_friction[1],
-        plant.stiffness[0],
-        plant.stiffness[1],
-        plant.damping[0],
-        plant.damping[1],
-        plant.static_friction[0],
-        plant.static_friction[1],
-        plant.coulomb_friction[0],
-        plant.coulomb_friction[1],
-        plant.stribeck_velocity,
-        plant.length[0],
-        plant.length[1],
-    )
+        c1, c2, c3, c4, c5, plant.motor_inertia[0], plant.motor_inertia[1], plant.viscous_friction[0],
+        plant.viscous_friction[1], plant.stiffness[0], plant.stiffness[1], plant.damping[0], plant.damping[1],
+        plant.static_friction[0], plant.static_friction[1], plant.coulomb_friction[0], plant.coulomb_friction[1],
+        plant.stribeck_velocity, plant.length[0], plant.length[1],
+    )  # fmt: skip
 
 
 @register_jitable

@@ -38,30 +38,12 @@ class Limits(NamedTuple):
 def two_joints() -> Physics:
     """Return the equations of the arm with two joints in a plane."""
     return Physics(
-        joints=2,
-        axes=2,
-        digest="",
-        made_by=(two_joints, ()),
-        Plant=Plant,
-        Arm=Arm,
-        Limits=Limits,
-        plant_of=plant_of,
-        step=step,
-        loaded_step=loaded_step,
-        tip=tip_point,
-        tip_velocity=tip_velocity,
-        tip_load=tip_load,
-        gravity=gravity_at,
-        motor_friction=motor_friction,
-        inverse_dynamics=inverse_dynamics_at,
-        mass_matrix=mass_matrix_at,
-        payload_place=_payload_radius,
-        constants=_constants,
-        stiffness=_stiffness,
-        limits=_limits,
-        angle_range=_angle_range,
-        varied=_varied,
-    )
+        joints=2, axes=2, digest="", made_by=(two_joints, ()), Plant=Plant, Arm=Arm, Limits=Limits, plant_of=plant_of,
+        step=step, loaded_step=loaded_step, tip=tip_point, tip_velocity=tip_velocity, tip_load=tip_load,
+        gravity=gravity_at, motor_friction=motor_friction, inverse_dynamics=inverse_dynamics_at,
+        mass_matrix=mass_matrix_at, payload_place=_payload_radius, constants=_constants, stiffness=_stiffness,
+        limits=_limits, angle_range=_angle_range, varied=_varied,
+    )  # fmt: skip
 
 
 def _payload_radius(payload: Payload, parameters: ArmParameters) -> float:
@@ -102,19 +84,10 @@ def _times(numbers: PerJoint, factors: PerJoint) -> PerJoint:
 def _varied(plant: Plant, draw: Any) -> Plant:
     """Return the plant with the factors of a draw."""
     return Plant(
-        plant.length,
-        _times(plant.mass, draw.mass),
-        _times(plant.inertia, draw.mass),
-        plant.mass_center,
-        _times(plant.viscous_friction, draw.viscous_friction),
-        plant.gravity,
-        _times(plant.motor_inertia, draw.motor_inertia),
-        _times(plant.stiffness, draw.stiffness),
-        _times(plant.damping, draw.damping),
-        _times(plant.static_friction, draw.dry_friction),
-        _times(plant.coulomb_friction, draw.dry_friction),
-        plant.stribeck_velocity,
-        plant.torque_limit,
-        plant.joint_limit,
-        plant.velocity_limit,
-    )
+        plant.length, _times(plant.mass, draw.mass), _times(plant.inertia, draw.mass), plant.mass_center,
+        _times(plant.viscous_friction, draw.viscous_friction), plant.gravity,
+        _times(plant.motor_inertia, draw.motor_inertia), _times(plant.stiffness, draw.stiffness),
+        _times(plant.damping, draw.damping), _times(plant.static_friction, draw.dry_friction),
+        _times(plant.coulomb_friction, draw.dry_friction), plant.stribeck_velocity, plant.torque_limit,
+        plant.joint_limit, plant.velocity_limit,
+    )  # fmt: skip

@@ -64,23 +64,11 @@ PRESETS: dict[str, PPOConfig] = {
         n_epochs=10,
     ),
     "observer": dataclasses.replace(
-        _RANDOM,
-        base="elastic-observer",
-        scale=(300.0, 150.0),
-        gate=1.0,
-        action_period=0.001,
-        past_errors=0,
-        past_actions=1,
-        integral_time=0.0,
-        tip_error_scale=0.02,
-        hidden=(64, 64),
-        total_timesteps=4_000_000,
-        n_epochs=6,
-        gamma=0.99,
-        log_std_init=-2.0,
-        asymmetric_critic=True,
+        _RANDOM, base="elastic-observer", scale=(300.0, 150.0), gate=1.0, action_period=0.001, past_errors=0,
+        past_actions=1, integral_time=0.0, tip_error_scale=0.02, hidden=(64, 64), total_timesteps=4_000_000, n_epochs=6,
+        gamma=0.99, log_std_init=-2.0, asymmetric_critic=True,
     ),
-}
+}  # fmt: skip
 """The settings of the shipped policies, by what follows ``ppo-`` in their names."""
 
 

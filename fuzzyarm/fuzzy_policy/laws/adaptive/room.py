@@ -52,24 +52,9 @@ def room_for(s: Settings) -> Room:
     for i in range(axes):
         directions[i, 1 + i] = 1.0
     return Room(
-        lanes_of(joints, size, numbers, 2 * axes),
-        one,
-        np.empty(numbers),
-        np.empty(size),
-        np.empty(2 * joints),
-        np.empty(2 * joints),
-        np.empty(2 * joints),
-        np.empty(forces),
-        np.empty(size),
-        np.empty(forces + 1),
-        np.empty((forces + 1, forces + 1)),
-        np.empty((KEPT, joints)),
-        np.empty((KEPT + 1, axes)),
-        directions,
-        np.zeros(2 * axes),
-        np.empty((4, joints)),
-        np.empty(4 * joints),
-        np.empty((joints, 4 * joints)),
-        np.empty(corners, dtype=np.int64),
-        np.empty(corners),
-    )
+        lanes_of(joints, size, numbers, 2 * axes), one, np.empty(numbers), np.empty(size), np.empty(2 * joints),
+        np.empty(2 * joints), np.empty(2 * joints), np.empty(forces), np.empty(size), np.empty(forces + 1),
+        np.empty((forces + 1, forces + 1)), np.empty((KEPT, joints)), np.empty((KEPT + 1, axes)), directions,
+        np.zeros(2 * axes), np.empty((4, joints)), np.empty(4 * joints), np.empty((joints, 4 * joints)),
+        np.empty(corners, dtype=np.int64), np.empty(corners),
+    )  # fmt: skip
