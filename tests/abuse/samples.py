@@ -9,6 +9,7 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_resul
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
 from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.cell import Cell
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
@@ -117,3 +119,9 @@ def recurrent_bundle() -> Path:
     action = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=1.0)
     PolicyBundle(features, action, network).save(folder)
     return folder
+
+
+def signed(document: dict[str, Any]) -> dict[str, Any]:
+    """Return the content of a controller file with the digest put right."""
+    content = {name: value for name, value in document.items() if name != "digest"}
+    return content | {"digest": digest_of(content)}
