@@ -96,7 +96,7 @@ def _check_error(error: BaseException, names: tuple[str, ...]) -> None:
         line = linecache.getline(frame.filename, frame.lineno or 0).strip()
         if not (frame.filename.startswith(PACKAGE) and line.startswith("raise ")):
             raise Broken(f"not an error of its own: {where}") from error
-    check_text(text, where)
+    check_text(str(error.strerror) if from_system else text, where)  # type: ignore[attr-defined]
     if names and not any(name and name in text for name in names):
         raise Broken(f"the message names none of {[name[:40] for name in names]}: {where}")
 

@@ -1,4 +1,4 @@
-"""Every documented name of the package and of its environments: arguments of the wrong kind, out of range, too large."""
+"""Every documented name of package and environments: arguments of the wrong kind, out of range, too large."""
 
 from __future__ import annotations
 
@@ -186,8 +186,8 @@ DOCUMENTED = {
     "Sweep": Name(fuzzyarm.Sweep.begin, lambda: {"folder": out(), "config": small()}),
     "SweepConfig": fields(fuzzyarm.SweepConfig, small),
     "TSModel": fields(fuzzyarm.TSModel, lambda: fuzzyarm.TSModel(ArmParameters()), lambda one: one.polytope),
-    "TipClaim": fields(fuzzyarm.TipClaim, claim),
-    "add_policy": Name(cached, lambda: {"name": "own", "factory": factory, "has_tip": False}),
+    "TipClaim": fields(fuzzyarm.TipClaim, claim, lambda one: None, checked=False),
+    "add_policy": Name(cached, lambda: {"name": "own", "factory": factory}),
     "certify": Name(fuzzyarm.certify, lambda: {"controller": shipped()}),
     "design": Name(
         fuzzyarm.design, lambda: {"specification": fuzzyarm.Specification(kept=()), "parameters": ArmParameters()}
@@ -289,9 +289,9 @@ def test_arguments_are_refused_by_name_or_right(name, monkeypatch, tmp_path):
             made = one.call(**{**valid, (f"{field}_" if unknown else field): value})
             if unknown:
                 raise Broken("an unknown argument was taken")
+            one.use(made)
             if one.checked and not (plausible(value, valid[field]) or (value is None and field in OPTIONAL)):
                 raise Broken("was taken without a word")
-            one.use(made)
 
         names = () if unknown else (*_names_of(field, value), *valid)
         try:
@@ -310,8 +310,29 @@ def _described(value: Any) -> str:
         return object.__repr__(value)
 
 
+EFFECTS = {
+    "length": ("reach of the arm",),
+    "name": ("robot = ",),
+    "label": ("File name too long",),
+    "paths": ("is not there", "No such file", "directory"),
+}
+
+
+def _text(value: Any) -> str:
+    return value[:12] if isinstance(value, str) else "No such file" if isinstance(value, Path) else ""
+
+
 def _names_of(field: str, value: Any) -> tuple[str, ...]:
     """What a message about a field may name: it, its option, a number in it, or the value."""
     described = _described(value).partition(" ")[2].strip("\"'")[:12]
-    camel, effect = field.title().replace("_", ""), {"length": ("reach of the arm",)}.get(field, ())
-    return field, field.replace("_", " "), option_name(field), field.rstrip("s"), camel, described, *effect
+    camel, effect = field.title().replace("_", ""), EFFECTS.get(field, ())
+    return (
+        field,
+        field.replace("_", " "),
+        option_name(field),
+        field.rstrip("s"),
+        camel,
+        described,
+        _text(value),
+        *effect,
+    )

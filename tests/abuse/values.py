@@ -291,6 +291,8 @@ def plausible(value: Any, valid: Any) -> bool:
             return real and not isinstance(value, bool | np.bool_) and (math.isfinite(value) or math.isinf(valid))
         case str():
             return isinstance(value, str)
+        case pathlib.PurePath():
+            return isinstance(value, str | pathlib.PurePath)
         case list() | tuple():
             if not isinstance(value, Sequence | np.ndarray):  # an iterator, which is used up
                 return isinstance(value, Iterable) and not isinstance(value, Set | Mapping)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, whole
+from fuzzyarm.common.checks import choice, instance, whole
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.batch.schedule import Schedule
@@ -183,7 +183,7 @@ def find_bound(
         ValueError: a name is unknown, or the case's tip force or payload does not go with the arm.
     """
     begin = time.perf_counter()
-    problem = problem_of(claim, policy)
+    problem = problem_of(instance("claim", claim, TipClaim), policy)
     steps: list[Step] = []
     try:
         for step in Tube(problem, claims):
