@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 import numbers
+import os
 from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,9 +27,11 @@ __all__ = [
     "is_real",
     "is_sequence",
     "listed",
+    "path_of",
     "real",
     "real_entries",
     "reals",
+    "sequence_of",
     "shown",
     "texts",
     "truth",
@@ -165,6 +169,22 @@ def instance(name: str, value: Any, kind: type[Choice]) -> Choice:
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {shown(value)} must be a {kind.__module__}.{kind.__qualname__}")
     return value
+
+
+def path_of(name: str, value: Any) -> Path:
+    """Return a name of a file or folder as a path; TypeError for anything else, ValueError if no system can hold it."""
+    if not isinstance(value, str | os.PathLike):
+        raise TypeError(f"{name} = {shown(value)} must be a path")
+    if not str(value) or not str(value).isprintable():
+        raise ValueError(f"{name} = {shown(str(value))} can be no name of a file: it is empty, or not printable")
+    return Path(value)
+
+
+def sequence_of(name: str, values: Any) -> Sequence[Any]:
+    """Return a list or tuple that is not empty; TypeError for anything else."""
+    if not isinstance(values, list | tuple) or not values:
+        raise TypeError(f"{name} = {shown(values)} must be a list of at least one")
+    return values
 
 
 def finite_array(

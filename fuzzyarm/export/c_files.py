@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fuzzyarm import __version__
-from fuzzyarm.common.checks import choice
+from fuzzyarm.common.checks import choice, instance, path_of
 from fuzzyarm.common.files import write_once
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.export.c_program import Program, arguments_text, program_of, source_text
@@ -57,12 +57,13 @@ def export_c(label: str, policy: Policy, folder: str | Path, number: str = "doub
         OSError: a file cannot be written.
     """
     choice("number", number, NUMBERS)
+    folder, _ = path_of("folder", folder), instance("policy", policy, Policy)  # type: ignore[type-abstract]
     if number == "float" and isinstance(policy, AdaptiveObserverPolicy | LearnedObserverPolicy):
         raise Unsupported(
             f"{label} needs double: in float its covariance loses its digits, and the tip errs by centimetres; "
             'choose number "double"'
         )
-    name = c_name(label)
+    name = c_name(instance("label", label, str))
     texts = sources_of(label, policy, number)
     if number == "double":
         texts[f"{name}_vectors.csv"] = _vectors(policy, policy)

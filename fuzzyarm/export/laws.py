@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fuzzyarm.common.checks import listed
+from fuzzyarm.common.checks import instance, listed
 from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -48,12 +48,14 @@ def sheet_of(name: str, policy: Policy) -> LawSheet:
     Raises:
         ValueError: the policy is none that a few equations and matrices describe.
     """
-    law, equations, quantities = _law(policy)
+    law, equations, quantities = _law(instance("policy", policy, Policy))  # type: ignore[type-abstract]
     common = (
         Quantity("T", "s", "control period, the time between two calls", np.array(policy.control_period)),
         Quantity("Gamma", "N m", "torque limits", per_joint_of(policy.parameters, "torque_limit")),
     )
-    return LawSheet(name, law, equations, (*common, *quantities), _checked(policy), certificate_of(policy))
+    return LawSheet(
+        instance("name", name, str), law, equations, (*common, *quantities), _checked(policy), certificate_of(policy)
+    )
 
 
 def certificate_of(policy: Policy) -> PolicyCertificate | None:

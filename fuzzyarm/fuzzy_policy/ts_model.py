@@ -148,7 +148,7 @@ class TSModel:
         """Check and sort the kept premises."""
         instance("parameters", self.parameters, ArmParameters)
         kept = self.kept if isinstance(self.kept, tuple | list) else (self.kept,)
-        unknown = [name for name in kept if name not in PREMISES]
+        unknown = [name for name in kept if not isinstance(name, str) or name not in PREMISES]
         if unknown or len(set(kept)) != len(kept):
             raise ValueError(f"kept premises {shown(self.kept)}: choose different ones from {', '.join(PREMISES)}")
         object.__setattr__(self, "kept", tuple(sorted(kept)))

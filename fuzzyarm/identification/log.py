@@ -86,6 +86,7 @@ def read_log(path: Path) -> Log:
             not evenly apart; the message names the file, the line or the column, and what is needed.
         OSError: the file cannot be read.
     """
+    path = checks.path_of("path", path)
     try:
         return _parsed(read_bytes(path, largest=_LARGEST_FILE).decode("utf-8-sig"))
     except (TypeError, ValueError, csv.Error) as error:

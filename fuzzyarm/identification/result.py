@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.identification.fit import DEVIATIONS, Fit, fit_elastic
 from fuzzyarm.identification.log import Log
@@ -117,8 +118,8 @@ def identify(log: Log, start: ArmParameters, progress: Callable[[], None] | None
     Raises:
         ValueError: the log excites too little, or leads to no arm; the message names the parameter.
     """
-    motion = smoothed(log)
-    rigid = fit_rigid(motion, start)
+    motion = smoothed(instance("log", log, Log))
+    rigid = fit_rigid(motion, instance("start", start, ArmParameters))
     if rigid.untold:
         raise ValueError(
             f"too little excitation: the log does not tell {', '.join(rigid.untold)} (condition number "

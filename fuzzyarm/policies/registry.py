@@ -148,8 +148,10 @@ def add_policy(name: str, factory: Factory, *, has_tip: bool = False) -> None:
     Raises:
         ValueError: the name is taken, or would be read as a file or as code.
     """
-    if not name or name.endswith((TIP, ".json")) or any(mark in name for mark in "/\\:"):
+    if not (isinstance(name, str) and name) or name.endswith((TIP, ".json")) or any(mark in name for mark in "/\\:"):
         raise ValueError(f"{name!r} cannot name a policy: no {TIP} or .json at its end, no slash, no colon")
+    if not callable(factory):
+        raise TypeError(f"factory = {factory!r:.80} must be a function of the arm and the control period")
     if name in POLICIES:
         raise ValueError(f"there is a policy {name!r} already; choose another name")
     POLICIES[name] = NamedPolicy(Kind.LAW, factory=factory, has_tip=has_tip)

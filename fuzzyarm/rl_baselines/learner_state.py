@@ -13,7 +13,7 @@ from fuzzyarm.rl_baselines.checkpoint import check_finite, check_like
 __all__ = ["check_off_policy_state", "check_ppo_state"]
 
 _MOMENTS = ("exp_avg", "exp_avg_sq")  # of Adam, of the shape of their parameter
-_STEPS = "step"
+_STEPS, _MOST_STEPS = "step", 1e9  # below 0, and far beyond, Adam's corrections overflow
 
 
 def check_ppo_state(found: Any, own: dict[str, Any], parameters: Sequence[torch.Tensor]) -> None:
@@ -87,3 +87,4 @@ def _check_optimizer(found: dict[str, Any], own: dict[str, Any], parameters: Seq
         parameter = parameters[checks.whole("learner.optimizer.state: parameter", place, high=len(parameters) - 1)]
         like = {_STEPS: torch.zeros(()), **{name: parameter.detach() for name in _MOMENTS}}
         check_like(f"learner.optimizer.state.{place}", moments, like)
+        checks.real(f"learner.optimizer.state.{place}.step", float(moments[_STEPS]), low=0.0, high=_MOST_STEPS)

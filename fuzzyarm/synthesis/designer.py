@@ -58,7 +58,7 @@ def design(specification: Specification, parameters: ArmParameters | None = None
     Raises:
         DesignFailed: no point was found whose proof goes through.
     """
-    made = find_design(specification, parameters)
+    made = find_design(instance("specification", specification, Specification), parameters)
     if isinstance(made, Design):
         return made
     arm = ArmParameters() if parameters is None else parameters

@@ -116,7 +116,7 @@ def design_scheduled(
     if n > MOST_JOINTS:
         raise DesignFailed(f"{robot.name} has {n} joints; a proof is available up to {MOST_JOINTS}")
     begin = time.perf_counter()
-    premises = specification.premises
+    premises = instance("specification", specification, ScheduledSpecification).premises
     if premises is None:
         premises = ()
         while 2 ** len(premises) < specification.rules:

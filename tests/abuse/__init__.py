@@ -1,8 +1,8 @@
-"""Generators of bad input, and the rules that say what has to come of it.
+"""Attacks: on readers of files, commands, documented names, proofs and processes.
 
-    python -m tests.abuse                          everything, with figures, to benchmarks/results/abuse.json
-    python -m tests.abuse "robot TOML" --only 17   one try again
+    python -m pytest -n logical -m slow tests/abuse                   the same examples every time
+    ABUSE_TIMES=20 python -m pytest -n logical -m slow tests/abuse    twenty times as many, other ones each time
 
-Every try is a pure function of the name of its surface and its number. `values` spoils values, `surface` runs a try and
-judges it, the other modules have the surfaces.
+`values` has strategies of spoiled values, `samples` good files of every format; `judged` says what has to come of a try,
+and `dissipation` what is true of a controller.
 """

@@ -6,14 +6,26 @@ __all__: list[str] = []
 
 for _name in (
     "fuzzyarm.cli",
-    "fuzzyarm.eval.evaluation.run",
+    "fuzzyarm.eval.certified.tip.cells_file",
+    "fuzzyarm.eval.dataset.store",
     "fuzzyarm.eval.evaluation.figures",
-    "fuzzyarm.eval.sweep.run",
+    "fuzzyarm.eval.evaluation.run",
+    "fuzzyarm.eval.report.page",
+    "fuzzyarm.eval.stability.margins",
     "fuzzyarm.eval.sweep.figures",
+    "fuzzyarm.eval.sweep.run",
+    "fuzzyarm.eval.tuning.run",
+    "fuzzyarm.export.c_files",
+    "fuzzyarm.export.fmu",
+    "fuzzyarm.identification.result",
     "fuzzyarm.rl_baselines.progress",
     "fuzzyarm.rl_baselines.training",
     "fuzzyarm.synthesis",
-    "fuzzyarm.eval.report.page",
+    "minari",
     "stable_baselines3",
 ):
     importlib.import_module(_name)
+
+from fuzzyarm import run_episode  # noqa: E402
+
+run_episode("fuzzy-1")  # which reads the machine code

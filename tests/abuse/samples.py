@@ -3,32 +3,61 @@
 from __future__ import annotations
 
 import atexit
+import dataclasses
 import functools
+import json
 import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+import fuzzyarm
+from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
+from fuzzyarm.eval.certified.tip.bound_file import save_bound
+from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
+from fuzzyarm.eval.certified.tip.cells_file import save_cells
+from fuzzyarm.eval.certified.tip.plant_set import PlantSet
+from fuzzyarm.eval.dataset import store
+from fuzzyarm.eval.dataset.config import DatasetConfig
 from fuzzyarm.eval.episodes.rollout_file import write_rollouts
 from fuzzyarm.eval.evaluation.run import EvaluationConfig, evaluate, write_results
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.engine import Engine
+from fuzzyarm.eval.sweep.quantities import plant_record
+from fuzzyarm.eval.sweep.results import SweepResults
 from fuzzyarm.eval.sweep.run import Sweep
+from fuzzyarm.eval.sweep.summary import summarise
+from fuzzyarm.eval.tuning.finding import write_finding
+from fuzzyarm.eval.tuning.steps import found
+from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
+from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
+from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.identification.log import Log, write_log
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.cell import Cell
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.network import Network
+from fuzzyarm.policies.tuned import LAWS, NAME, SCHEMA, TunedLaws
 from fuzzyarm.rl_baselines.algorithms.ppo import PPOConfig
 from fuzzyarm.rl_baselines.training import Training
+from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled, scheduled_design
 
-__all__ = ["CANARY", "SMALL_TRAINING", "evaluation", "recurrent_bundle", "room", "scratch", "sweep", "training"]
+__all__ = ["CANARY", "CONTROLLERS", "SMALL_TRAINING", "no_code_ran", "of_robot", "room", "scratch", "signed"]
 
+PACKAGE = Path(fuzzyarm.__file__).parent
+CONTROLLERS, BUNDLES = PACKAGE / "fuzzy_policy" / "controllers", PACKAGE / "learned_policy" / "policies"
 ROOM = Path(tempfile.mkdtemp(prefix="abuse-"))
 CANARY = ROOM / "canary"
-SMALL_TRAINING = {
+SMALL_TRAINING: dict[str, Any] = {
     "total_timesteps": 256,
     "lanes": 2,
     "n_steps": 16,
@@ -56,52 +85,110 @@ def room() -> Path:
     return ROOM
 
 
+def no_code_ran() -> None:
+    """Check that nothing that a file named or held was executed."""
+    ran = CANARY.exists() or "abuse_canary" in sys.modules
+    CANARY.exists() and CANARY.rmdir()
+    assert not ran, "code from a file was run"
+
+
 def scratch() -> Path:
-    """An empty folder for one try, the only one at a time."""
-    folder = room() / "try"
-    if folder.exists():
-        for path, folders, _ in os.walk(folder):
-            for name in folders:
-                os.chmod(os.path.join(path, name), 0o700) if not os.path.islink(os.path.join(path, name)) else None
-        shutil.rmtree(folder)
-    folder.mkdir()
+    """An empty folder for one try."""
+    return Path(tempfile.mkdtemp(dir=room()))
+
+
+def signed(document: dict[str, Any]) -> dict[str, Any]:
+    """Return the content of a controller file with the digest put right."""
+    content = {name: value for name, value in document.items() if name != "digest"}
+    return content | {"digest": digest_of(content)}
+
+
+def _made(make: Callable[[Path], None]) -> Callable[[], Path]:
+    """A folder that is made once."""
+
+    @functools.cache
+    def folder() -> Path:
+        made = room() / make.__name__
+        made.mkdir()
+        make(made)
+        return made
+
     return folder
 
 
-@functools.cache
-def evaluation(policy: str = "fuzzy-1") -> Path:
-    """The folder of an evaluation, without figures. Of a certified policy, a report simulates the proven loop."""
-    folder = room() / f"evaluation-{policy}"
-    folder.mkdir()
-    done = evaluate(EvaluationConfig(policies=(policy,), cases=("nominal",)))
-    write_results(done, folder)
-    write_rollouts(done.rollouts, folder)
-    return folder
+@_made
+def controller(folder: Path) -> None:
+    shutil.copy(CONTROLLERS / "fuzzy-2.json", folder / "controller.json")
 
 
 @functools.cache
-def sweep() -> Path:
-    """The folder of a sweep with two chunks, without its summary."""
-    folder = room() / "sweep"
-    config = SweepConfig(policies=("fuzzy-1",), cases=("nominal",), plants=4, chunk=2)
-    for _ in Sweep.begin(folder, config).run(Engine(jobs=1)):
-        pass
-    return folder
+def of_robot() -> ScheduledController:
+    """Return a controller of two rules for an arm whose second joint turns one way only: M̂ has one sign of slope."""
+    robot, samples = robot_named("planar-3r"), scheduled_design.SAMPLES
+    joints = [dataclasses.replace(one, angle_range=(0.3, 2.5)) if k == 1 else one for k, one in enumerate(robot.joints)]
+    scheduled_design.SAMPLES = 600
+    try:
+        given = ScheduledSpecification(premises=(Premise(1, "cos q"),), alpha=20.0)
+        return design_scheduled(given, dataclasses.replace(robot, joints=tuple(joints))).controller
+    finally:
+        scheduled_design.SAMPLES = samples
 
 
-@functools.cache
-def training() -> Path:
-    """The folder of a training that is at its end."""
-    folder = room() / "training"
-    Training(PPOConfig(**SMALL_TRAINING), folder).run()
-    return folder
+@_made
+def scheduled(folder: Path) -> None:
+    of_robot().save(folder / "controller.json")
 
 
-@functools.cache
-def recurrent_bundle() -> Path:
+@_made
+def tables(folder: Path) -> None:
+    """Documents of TOML and CSV."""
+    ArmParameters().write_toml(folder / "arm.toml")
+    for name in ("planar-3r", "panda"):
+        shutil.copy(PACKAGE / "envs" / "physics" / "robots" / f"{name}.toml", folder)
+    (folder / "set.toml").write_text(
+        'mass = [0.99, 1.01]\nstiffness = [[0.9, 1.1], [1.0, 1.0]]\nfriction = "any"\nlate = 1\n'
+    )
+    (folder / "path.toml").write_text("points = [[0.3, 0.5], [0.5, 0.3], [0.6, 0.5]]\nclosed = true\nduration = 4.0\n")
+    (folder / "path.csv").write_text("x,y\n0.3,0.5\n0.5,0.3\n0.6,0.5\n0.3,0.5\n")
+    angle = 0.3 * np.sin(np.arange(600)[:, np.newaxis] * [4e-3, 7e-3])
+    (folder / "log.csv").write_text(write_log(Log(1e-3, angle, 40.0 * np.cos(angle), angle)))
+
+
+@_made
+def bounds(folder: Path) -> None:
+    """A bound of three samples, and one by two cells."""
+    claim = TipClaim("fuzzy-4-tip", set_name="own", plants=PlantSet(damping=(0.99, 1.01)), steps=3)
+    save_bound(find_bound(claim), folder / "bound.json")
+    cells = [cell for part in bounds_of_cells(claim, [("damping-1", 2)], 1, folder / "cells.json") for cell in part]
+    save_cells(claim, cells, folder / "cells.json")
+
+
+@_made
+def tuned(folder: Path) -> None:
+    """A folder as `fuzzyarm tune` writes it, for Table 1."""
+    arm = ArmParameters()
+    arm.write_toml(folder / "robot.toml")
+    shutil.copy(CONTROLLERS / "fuzzy-1.json", folder)
+    weights = {"observer": dataclasses.asdict(ObserverWeights()), "adaptive": dataclasses.asdict(AdaptiveWeights())}
+    laws = TunedLaws(SCHEMA, robot_of(arm).digest, 1e-3, ("fuzzy-1", *LAWS), bandwidth=70.0, **weights)
+    (folder / NAME).write_text(laws.to_json())
+    write_finding(folder, found(arm, LAWS[0], {"bandwidth": 70.0}, {}, {"nominal": 0.9}, tried=1, rule="One."))
+
+
+@_made
+def bundle(folder: Path) -> None:
+    shutil.copytree(BUNDLES / "ppo-nominal", folder, dirs_exist_ok=True)
+
+
+@_made
+def observer(folder: Path) -> None:
+    shutil.copytree(BUNDLES / "learned-observer", folder, dirs_exist_ok=True)
+
+
+@_made
+def recurrent(folder: Path) -> None:
     """A recurrent network beside the elastic observer, with random weights."""
-    rng, folder, hidden = np.random.default_rng(0), room() / "recurrent", 3
-    features = FeatureDefinition(innovation_times=(0.01,))
+    rng, hidden, features = np.random.default_rng(0), 3, FeatureDefinition(innovation_times=(0.01,))
 
     def random(*shape: int) -> np.ndarray:
         return rng.normal(size=shape).astype(np.float32)
@@ -115,5 +202,40 @@ def recurrent_bundle() -> Path:
         cell=Cell(random(4 * hidden, features.size), random(4 * hidden, hidden), random(4 * hidden)),
     )
     action = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=1.0)
-    PolicyBundle(features, action, network).save(folder)
-    return folder
+    PolicyBundle(features, action, network).save(folder / "policy")
+
+
+@_made
+def evaluated(folder: Path) -> None:
+    """An evaluation without figures. Of a certified policy, a report simulates the proven loop."""
+    done = evaluate(EvaluationConfig(policies=("computed-torque",), cases=("nominal",)))
+    write_results(done, folder)
+    write_rollouts(done.rollouts, folder)
+
+
+@_made
+def swept(folder: Path) -> None:
+    """A sweep of two chunks, and beside it the summary of one that was never run."""
+    config = SweepConfig(policies=("fuzzy-1",), cases=("nominal",), plants=4, chunk=2)
+    for _ in Sweep.begin(folder, config).run(Engine(jobs=1)):
+        pass
+    shape = (1, 1, 4)
+    errors, completed = np.arange(1.0, 5.0).reshape(shape), np.ones(shape, bool)
+    results = SweepResults(np.zeros(4, plant_record(2)), errors, errors, np.ones(shape), completed)
+    (folder / "sweep.json").write_text(json.dumps(summarise(config, results)), encoding="utf-8")
+
+
+@_made
+def trained(folder: Path) -> None:
+    """A training that is at its end."""
+    Training(PPOConfig(**SMALL_TRAINING), folder).run()
+
+
+@_made
+def recorded(folder: Path) -> None:
+    """A data set of one episode."""
+    scored, store._SCORED = store._SCORED, 1
+    try:
+        os.rename(store.write_dataset(DatasetConfig(level="medium", episodes=1), folder), folder / "set")
+    finally:
+        store._SCORED = scored

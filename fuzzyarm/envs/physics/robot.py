@@ -80,7 +80,7 @@ class Robot:
     def __post_init__(self) -> None:
         """Check the texts, the number and names of the joints, tip and gravity."""
         checks.instance("name", self.name, str)
-        joints = tuple(checks.instance("joints", joint, Joint) for joint in self.joints)
+        joints = tuple(checks.instance("joints", joint, Joint) for joint in checks.sequence_of("joints", self.joints))
         object.__setattr__(self, "joints", joints)
         checks.whole("the number of joints", len(joints), low=1, high=MOST_JOINTS)
         checks.distinct("joints", [joint.name for joint in joints])
@@ -192,10 +192,14 @@ def shipped_robots() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _SHIPPED.glob("*.toml")))
 
 
-@functools.cache
 def robot_named(name: str) -> Robot:
     """Return a robot that comes with the package, by its name; ValueError with all names if there is none such."""
-    return Robot.from_toml(_SHIPPED / f"{checks.choice('robot', name, shipped_robots())}.toml")
+    return _read_once(checks.choice("robot", name, shipped_robots()))
+
+
+@functools.cache
+def _read_once(name: str) -> Robot:
+    return Robot.from_toml(_SHIPPED / f"{name}.toml")
 
 
 def _with_joint_name(message: str, content: dict[str, Any]) -> str:

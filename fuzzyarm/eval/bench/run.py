@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.bench.config import BenchConfig
 from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch
@@ -46,7 +47,7 @@ def run_bench(config: BenchConfig, progress: Callable[[str], None] = lambda _: N
     load_average = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     rows, sweep = (
         [row for name, group in groups.items() for row in race(name, group, config.rounds, config.seconds, progress)]
-        for groups in (config.groups(), config.sweep_groups())
+        for groups in (instance("config", config, BenchConfig).groups(), config.sweep_groups())
     )
     progress("accuracy")
     _add_tip_errors([*rows, *sweep])

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.rounding import at_least, at_most
 from fuzzyarm.envs.scenario.reference import CHECKED_INSTANTS, JointReference
@@ -114,7 +115,7 @@ def residual_statement(residual: Residual) -> str:
 
 def verify_file(path: str | Path) -> Verification | ScheduledVerification:
     """Load a controller file of any form and prove its claims; ValueError or OSError if it cannot be read."""
-    path = Path(path)
+    path = path_of("path", path)
     controller = load_controller(path)
     if isinstance(controller, ScheduledController):
         return verify_scheduled(path, controller)

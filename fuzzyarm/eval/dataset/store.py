@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.checks import shown
+from fuzzyarm.common.documents import open_regular, read_json
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.dataset.config import CONDITIONS, EXPERT, VERSION, DatasetConfig
 from fuzzyarm.eval.dataset.recording import Episode, RandomTorques, mean_return, record
@@ -107,13 +108,19 @@ def open_dataset(folder: str | Path) -> Any:
         ValueError: Minari is not installed.
     """
     check_installed()
+    import h5py
     import minari
 
     path = Path(folder)
     if not (path / _DATA).is_dir():
         raise DatasetError(f"{path} is no data set; fuzzyarm dataset --out DIR writes one")
     try:
+        read_json(path / _DATA / "metadata.json")
+        open_regular(path / _DATA / "main_data.hdf5").close()  # HDF5 would wait for the writer of a pipe
         dataset = minari.MinariDataset(path / _DATA)
+        with h5py.File(path / _DATA / "main_data.hdf5") as file:  # which Minari reads with the first episode
+            if len(file) != dataset.total_episodes:
+                raise ValueError(f"{len(file)} of {dataset.total_episodes} episodes")
         found = dataset.storage.metadata.get(_KEY)
     except (AssertionError, AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]

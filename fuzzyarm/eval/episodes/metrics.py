@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.common.registry import Registry
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -116,7 +117,7 @@ def add_metric(metric: Metric) -> None:
 
 def metrics_of(rollout: Rollout) -> dict[str, float]:
     """Return all `METRICS` of an episode by name, and those of the joints that the paper's arm does not have."""
-    joints = rollout.torque.shape[-1]
+    joints = instance("rollout", rollout, Rollout).torque.shape[-1]
     metrics = [metric for metric in METRICS.values() if metric.joint <= joints]
     metrics += [metric for joint in range(JOINTS + 1, joints + 1) for metric in _of_joint(joint)]
     return {metric.name: float(metric.compute(rollout)) for metric in metrics}

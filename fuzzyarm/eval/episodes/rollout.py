@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.batch.layout import INFO
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.observation import observed
@@ -187,6 +188,8 @@ def run_episode(
     name = resolve(policy).label if isinstance(policy, str | os.PathLike) else type(policy).__name__
     if isinstance(policy, str | os.PathLike | Controller | ScheduledController):
         policy = load_policy(policy, control_period=control_period, robot=robot)
+    if not hasattr(policy, "predict"):
+        raise TypeError(f"policy = {shown(policy)} must be a name, a controller or an object with predict")
     return record_rollout(env, policy, policy_name=name, case=case, seed=seed)
 
 

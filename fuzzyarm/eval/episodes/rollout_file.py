@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.array_files import read_arrays
+from fuzzyarm.common.checks import instance, path_of, sequence_of
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.episodes.beliefs import NO_BELIEFS
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -52,8 +53,9 @@ def write_rollouts(rollouts: Sequence[Rollout], folder: Path) -> Path:
 
     The array of field ``torque`` of the third rollout is called ``2.torque``; names and flags are arrays as well.
     """
-    content = io.BytesIO()
-    arrays = {f"{k}.{name}": _array(run, name) for k, run in enumerate(rollouts) for name in _FIELDS}
+    content, folder = io.BytesIO(), path_of("folder", folder)
+    runs = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
+    arrays = {f"{k}.{name}": _array(run, name) for k, run in enumerate(runs) for name in _FIELDS}
     np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
     write_atomically(folder / NAME, content.getvalue())
     return folder / NAME

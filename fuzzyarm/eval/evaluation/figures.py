@@ -19,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from fuzzyarm.common.checks import instance, path_of, sequence_of
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -90,7 +91,8 @@ def write_figures(
         ValueError: there are no rollouts.
         OSError: the folder is missing or not writable; no file is left half written.
     """
-    paths = []
+    paths, folder = [], path_of("folder", folder)
+    rollouts = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
     with _style():
         for name, figure in draw_figures(rollouts, titles).items():
             figure.draw_without_rendering()

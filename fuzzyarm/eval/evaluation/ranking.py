@@ -22,6 +22,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from fuzzyarm.common.checks import path_of, sequence_of
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.scenario.cases import CASES
@@ -161,7 +162,7 @@ def rank_policies(paths: Sequence[str | Path], tips: Mapping[str, str] | None = 
             first difference.
         OSError: a file cannot be read.
     """
-    read = [read_results(Path(path)) for path in paths]
+    read = [read_results(path_of("paths", path)) for path in sequence_of("paths", paths)]
     first = read[0]
     for number, other in enumerate(read):
         if any(other.path.samefile(earlier.path) for earlier in read[:number]):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, distinct, instance, interval, real, reals, whole
+from fuzzyarm.common.checks import choice, distinct, instance, interval, path_of, real, reals, whole
 from fuzzyarm.common.files import csv_text, write_atomically
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.periods import checked_period
@@ -229,7 +229,7 @@ def evaluate(config: EvaluationConfig, progress: Callable[[], None] | None = Non
         ValueError: a policy is unknown, fails or does not fit the robot, or the reference does not fit it.
         OSError: a controller file cannot be read.
     """
-    specs = resolve_all(config.policies, run_code=True)
+    specs = resolve_all(instance("config", config, EvaluationConfig).policies, run_code=True)
     policies = {label: _loaded(spec, config, label) for label, spec in specs.items()}
     declarations = declarations_of(specs, policies, config.arm, config.passes)
     reference: Any = config.reference()
@@ -293,7 +293,8 @@ def _loaded(spec: PolicySpec, config: EvaluationConfig, label: str) -> Any:
 
 def write_results(evaluation: Evaluation, folder: str | Path) -> list[Path]:
     """Write ``results.json`` and ``results.csv`` into a folder, each whole or not at all; return their paths."""
-    json_path, csv_path = Path(folder) / "results.json", Path(folder) / "results.csv"
-    write_atomically(json_path, json.dumps(evaluation.to_dict(), indent=1) + "\n")
+    document, folder = instance("evaluation", evaluation, Evaluation).to_dict(), path_of("folder", folder)
+    json_path, csv_path = folder / "results.json", folder / "results.csv"
+    write_atomically(json_path, json.dumps(document, indent=1) + "\n")
     write_atomically(csv_path, csv_text(evaluation.rows))
     return [json_path, csv_path]

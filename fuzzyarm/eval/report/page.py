@@ -18,6 +18,7 @@ from string import Template
 from typing import Any
 
 from fuzzyarm import __version__
+from fuzzyarm.common.checks import path_of
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.evaluation.ranking import standings_of
 from fuzzyarm.eval.evaluation.run import EvaluationConfig
@@ -44,9 +45,9 @@ def write_report(folder: str | Path, out: str | Path, bounds: Sequence[str | Pat
             episode of the evaluation; nothing is written.
         OSError: a file cannot be read or written.
     """
-    stored = read_evaluation(Path(folder))
+    out, stored = path_of("out", out), read_evaluation(path_of("folder", folder))
     tubes = tube_section(checked_bounds([Path(one) for one in bounds]), stored.rollouts)
-    write_atomically(Path(out), render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
+    write_atomically(out, render_page(stored, observe_policies(stored.config, stored.bounds), tubes))
 
 
 def render_page(stored: StoredEvaluation, observed: Observations, tubes: str = "") -> str:

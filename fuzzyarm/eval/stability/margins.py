@@ -18,7 +18,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from fuzzyarm.common.checks import distinct, listed
+from fuzzyarm.common.checks import distinct, instance, listed
 from fuzzyarm.common.console import print_paragraphs, print_table
 from fuzzyarm.common.console import table as new_table
 from fuzzyarm.envs.physics.dynamics import Payload
@@ -103,7 +103,7 @@ def measure_margins(config: MarginsConfig, progress: Callable[[], None] = lambda
         ValueError: a policy is unknown or does not fit the robot, or the path does not fit it.
         OSError: a file cannot be read.
     """
-    arm = config.arm
+    arm = instance("config", config, MarginsConfig).arm
     default_reference(arm)  # an arm that cannot follow it is a usage error, for which the table has no row
     specs = resolve_all(config.names(), run_code=True)
     policies = {label: _loaded(spec, arm) for label, spec in specs.items()}

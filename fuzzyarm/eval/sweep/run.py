@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance, path_of
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.declarations import declarations_of
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -76,7 +77,7 @@ class Sweep:
                 nothing is left behind.
             OSError: a file cannot be read or written.
         """
-        store = Store.create(folder, config)
+        store = Store.create(path_of("folder", folder), instance("config", config, SweepConfig))
         try:
             return cls(store, load_policies(store))
         except BaseException:

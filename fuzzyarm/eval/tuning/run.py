@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzzyarm.common.checks import path_of, truth
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -153,7 +154,7 @@ def tune_arm(robot: Any, folder: str | os.PathLike[str], *, resume: bool = False
         ValueError: the folder is not empty, of another arm or damaged; or the arm cannot follow its path.
         OSError: a file cannot be read or written.
     """
-    folder = Path(folder)
+    folder, resume = path_of("folder", folder), truth("resume", resume)
     asked = None if robot is None and resume else chosen_arm(robot, None)
     if resume:
         arm = resumed_arm(folder, asked)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fuzzyarm.common.checks import instance
 from fuzzyarm.fuzzy_policy.controller import POLE_ARRAYS, Controller
 from fuzzyarm.fuzzy_policy.proof import consistent_reference, theorem2
 from fuzzyarm.fuzzy_policy.proof.definiteness import exact, is_positive_definite, rational, smallest_eigenvalue, stated
@@ -64,7 +65,7 @@ def certify(controller: Controller, progress: Callable[[], None] | None = None) 
     bound of the fastest pole are the decimal numbers that are printed (`stated`), every other float is what it is.
     `progress` is called after each inequality.
     """
-    data = exact_vertices(controller)
+    data = exact_vertices(instance("controller", controller, Controller))
     P, Q, X, tau = exact(controller.P), exact(controller.Q), exact(controller.X), exact(controller.tau)
     gains, L = exact(controller.gains), exact(controller.feedforward_gains)
     alpha, gamma = stated(controller.alpha), stated(controller.gamma)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import choice, real, whole
+from fuzzyarm.common.checks import choice, instance, real, whole
 from fuzzyarm.common.rounding import at_most
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
@@ -234,7 +234,7 @@ def find_bound(
         ValueError: a name is unknown, or the case's tip force or payload does not go with the arm.
     """
     begin = time.perf_counter()
-    problem = problem_of(claim, policy)
+    problem = problem_of(instance("claim", claim, TipClaim), policy)
     steps: list[Step] = []
     try:
         with np.errstate(all="ignore"):  # what is too large is no number, and fails each check

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.common.checks import finite_array, real
+from fuzzyarm.common.checks import finite_array, instance, path_of, real
 from fuzzyarm.common.console import escaped
 from fuzzyarm.common.documents import DocumentError, check_schema, open_regular, read_json, record
 from fuzzyarm.common.files import write_atomically
@@ -135,7 +135,7 @@ class BoundCheck:
 
 def save_bound(bound: TipBound, path: Path) -> None:
     """Write the file of a proven bound, atomically."""
-    c = bound.claim
+    c, path = instance("bound", bound, TipBound).claim, path_of("path", path)
     steps = [
         [
             _Part(
