@@ -19,16 +19,9 @@ if TYPE_CHECKING:
     from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = [
-    "Allowed",
-    "UsageError",
-    "check_writable",
-    "claimed_folder",
-    "explain",
-    "name_left_out",
-    "output_file",
-    "two_joint_arm",
-    "whole_numbers",
-]
+    "Allowed", "UsageError", "check_writable", "claimed_folder", "explain", "name_left_out", "output_file",
+    "two_joint_arm", "whole_numbers",
+]  # fmt: skip
 
 
 class UsageError(Exception):

@@ -18,25 +18,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 __all__ = [
-    "array_of",
-    "choice",
-    "distinct",
-    "finite_array",
-    "instance",
-    "interval",
-    "is_real",
-    "is_sequence",
-    "listed",
-    "path_of",
-    "real",
-    "real_entries",
-    "reals",
-    "sequence_of",
-    "shown",
-    "texts",
-    "truth",
-    "whole",
-]
+    "array_of", "choice", "distinct", "finite_array", "instance", "interval", "is_real", "is_sequence", "listed",
+    "path_of", "real", "real_entries", "reals", "sequence_of", "shown", "texts", "truth", "whole",
+]  # fmt: skip
 
 Choice = TypeVar("Choice")
 

@@ -25,19 +25,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "PIPED_WIDTH",
-    "SPELLED_OUT",
-    "STANDARD_OUTPUT",
-    "escaped",
-    "naming_output",
-    "output",
-    "print_paragraphs",
-    "print_table",
-    "progress",
-    "say",
-    "status",
-    "table",
-]
+    "PIPED_WIDTH", "SPELLED_OUT", "STANDARD_OUTPUT", "escaped", "naming_output", "output", "print_paragraphs",
+    "print_table", "progress", "say", "status", "table",
+]  # fmt: skip
 
 PIPED_WIDTH = 1000  # columns; wide enough for every table
 NARROWEST = 40  # columns; rich takes minutes and gigabytes to fold a help text to one

@@ -25,19 +25,9 @@ import msgspec
 from fuzzyarm.common.checks import listed
 
 __all__ = [
-    "DEEPEST",
-    "LARGEST",
-    "MOST_VALUES",
-    "DocumentError",
-    "check_schema",
-    "open_regular",
-    "parse_json",
-    "read_bytes",
-    "read_checked",
-    "read_json",
-    "read_toml",
-    "record",
-]
+    "DEEPEST", "LARGEST", "MOST_VALUES", "DocumentError", "check_schema", "open_regular", "parse_json", "read_bytes",
+    "read_checked", "read_json", "read_toml", "record",
+]  # fmt: skip
 
 Built = TypeVar("Built")
 Record = TypeVar("Record")

@@ -20,16 +20,9 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 
 __all__ = [
-    "RESET_OPTIONS",
-    "action_space",
-    "check_options",
-    "chosen_disturbance",
-    "chosen_reference",
-    "chosen_scenario",
-    "initial_state",
-    "observation_space",
-    "real_numbers",
-]
+    "RESET_OPTIONS", "action_space", "check_options", "chosen_disturbance", "chosen_reference", "chosen_scenario",
+    "initial_state", "observation_space", "real_numbers",
+]  # fmt: skip
 
 RESET_OPTIONS = ("initial_state", "reference", "case", "disturbance")
 """What the `options` of `reset` may hold."""

@@ -7,16 +7,9 @@ import pygame
 from numpy.typing import ArrayLike
 
 __all__ = [
-    "Canvas",
-    "Colour",
-    "magnified",
-    "paint_error",
-    "paint_footer",
-    "paint_force",
-    "paint_header",
-    "paint_payload",
+    "Canvas", "Colour", "magnified", "paint_error", "paint_footer", "paint_force", "paint_header", "paint_payload",
     "thinned",
-]
+]  # fmt: skip
 
 MAGNIFICATION = 25  # factor by which the trace magnifies the tip error: a millimetre would be less than a pixel
 

@@ -8,16 +8,9 @@ from typing import Any
 from fuzzyarm.common import checks
 
 __all__ = [
-    "LONGEST_PERIOD",
-    "MAX_DEFAULT_SUBSTEP",
-    "MOST_STEPS",
-    "MOST_SUBSTEPS",
-    "SHORTEST_PERIOD",
-    "checked_period",
-    "checked_periods",
-    "default_substeps",
-    "whole_substeps",
-]
+    "LONGEST_PERIOD", "MAX_DEFAULT_SUBSTEP", "MOST_STEPS", "MOST_SUBSTEPS", "SHORTEST_PERIOD", "checked_period",
+    "checked_periods", "default_substeps", "whole_substeps",
+]  # fmt: skip
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 0.1
 """Allowed control periods [s]."""

@@ -23,16 +23,8 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.functions import area_sine, hyperbolic_tangent, logistic
 
 __all__ = [
-    "LAW",
-    "MODEL",
-    "MOST_REMEMBERED",
-    "Program",
-    "Words",
-    "arguments_text",
-    "program_of",
-    "recorded",
-    "source_text",
-]
+    "LAW", "MODEL", "MOST_REMEMBERED", "Program", "Words", "arguments_text", "program_of", "recorded", "source_text",
+]  # fmt: skip
 
 MOST_REMEMBERED = 2000
 """Most numbers that an exported law remembers: its loops are written out."""

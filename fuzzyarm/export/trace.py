@@ -17,21 +17,9 @@ import numpy as np
 from fuzzyarm.export.refusals import TooLarge, Unsupported
 
 __all__ = [
-    "LARGEST",
-    "UNKNOWN",
-    "Block",
-    "Branch",
-    "Function",
-    "Kind",
-    "Loops",
-    "Matrix",
-    "Scalar",
-    "Step",
-    "Trace",
-    "Value",
-    "is_number",
-    "kind_of",
-]
+    "LARGEST", "UNKNOWN", "Block", "Branch", "Function", "Kind", "Loops", "Matrix", "Scalar", "Step", "Trace", "Value",
+    "is_number", "kind_of",
+]  # fmt: skip
 
 LARGEST = 2**18
 """Numbers that all tables of a program may have: 2 MiB in double precision."""

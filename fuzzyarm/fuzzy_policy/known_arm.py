@@ -16,18 +16,9 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "Drives",
-    "checked_arm",
-    "constants_of",
-    "drives_in",
-    "drives_of",
-    "joints_of",
-    "per_joint_of",
-    "travel_of",
-    "with_drives",
-    "with_mass",
-    "without_dry_friction",
-]
+    "Drives", "checked_arm", "constants_of", "drives_in", "drives_of", "joints_of", "per_joint_of", "travel_of",
+    "with_drives", "with_mass", "without_dry_friction",
+]  # fmt: skip
 
 
 class Drives(NamedTuple):

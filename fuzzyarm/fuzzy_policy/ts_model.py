@@ -26,16 +26,9 @@ from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.states import PLANT_STATES
 
 __all__ = [
-    "DEFAULT_KEPT",
-    "NAMED_RULES",
-    "PREMISES",
-    "Polytope",
-    "TSModel",
-    "Uncertainty",
-    "descriptor_terms",
-    "premise_bounds",
-    "premises",
-]
+    "DEFAULT_KEPT", "NAMED_RULES", "PREMISES", "Polytope", "TSModel", "Uncertainty", "descriptor_terms",
+    "premise_bounds", "premises",
+]  # fmt: skip
 
 PREMISES = ("z1", "z2", "z3", "z4", "z5")
 """Names of the premises, in the order of the paper."""

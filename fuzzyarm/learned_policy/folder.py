@@ -19,17 +19,9 @@ from fuzzyarm.common.documents import check_schema, parse_json, read_bytes, read
 from fuzzyarm.common.files import write_folder_atomically
 
 __all__ = [
-    "BEST",
-    "DESCRIPTION",
-    "LAST",
-    "OBSERVER",
-    "WEIGHTS",
-    "BundleError",
-    "is_observer",
-    "read_folder",
-    "tensors_in",
+    "BEST", "DESCRIPTION", "LAST", "OBSERVER", "WEIGHTS", "BundleError", "is_observer", "read_folder", "tensors_in",
     "write_folder",
-]
+]  # fmt: skip
 
 DESCRIPTION = "policy.json"
 """File with everything but the weights."""

@@ -15,17 +15,8 @@ if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "ANY_ROBOT",
-    "COMPARED",
-    "LEARNED",
-    "NAMES",
-    "POLICIES",
-    "TIP",
-    "Kind",
-    "NamedPolicy",
-    "add_policy",
-    "known_names",
-]
+    "ANY_ROBOT", "COMPARED", "LEARNED", "NAMES", "POLICIES", "TIP", "Kind", "NamedPolicy", "add_policy", "known_names",
+]  # fmt: skip
 
 TIP = "-tip"
 """Ending of a policy's name that wraps its law in `fuzzy_policy.laws.tip.TipPolicy`, which leads the tip along the

@@ -26,16 +26,9 @@ from fuzzyarm.common.documents import DocumentError, read_bytes
 from fuzzyarm.common.files import write_atomically
 
 __all__ = [
-    "CheckpointError",
-    "as_array",
-    "check_finite",
-    "check_like",
-    "progress_in",
-    "random_state",
-    "read_checkpoint",
-    "set_random_state",
-    "write_checkpoint",
-]
+    "CheckpointError", "as_array", "check_finite", "check_like", "progress_in", "random_state", "read_checkpoint",
+    "set_random_state", "write_checkpoint",
+]  # fmt: skip
 
 _SCHEMA = b"fuzzyarm-checkpoint/3"
 _LARGEST = 2**30  # bytes

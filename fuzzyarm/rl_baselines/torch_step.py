@@ -27,19 +27,9 @@ from fuzzyarm.envs.termination import reason_of
 from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, normal_pair, uniform, word
 
 __all__ = [
-    "Equations",
-    "Lanes",
-    "Outcome",
-    "Shared",
-    "advance",
-    "begin",
-    "by_step",
-    "drawn",
-    "following",
-    "observed",
-    "stacked",
-    "write",
-]
+    "Equations", "Lanes", "Outcome", "Shared", "advance", "begin", "by_step", "drawn", "following", "observed",
+    "stacked", "write",
+]  # fmt: skip
 
 # Counters of an episode's random stream as plain integers, which torch.compile takes for constants.
 _NEXT_KEY, _RANDOMISATION = int(randomness.NEXT_KEY), int(randomness.RANDOMISATION)

@@ -20,17 +20,9 @@ from fuzzyarm.synthesis.scaling import Scaling
 from fuzzyarm.synthesis.specification import FIRST_ALPHA, PAPER_WEIGHT, Specification
 
 __all__ = [
-    "best_solution",
-    "error_system",
-    "largest_feasible_alpha",
-    "lightness",
-    "scaled_gain",
-    "scaled_problem",
-    "slowest_tried",
-    "smallest_feasible_gain_bound",
-    "smallest_feasible_gamma",
-    "smallest_feasible_pole",
-]
+    "best_solution", "error_system", "largest_feasible_alpha", "lightness", "scaled_gain", "scaled_problem",
+    "slowest_tried", "smallest_feasible_gain_bound", "smallest_feasible_gamma", "smallest_feasible_pole",
+]  # fmt: skip
 
 # The scale c of the Lyapunov function cannot be a variable, because γ ties it to P. In the consistent form it goes with
 # σ/(γU)²; 0.37 of that gives the smallest gains with z1 kept, 0.6 with z1 dropped (α = 20, γ = 2e-4). In the paper's

@@ -27,20 +27,9 @@ from fuzzyarm.envs.physics.records import places, record_type
 from fuzzyarm.envs.task import assessment_record, target_record
 
 __all__ = [
-    "CLOCK",
-    "INFO",
-    "SCALARS",
-    "START",
-    "VECTORS",
-    "Clock",
-    "Layout",
-    "Noise",
-    "Results",
-    "Scalars",
-    "Start",
-    "Vectors",
-    "layout_of",
-]
+    "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Layout", "Noise", "Results", "Scalars", "Start",
+    "Vectors", "layout_of",
+]  # fmt: skip
 
 
 class Noise(NamedTuple):

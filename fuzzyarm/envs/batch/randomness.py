@@ -20,16 +20,8 @@ from fuzzyarm.envs.physics.records import size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 
 __all__ = [
-    "NEXT_KEY",
-    "RANDOMISATION",
-    "draw",
-    "key_before",
-    "key_of",
-    "mix",
-    "noise_counter",
-    "normal_pair",
-    "uniform",
-]
+    "NEXT_KEY", "RANDOMISATION", "draw", "key_before", "key_of", "mix", "noise_counter", "normal_pair", "uniform",
+]  # fmt: skip
 
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)

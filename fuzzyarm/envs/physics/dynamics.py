@@ -18,25 +18,10 @@ from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State, in_list, reader
 
 __all__ = [
-    "Arm",
-    "Payload",
-    "Plant",
-    "arm_constants",
-    "arm_in",
-    "coriolis_torque",
-    "gravity_torque",
-    "inertia_and_gravity",
-    "joint_torque",
-    "loaded",
-    "lump",
-    "mass_matrix",
-    "plant_of",
-    "rigid_inverse_dynamics",
-    "solve_mass_matrix",
-    "tip_force_torque",
-    "tip_jacobian",
-    "tip_position",
-]
+    "Arm", "Payload", "Plant", "arm_constants", "arm_in", "coriolis_torque", "gravity_torque", "inertia_and_gravity",
+    "joint_torque", "loaded", "lump", "mass_matrix", "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix",
+    "tip_force_torque", "tip_jacobian", "tip_position",
+]  # fmt: skip
 
 PLACES = ("tip", "link")
 

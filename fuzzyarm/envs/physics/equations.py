@@ -17,18 +17,9 @@ from fuzzyarm.envs.physics.robot import Robot, robot_named, shipped_robots
 from fuzzyarm.envs.physics.two_joints import two_joints
 
 __all__ = [
-    "IN_FOLDER",
-    "PAPER",
-    "AnyArm",
-    "Bounds",
-    "argument_of",
-    "bounds_of",
-    "checked_parameters",
-    "chosen_arm",
-    "common_equations",
-    "equations_of",
-    "robot_of",
-]
+    "IN_FOLDER", "PAPER", "AnyArm", "Bounds", "argument_of", "bounds_of", "checked_parameters", "chosen_arm",
+    "common_equations", "equations_of", "robot_of",
+]  # fmt: skip
 
 AnyArm = ArmParameters | Robot
 """The two-joint arm by its parameters, or any serial robot."""

@@ -28,29 +28,10 @@ from typing import Any, NamedTuple
 from numba.extending import register_jitable
 
 __all__ = [
-    "BLOCK",
-    "JOINTS",
-    "PerJoint",
-    "Point",
-    "State",
-    "columns",
-    "flat",
-    "in_block",
-    "in_blocks",
-    "in_columns",
-    "in_list",
-    "in_rows",
-    "joint_by_joint",
-    "over_joints",
-    "per_joint",
-    "places",
-    "point",
-    "reader",
-    "record_type",
-    "size",
-    "state_record",
-    "writer",
-]
+    "BLOCK", "JOINTS", "PerJoint", "Point", "State", "columns", "flat", "in_block", "in_blocks", "in_columns",
+    "in_list", "in_rows", "joint_by_joint", "over_joints", "per_joint", "places", "point", "reader", "record_type",
+    "size", "state_record", "writer",
+]  # fmt: skip
 
 BLOCK = 32
 """Lanes that are advanced together: their numbers stay in the fastest cache."""

@@ -15,22 +15,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 __all__ = [
-    "NOTHING",
-    "Body",
-    "Chain",
-    "Inertia",
-    "composite_bodies",
-    "factors",
-    "joined",
-    "moved",
-    "newton_euler",
-    "point_of_tip",
-    "regrouped",
-    "rotated",
-    "rotated_inertia",
-    "solution",
-    "velocity_of_tip",
-]
+    "NOTHING", "Body", "Chain", "Inertia", "composite_bodies", "factors", "joined", "moved", "newton_euler",
+    "point_of_tip", "regrouped", "rotated", "rotated_inertia", "solution", "velocity_of_tip",
+]  # fmt: skip
 
 Vector = tuple[Any, Any, Any]
 Turn = tuple[Any, Any]

@@ -26,18 +26,9 @@ from fuzzyarm.envs.physics.joint import DIMENSIONS
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "Frames",
-    "bias",
-    "directions",
-    "frames",
-    "gravity",
-    "inverse_dynamics",
-    "kinetic_energy",
-    "mass_matrix",
-    "potential_energy",
-    "tip_jacobian",
-    "tip_position",
-]
+    "Frames", "bias", "directions", "frames", "gravity", "inverse_dynamics", "kinetic_energy", "mass_matrix",
+    "potential_energy", "tip_jacobian", "tip_position",
+]  # fmt: skip
 
 _ANGULAR, _LINEAR = slice(0, DIMENSIONS), slice(DIMENSIONS, 2 * DIMENSIONS)
 

@@ -17,18 +17,9 @@ from fuzzyarm.envs.physics.rigid_body import frames
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "ANGULAR",
-    "LINEAR",
-    "Chain",
-    "angle_ranges",
-    "chain",
-    "drift",
-    "jacobian",
-    "link_lengths",
-    "reach",
-    "rotation_vector",
-    "velocity_limits",
-]
+    "ANGULAR", "LINEAR", "Chain", "angle_ranges", "chain", "drift", "jacobian", "link_lengths", "reach",
+    "rotation_vector", "velocity_limits",
+]  # fmt: skip
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)  # rows of the Jacobian: velocity of the tip, angular velocity
 

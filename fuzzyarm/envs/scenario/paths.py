@@ -19,17 +19,8 @@ from numpy.typing import ArrayLike
 from fuzzyarm.common import checks
 
 __all__ = [
-    "AnyPoint",
-    "Circle",
-    "Lemniscate",
-    "Line",
-    "Point",
-    "Points",
-    "Spline",
-    "TipPath",
-    "any_point",
-    "chord_spline",
-]
+    "AnyPoint", "Circle", "Lemniscate", "Line", "Point", "Points", "Spline", "TipPath", "any_point", "chord_spline",
+]  # fmt: skip
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

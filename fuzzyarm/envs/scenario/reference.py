@@ -24,16 +24,9 @@ from fuzzyarm.envs.scenario.placed import Placed
 from fuzzyarm.envs.scenario.time_law import LONGEST, SHORTEST, along, corner_times, quintic_time_law
 
 __all__ = [
-    "CHECKED_INSTANTS",
-    "SINGULARITY_MARGIN",
-    "JointReference",
-    "Reference",
-    "ReferenceSample",
-    "TipSample",
-    "check_points",
-    "joint_angles",
-    "quintic_time_law",
-]
+    "CHECKED_INSTANTS", "SINGULARITY_MARGIN", "JointReference", "Reference", "ReferenceSample", "TipSample",
+    "check_points", "joint_angles", "quintic_time_law",
+]  # fmt: skip
 
 # The whole path must keep |q2| in [margin, π - margin] rad: det J = L1 L2 sin q2 vanishes at 0 and π.
 SINGULARITY_MARGIN = 0.05

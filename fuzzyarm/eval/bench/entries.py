@@ -28,19 +28,9 @@ from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "TORCH_LANES",
-    "UNAVAILABLE",
-    "Entry",
-    "Measure",
-    "NotMeasured",
-    "draw_actions",
-    "numba_batch",
-    "own_batches",
-    "own_single",
-    "single_environment",
-    "timed",
-    "timed_batch",
-]
+    "TORCH_LANES", "UNAVAILABLE", "Entry", "Measure", "NotMeasured", "draw_actions", "numba_batch", "own_batches",
+    "own_single", "single_environment", "timed", "timed_batch",
+]  # fmt: skip
 
 Measure = Callable[[float], float]
 """Wall time to spend [s] -> environment steps per second."""

@@ -27,19 +27,9 @@ from fuzzyarm.eval.evaluation.panels import OVERVIEW, Panel, time_figures
 from fuzzyarm.eval.evaluation.views import view_of
 
 __all__ = [
-    "BAND",
-    "DASHES",
-    "DIPS",
-    "FOCUS",
-    "LOWEST",
-    "MAGNIFICATIONS",
-    "REFERENCE",
-    "ROOM",
-    "SMALL",
-    "TALLER",
-    "draw_figures",
-    "write_figures",
-]
+    "BAND", "DASHES", "DIPS", "FOCUS", "LOWEST", "MAGNIFICATIONS", "REFERENCE", "ROOM", "SMALL", "TALLER",
+    "draw_figures", "write_figures",
+]  # fmt: skip
 
 MAGNIFICATIONS = (20, 10, 5, 2, 1)
 """In the plane, deviations are drawn magnified by the first of these factors with which the best policy's deviation

@@ -36,18 +36,9 @@ from fuzzyarm.policies import resolve
 from fuzzyarm.policies.declared import Declared
 
 __all__ = [
-    "Leaderboard",
-    "Ranking",
-    "Standing",
-    "Table",
-    "document",
-    "markdown",
-    "print_leaderboard",
-    "rank_policies",
-    "ranks_of",
-    "shown",
-    "standings_of",
-]
+    "Leaderboard", "Ranking", "Standing", "Table", "document", "markdown", "print_leaderboard", "rank_policies",
+    "ranks_of", "shown", "standings_of",
+]  # fmt: skip
 
 _LEFT = ("policy", "proven", "from")  # headings of the columns that are aligned left
 

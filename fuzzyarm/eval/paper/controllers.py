@@ -18,19 +18,9 @@ from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "FEW",
-    "FORMS",
-    "MANY",
-    "PAPERS_OWN",
-    "PAPER_H",
-    "PAPER_K",
-    "PAPER_L",
-    "RULES",
-    "SWAPPED",
-    "TITLES",
-    "compared_policies",
-    "key_of",
-]
+    "FEW", "FORMS", "MANY", "PAPERS_OWN", "PAPER_H", "PAPER_K", "PAPER_L", "RULES", "SWAPPED", "TITLES",
+    "compared_policies", "key_of",
+]  # fmt: skip
 
 MANY, FEW = RULES = (32, 4)
 """Numbers of rules of the controllers that the paper compares."""

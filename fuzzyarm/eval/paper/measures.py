@@ -25,34 +25,11 @@ from fuzzyarm.synthesis.error_model import paper_form
 from fuzzyarm.synthesis.specification import PAPER_WEIGHT
 
 __all__ = [
-    "TABLE_2_RULES",
-    "Measure",
-    "bounded_M",
-    "circularity",
-    "circularity_of",
-    "decay_rate",
-    "feedforward_at_rest",
-    "fewest_rules",
-    "force_range",
-    "gamma_with_other_L",
-    "largest",
-    "largest_feedforward_gain",
-    "largest_gain",
-    "payload_mass",
-    "payload_share",
-    "peak",
-    "peak_torque",
-    "printed_size",
-    "rigid_torque",
-    "rule_difference",
-    "shortest_episode",
-    "smallest",
-    "tip_speed",
-    "true_size",
-    "unbounded_gain",
-    "weight",
-    "worst_case",
-]
+    "TABLE_2_RULES", "Measure", "bounded_M", "circularity", "circularity_of", "decay_rate", "feedforward_at_rest",
+    "fewest_rules", "force_range", "gamma_with_other_L", "largest", "largest_feedforward_gain", "largest_gain",
+    "payload_mass", "payload_share", "peak", "peak_torque", "printed_size", "rigid_torque", "rule_difference",
+    "shortest_episode", "smallest", "tip_speed", "true_size", "unbounded_gain", "weight", "worst_case",
+]  # fmt: skip
 
 Measure = Callable[[Evidence], Mapping[str, float]]
 """Returns numbers by what they belong to, such as the key of a controller."""

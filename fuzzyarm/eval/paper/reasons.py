@@ -1,20 +1,9 @@
 """Reasons why our numbers differ from the paper's, and other remarks; the numbers in these texts are measured."""
 
 __all__ = [
-    "CIRCLE",
-    "CIRCLE_FORCE",
-    "FEASIBILITY",
-    "FORCE_PROFILE",
-    "FREE_L",
-    "GAINS",
-    "INTEGRAL_GAIN",
-    "NO_NUMBER",
-    "PEAKS",
-    "SIMILAR",
-    "TRUE_SIZE",
-    "UNBOUNDED",
-    "WORST",
-]
+    "CIRCLE", "CIRCLE_FORCE", "FEASIBILITY", "FORCE_PROFILE", "FREE_L", "GAINS", "INTEGRAL_GAIN", "NO_NUMBER", "PEAKS",
+    "SIMILAR", "TRUE_SIZE", "UNBOUNDED", "WORST",
+]  # fmt: skip
 
 FORCE_PROFILE = (
     "The paper prints the range, not the course over time. Ours is our choice: half a sine over the movement, faded "

@@ -40,22 +40,9 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = [
-    "BOX",
-    "CAP",
-    "FIRST_STEP",
-    "FULL",
-    "GROUPS",
-    "LANES",
-    "SEED",
-    "SHORT",
-    "Objective",
-    "RandomArms",
-    "feasible_references",
-    "logarithms_of",
-    "noisy_nominal",
-    "objective_for",
-    "weights_of",
-]
+    "BOX", "CAP", "FIRST_STEP", "FULL", "GROUPS", "LANES", "SEED", "SHORT", "Objective", "RandomArms",
+    "feasible_references", "logarithms_of", "noisy_nominal", "objective_for", "weights_of",
+]  # fmt: skip
 
 BOX = {
     "link_angle": (2e-3, 1.5e-2),

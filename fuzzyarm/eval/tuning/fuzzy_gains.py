@@ -39,18 +39,9 @@ from fuzzyarm.fuzzy_policy.ts_model import NAMED_RULES
 from fuzzyarm.synthesis import Design, Specification, find_design
 
 __all__ = [
-    "ALPHAS",
-    "GAMMAS",
-    "POLES",
-    "assess",
-    "bears",
-    "choice_of",
-    "equals_in_words",
-    "equals_of",
-    "gammas_for",
-    "points_of",
-    "specification_of",
-]
+    "ALPHAS", "GAMMAS", "POLES", "assess", "bears", "choice_of", "equals_in_words", "equals_of", "gammas_for",
+    "points_of", "specification_of",
+]  # fmt: skip
 
 ALPHAS = (20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0)
 """Decay rates [1/s] that are tried, one after the other."""

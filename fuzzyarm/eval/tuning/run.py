@@ -44,16 +44,8 @@ from fuzzyarm.policies.registry import TIP
 from fuzzyarm.policies.tuned import ADAPTIVE_OBSERVER, COMPUTED_TORQUE, ELASTIC_OBSERVER, NAME, SCHEMA, TunedLaws
 
 __all__ = [
-    "NothingFound",
-    "Tuned",
-    "begin",
-    "check_strength",
-    "laws_of",
-    "resumed_arm",
-    "steps_for",
-    "tune",
-    "tune_arm",
-]
+    "NothingFound", "Tuned", "begin", "check_strength", "laws_of", "resumed_arm", "steps_for", "tune", "tune_arm",
+]  # fmt: skip
 
 MARGINS = "margins.json"
 INSTANTS = 501  # of the path, at which the weight is held

@@ -23,17 +23,9 @@ from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "GRID",
-    "MOST_KEPT",
-    "POINTS",
-    "GainSchedule",
-    "kept_joints",
-    "loaded_inertia",
-    "nearest_inertia",
-    "place_in_schedule",
-    "random_angles",
-    "schedule_of",
-]
+    "GRID", "MOST_KEPT", "POINTS", "GainSchedule", "kept_joints", "loaded_inertia", "nearest_inertia",
+    "place_in_schedule", "random_angles", "schedule_of",
+]  # fmt: skip
 
 GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
 POINTS = 8  # of an angle of a robot, 45° apart

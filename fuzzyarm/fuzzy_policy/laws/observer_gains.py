@@ -21,16 +21,9 @@ from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, schedule_of
 
 __all__ = [
-    "Estimate",
-    "GainTables",
-    "ObserverWeights",
-    "estimate_parts",
-    "feedback_gain",
-    "gain_tables",
-    "observer_gain",
-    "sampled_arm",
-    "state_part",
-]
+    "Estimate", "GainTables", "ObserverWeights", "estimate_parts", "feedback_gain", "gain_tables", "observer_gain",
+    "sampled_arm", "state_part",
+]  # fmt: skip
 
 WEIGHT_RANGE = (1e-6, 1e6)  # far wider than any sensible weight; keeps the numbers finite
 

@@ -30,18 +30,9 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "PATHS",
-    "PERIOD",
-    "TipBound",
-    "TipClaim",
-    "arm_in_words",
-    "find_bound",
-    "own_duration",
-    "plain",
-    "problem_of",
-    "reference_of",
-    "two_joint_arm",
-]
+    "PATHS", "PERIOD", "TipBound", "TipClaim", "arm_in_words", "find_bound", "own_duration", "plain", "problem_of",
+    "reference_of", "two_joint_arm",
+]  # fmt: skip
 
 PATHS = ("circle", "lemniscate")
 """Paths of the tip by name: the paper's circle, and an eight of the same width."""

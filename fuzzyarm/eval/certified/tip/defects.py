@@ -27,16 +27,9 @@ from fuzzyarm.eval.certified.tip.enclosures import between, largest, low_high
 from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 
 __all__ = [
-    "Forces",
-    "PeriodMotion",
-    "Signal",
-    "TipForces",
-    "dry_friction",
-    "rest_size",
-    "signal_ends",
-    "signal_range",
+    "Forces", "PeriodMotion", "Signal", "TipForces", "dry_friction", "rest_size", "signal_ends", "signal_range",
     "signal_size",
-]
+]  # fmt: skip
 
 ORDER = DEGREE + 1
 """Coefficients of a power series, without the one of its remainder."""

@@ -15,19 +15,9 @@ from typing import Any
 from flint import arb
 
 __all__ = [
-    "BITS",
-    "ROUND_UP",
-    "SLACK",
-    "Jet",
-    "NoBound",
-    "ball",
-    "between",
-    "centre",
-    "largest",
-    "low_high",
-    "no_jet",
+    "BITS", "ROUND_UP", "SLACK", "Jet", "NoBound", "ball", "between", "centre", "largest", "low_high", "no_jet",
     "radius_of",
-]
+]  # fmt: skip
 
 BITS = 80
 """Precision of the balls: K (θ - q) loses seven digits of a double."""

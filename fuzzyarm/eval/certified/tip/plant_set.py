@@ -18,18 +18,9 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.scenario.randomisation import ALLOWED
 
 __all__ = [
-    "AXES",
-    "BY_JOINT",
-    "RANGES",
-    "SETS",
-    "Axis",
-    "PlantSet",
-    "check_set_name",
-    "exactly",
-    "find_set",
-    "plants_of",
+    "AXES", "BY_JOINT", "RANGES", "SETS", "Axis", "PlantSet", "check_set_name", "exactly", "find_set", "plants_of",
     "ranges_in_words",
-]
+]  # fmt: skip
 
 Range = tuple[float, float]
 Factor = tuple[float | Range, float | Range]

@@ -18,18 +18,9 @@ from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.eval.certified.tip.enclosures import SLACK
 
 __all__ = [
-    "CHANNELS",
-    "OBSERVED",
-    "PARTS",
-    "ROWS",
-    "ROW_COUNT",
-    "STATES",
-    "Channels",
-    "Linear",
-    "Transition",
-    "linear",
+    "CHANNELS", "OBSERVED", "PARTS", "ROWS", "ROW_COUNT", "STATES", "Channels", "Linear", "Transition", "linear",
     "transition",
-]
+]  # fmt: skip
 
 STATES = 4 * JOINTS
 """Numbers of δθ, δq, δθ̇, δq̇."""

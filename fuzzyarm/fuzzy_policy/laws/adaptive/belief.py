@@ -24,17 +24,9 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.arm import numbers_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of, unit_force
 
 __all__ = [
-    "CAUTIOUS",
-    "FACTORS",
-    "Belief",
-    "affine_numbers",
-    "allowed",
-    "belief_of",
-    "first_guess",
-    "first_spread",
-    "forces_in",
-    "walks",
-]
+    "CAUTIOUS", "FACTORS", "Belief", "affine_numbers", "allowed", "belief_of", "first_guess", "first_spread",
+    "forces_in", "walks",
+]  # fmt: skip
 
 
 class Belief(NamedTuple):
