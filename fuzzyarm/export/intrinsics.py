@@ -166,13 +166,29 @@ def _rolled(function: Any) -> Callable[..., None]:
 
 
 INTRINSICS: dict[Any, Callable[..., Any]] = {
-    np.empty: _filled(UNKNOWN), np.zeros: _filled(0.0), np.ones: _filled(1.0), np.empty_like: _filled_like(UNKNOWN),
-    np.zeros_like: _filled_like(0.0), np.sign: _scalar("sign", Kind.REAL, np.sign),
-    np.floor: _scalar("floor", Kind.REAL, np.floor), np.rint: _scalar("rint", Kind.REAL, np.rint),
-    np.sqrt: _scalar("sqrt", Kind.REAL, np.sqrt), np.abs: _scalar("abs", Kind.REAL, np.abs), np.isfinite: _finite,
-    np.sum: _sum, np.clip: _clip, np.isnan: _scalar("isnan", Kind.TRUTH, np.isnan), np.where: _select,
-    elementwise.select: _select, in_lanes: _in_lanes, **{function: _rolled(function) for function in ROLLED},
-    builtins.min: _smallest, builtins.max: _largest, builtins.int: _whole, builtins.float: _unchanged(float),
-    builtins.bool: _unchanged(bool), builtins.hasattr: _has,
-}  # fmt: skip
+    np.empty: _filled(UNKNOWN),
+    np.zeros: _filled(0.0),
+    np.ones: _filled(1.0),
+    np.empty_like: _filled_like(UNKNOWN),
+    np.zeros_like: _filled_like(0.0),
+    np.sign: _scalar("sign", Kind.REAL, np.sign),
+    np.floor: _scalar("floor", Kind.REAL, np.floor),
+    np.rint: _scalar("rint", Kind.REAL, np.rint),
+    np.sqrt: _scalar("sqrt", Kind.REAL, np.sqrt),
+    np.abs: _scalar("abs", Kind.REAL, np.abs),
+    np.isfinite: _finite,
+    np.sum: _sum,
+    np.clip: _clip,
+    np.isnan: _scalar("isnan", Kind.TRUTH, np.isnan),
+    np.where: _select,
+    elementwise.select: _select,
+    in_lanes: _in_lanes,
+    **{function: _rolled(function) for function in ROLLED},
+    builtins.min: _smallest,
+    builtins.max: _largest,
+    builtins.int: _whole,
+    builtins.float: _unchanged(float),
+    builtins.bool: _unchanged(bool),
+    builtins.hasattr: _has,
+}
 """By function: what is done instead of it, with the interpreter before the arguments."""

@@ -128,13 +128,22 @@ class Signals:
         reference = observed(np.array([step.observation for step in self._steps])[:, lane])
         completed = bool(last.completed[lane])
         return Rollout(
-            policy=policy, case=case, seed=seed, control_period=control_period, completed=completed,
-            reason="" if completed else str(np.asarray(last.info["reason"])[lane]), step_time=step_time,
-            q_reference=reference.q_reference, dq_reference=reference.dq_reference,
+            policy=policy,
+            case=case,
+            seed=seed,
+            control_period=control_period,
+            completed=completed,
+            reason="" if completed else str(np.asarray(last.info["reason"])[lane]),
+            step_time=step_time,
+            q_reference=reference.q_reference,
+            dq_reference=reference.dq_reference,
             reward=np.array([step.reward for step in self._steps])[:, lane],
-            domain_use=_domain_use(signals, parameters), beliefs=beliefs, belief_names=belief_names, note=note,
+            domain_use=_domain_use(signals, parameters),
+            beliefs=beliefs,
+            belief_names=belief_names,
+            note=note,
             **signals,
-        )  # fmt: skip
+        )
 
 
 def record_rollout(env: FuzzyArmEnv, policy: Predictor, *, policy_name: str, case: str, seed: int) -> Rollout:
