@@ -55,8 +55,8 @@ def default_substeps(duration: float, rate: float = 0.0) -> int:
     if needed > MOST_SUBSTEPS:
         raise ValueError(
             f"the fastest mode of the arm, {rate:.3g} rad/s, needs a sub-step of {RESOLVED / rate:.3g} s, more than "
-            f"{MOST_SUBSTEPS} in {duration:g} s; choose a shorter control_period, or an arm with less stiffness, damping "
-            "or viscous friction, or heavier rotors and links"
+            f"{MOST_SUBSTEPS} in {duration:g} s; choose a shorter control_period, or an arm with less stiffness, "
+            "damping or viscous friction, or heavier rotors and links"
         )
     return max(math.ceil(duration / MAX_DEFAULT_SUBSTEP - 1e-9), math.ceil(needed - 1e-9))
 
