@@ -17,7 +17,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from readme_abuse import abuse_table
 from readme_adaptive import (
     adaptive_cases_table,
     adaptive_constants_table,
@@ -59,6 +58,7 @@ from readme_export import exported_table, misra_table
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
 from readme_markdown import made_with
+from readme_mutants import mutants_table
 from readme_opponents import predictive_table, reward_table
 from readme_results import (
     accuracy_table,
@@ -128,7 +128,7 @@ SCRIPTS: dict[str, list[str]] = {
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
 WRITTEN_OTHERWISE = (
-    *("evaluate", "bench", "margins", "sweep", "sweep_before", "soak", "mujoco_arm", "abuse"),
+    *("evaluate", "bench", "margins", "sweep", "sweep_before", "soak", "mujoco_arm", "mutants"),
     # of trainings, which are run by hand
     *("learned_observer", "estimate_seeds", "estimate_parts", "plant_gradients", "dataset_scores", "ppo_observer"),
 )
@@ -167,7 +167,7 @@ def measure() -> None:
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
-    _python("-m", "tests.abuse")
+    _python("-m", "tests.mutants")
     for name in COMPARED_ROBOTS:
         result = RESULTS / f"robot_comparison_{name}.json"
         _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
@@ -251,7 +251,7 @@ def sections() -> dict[str, str]:
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "predictive": predictive_table(stored["predictive"]),
         "classical-on-reward": reward_table(stored["classical_on_reward"]),
-        "abuse": abuse_table(stored["abuse"]),
+        "mutants": mutants_table(stored["mutants"]),
         "adaptive-cases": adaptive_cases_table(stored["adaptive_cases"]),
         "adaptive-passes": adaptive_passes_table(stored["adaptive_cases"]),
         "adaptive-plants": adaptive_plants_table(
