@@ -21,7 +21,6 @@ from typing import Any
 
 from figures import FIGURES
 from published import publish
-from readme_abuse import abuse_table
 from readme_adaptive import (
     adaptive_cases_table,
     adaptive_constants_table,
@@ -63,6 +62,7 @@ from readme_export import exported_table, misra_table
 from readme_identification import identification_table
 from readme_learning import dataset_table, gradients_table, observer_tables, training_speed_table
 from readme_markdown import made_with
+from readme_mutants import mutants_table
 from readme_opponents import predictive_table, reward_table
 from readme_results import (
     accuracy_table,
@@ -137,7 +137,7 @@ SCRIPTS: dict[str, list[str]] = {
 }
 """Benchmarks that write their result with ``--json``, and their other options."""
 WRITTEN_OTHERWISE = (
-    *("evaluate", "bench", "margins", "sweep", "sweep_before", "soak", "mujoco_arm", "abuse"),
+    *("evaluate", "bench", "margins", "sweep", "sweep_before", "soak", "mujoco_arm", "mutants"),
     # of trainings, which are run by hand
     *("learned_observer", "estimate_seeds", "estimate_parts", "plant_gradients", "dataset_scores", "ppo_observer"),
 )
@@ -174,7 +174,7 @@ def measure() -> None:
     _fuzzyarm("margins", "--out", RESULTS / "margins.json")
     for name in ("mujoco_arm", "soak"):  # these write their results themselves
         _python(BENCHMARKS / f"{name}.py")
-    _python("-m", "tests.abuse")
+    _python("-m", "tests.mutants")
     for name in COMPARED_ROBOTS:
         result = RESULTS / f"robot_comparison_{name}.json"
         _python(BENCHMARKS / "robot_comparison.py", name, "--json", result)
@@ -258,7 +258,7 @@ def sections() -> dict[str, str]:
         "paper-feedforward": feedforward_table(stored["paper_feedforward"]),
         "predictive": predictive_table(stored["predictive"]),
         "classical-on-reward": reward_table(stored["classical_on_reward"]),
-        "abuse": abuse_table(stored["abuse"]),
+        "mutants": mutants_table(stored["mutants"]),
         "adaptive-cases": adaptive_cases_table(stored["adaptive_cases"]),
         "adaptive-passes": adaptive_passes_table(stored["adaptive_cases"]),
         "adaptive-plants": adaptive_plants_table(

@@ -5,7 +5,13 @@ from __future__ import annotations
 import gc
 import os
 
+import hypothesis
 import pytest
+
+hypothesis.settings.register_profile(
+    "fuzzyarm", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)  # a loaded machine is no fault of a test
+hypothesis.settings.load_profile("fuzzyarm")
 
 # Read when the libraries are imported. Processes that run side by side would else wait for each other's threads.
 for _library in ("OMP", "OPENBLAS", "MKL"):

@@ -159,8 +159,8 @@ def path_of(name: str, value: Any) -> Path:
     """Return a name of a file or folder as a path; TypeError for anything else, ValueError if no system can hold it."""
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"{name} = {shown(value)} must be a path")
-    if not str(value) or not str(value).isprintable():
-        raise ValueError(f"{name} = {shown(str(value))} can be no name of a file: it is empty, or not printable")
+    if not str(value) or "\0" in str(value):
+        raise ValueError(f"{name} = {shown(str(value))} can be no name of a file: it is empty, or holds a NUL")
     return Path(value)
 
 

@@ -65,6 +65,7 @@ def test_whatever_it_is_given_it_raises_nothing_but_value_error(text):
         ('{"gain": NaN}', "NaN is no number of JSON"),
         ("[-Infinity]", "-Infinity is no number of JSON"),
         ('{"gain": 1e999}', "'gain' is not finite"),
+        ("[1e999]", "a number is not finite"),
         ("[" * (DEEPEST + 1) + "]" * (DEEPEST + 1), f"nested more than {DEEPEST} deep"),
         ("[" * 100_000 + "]" * 100_000, "nested"),
         ("1" * 5000, "digits"),

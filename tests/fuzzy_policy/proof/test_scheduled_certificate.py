@@ -251,7 +251,7 @@ def test_files_round_trip_and_know_their_form(tmp_path, controller):
         (lambda c: c.update(split=7), "split"),
         (lambda c: c.update(lyapunov=[["0x1p0"]]), "lyapunov"),
         (lambda c: c["premises"].append({"joint": 0, "function": "cos q"}), "joint"),
-        (lambda c: c["robot"].update(joints=[]), "number of joints"),
+        (lambda c: c["robot"].update(joints=[]), "at least one"),
         (lambda c: c["robot"]["joints"][2]["link"].update(mass=1.0), "robot's digest"),
         (lambda c: c.update(alpha="nan"), "alpha"),
         (lambda c: c.update(form="consistent"), "form"),
