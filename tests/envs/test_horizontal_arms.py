@@ -40,12 +40,6 @@ ARMS = {
 MARKS = dict.fromkeys(("none", "along the axes"), pytest.mark.slow)
 
 
-def test_two_joints_without_gravity_are_an_arm_and_negative_gravity_is_none():
-    assert ArmParameters(gravity=0.0).gravity == 0.0
-    with pytest.raises(ValueError, match=r"gravity = -1\.0 m/s\^2 is out of range; allowed: \[0, 1e\+12\]"):
-        ArmParameters(gravity=-1.0)
-
-
 @pytest.mark.parametrize("arm", [FLAT, ARMS["robot of two joints"], ARMS["along the axes"]])
 def test_a_payload_that_no_motor_holds_is_the_papers_share_of_the_links(arm):
     """5 kg of 24 kg; 12 kg of links then carry 2.5 kg."""

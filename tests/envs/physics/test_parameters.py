@@ -30,7 +30,7 @@ ALLOWED = {
     "inertia": "[0, 1e+12] kg m^2",
     "mass_center": "(0, 1e+12] m",
     "viscous_friction": "[0, 1e+12] N m s/rad",
-    "gravity": "(0, 1e+12] m/s^2",
+    "gravity": "[0, 1e+12] m/s^2",
     "motor_inertia": "(0, 1e+12] kg m^2",
     "stiffness": "(0, 1e+12] N m/rad",
     "damping": "[0, 1e+12] N m s/rad",
@@ -87,7 +87,8 @@ def test_bad_value_is_named_with_its_range(name):
 @pytest.mark.parametrize("name", [name for name in ALLOWED if ALLOWED[name].startswith("[")])
 def test_zero_is_allowed_where_the_range_is_closed(name):
     zeros = {"static_friction": (0.0, 0.0), "coulomb_friction": (0.0, 0.0)} if "friction" in name else {}
-    assert getattr(ArmParameters(**{**zeros, name: (0.0, 0.0)}), name) == (0.0, 0.0)
+    nothing = 0.0 if name in SCALARS else (0.0, 0.0)
+    assert getattr(ArmParameters(**{**zeros, name: nothing}), name) == nothing
 
 
 @pytest.mark.parametrize("joint", [0, 1])
