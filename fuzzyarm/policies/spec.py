@@ -235,7 +235,7 @@ def load_policy(
         name: see `fuzzyarm.policies.spec`; with the ending ``-tip`` the policy compensates the bending of the joints.
             A controller is proven again, as its file would be.
         control_period: time between two calls of `predict` [s]. None: 1 ms, until the reference in the first
-            observations shows another, for which the policy is then made anew; see `Policy.predict`.
+            observations shows another, for which the policy is then made again; see `Policy.predict`.
         robot: the arm the policy is for, default Table 1, or what a controller was designed for. A controller file must
             have been designed for it, and a learned policy trained for it.
         allow_unproven: take a controller whose inequalities are not all proven, for experiments.
