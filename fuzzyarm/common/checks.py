@@ -165,9 +165,11 @@ def path_of(name: str, value: Any) -> Path:
 
 
 def sequence_of(name: str, values: Any) -> Sequence[Any]:
-    """Return a list or tuple that is not empty; TypeError for anything else."""
-    if not isinstance(values, list | tuple) or not values:
-        raise TypeError(f"{name} = {shown(values)} must be a list of at least one")
+    """Return a list or tuple; TypeError for anything else, ValueError for an empty one."""
+    if not isinstance(values, list | tuple):
+        raise TypeError(f"{name} = {shown(values)} must be a list or a tuple")
+    if not values:
+        raise ValueError(f"{name} is empty; give at least one")
     return values
 
 

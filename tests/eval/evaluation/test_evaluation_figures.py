@@ -263,7 +263,7 @@ def test_of_several_seeds_the_first_is_drawn(keep):
 
 
 def test_no_rollouts_is_an_error(tmp_path):
-    with pytest.raises(ValueError, match="run at least one episode"):
+    with pytest.raises(ValueError, match="rollouts is empty; give at least one"):
         write_figures([], tmp_path)
 
 
