@@ -124,6 +124,14 @@ def test_bad_toml_says_so(tmp_path, text):
     assert not isinstance(caught.value, tomllib.TOMLDecodeError) and "\n" not in str(caught.value)
 
 
+def test_a_dotted_key_is_refused_before_it_is_parsed(tmp_path):
+    """Python takes a time that grows with the square of its parts: minutes for a file of the largest size."""
+    path = tmp_path / "arm.toml"
+    path.write_text(".".join("a" * (DEEPEST + 2)) + " = 1")
+    with pytest.raises(DocumentError, match=f"a key has more than {DEEPEST} parts"):
+        read_toml(path)
+
+
 def test_text_that_is_not_utf8_is_no_toml(tmp_path):
     (tmp_path / "arm.toml").write_bytes(b'name = "\xff"')
     with pytest.raises(DocumentError, match="is not a TOML file"):
