@@ -210,7 +210,7 @@ def test_a_signed_file_that_fits_together_badly_is_refused_in_one_line(name, cha
 
 
 def test_a_cell_that_is_not_confirmed_leaves_the_whole_unproven(tmp_path):
-    """A cell's tube is half as wide as it is; the other cell, what both cover and the claimed bound are as they were."""
+    """A cell's tube is half as wide as it is; the other cell, what both cover and the claimed bound stay."""
     folder = tmp_path / "bounds"
     shutil.copytree(bounds(), folder)
     assert check_cells(folder / "cells.json").proven
