@@ -20,6 +20,7 @@ import fuzzyarm
 from fuzzyarm.envs.physics.equations import robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import robot_named
+from fuzzyarm.envs.scenario.disturbances import EncoderNoise
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.bound_file import save_bound
 from fuzzyarm.eval.certified.tip.cells import bounds_of_cells
@@ -41,7 +42,9 @@ from fuzzyarm.fuzzy_policy.hexadecimal import digest_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights
 from fuzzyarm.fuzzy_policy.scheduled import Premise, ScheduledController
+from fuzzyarm.identification.excitation import Excitation
 from fuzzyarm.identification.log import Log, write_log
+from fuzzyarm.identification.rehearsal import rehearsed
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.cell import Cell
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
@@ -152,6 +155,15 @@ def tables(folder: Path) -> None:
     (folder / "path.csv").write_text("x,y\n0.3,0.5\n0.5,0.3\n0.6,0.5\n0.3,0.5\n")
     angle = 0.3 * np.sin(np.arange(600)[:, np.newaxis] * [4e-3, 7e-3])
     (folder / "log.csv").write_text(write_log(Log(1e-3, angle, 40.0 * np.cos(angle), angle)))
+
+
+@_made
+def moved(folder: Path) -> None:
+    """A log from which an arm can be identified."""
+    sine, cosine = np.random.default_rng(5).normal(size=(2, 4, 2)) / np.arange(1, 5)[:, np.newaxis]
+    motion = Excitation(np.array([0.0, 0.5]), 0.3 * sine, 0.3 * cosine, 0.4, 2.5, ArmParameters())
+    log = rehearsed(motion, ArmParameters(), ArmParameters(), seed=1, noise=EncoderNoise(1e-8, 1e-6))
+    (folder / "log.csv").write_text(write_log(log))
 
 
 @_made

@@ -144,6 +144,7 @@ def _stand_ins() -> None:
     from fuzzyarm.eval.dataset import store
     from fuzzyarm.eval.stability import linearisation
     from fuzzyarm.eval.tuning import run, steps
+    from fuzzyarm.identification import fit
 
     def step(policy: str, chosen: dict[str, float]) -> Any:
         def find(context: Any) -> Any:
@@ -152,7 +153,7 @@ def _stand_ins() -> None:
         return steps.Step(policy, 1, find)
 
     run.steps_for = lambda arm: (step("computed-torque", {"bandwidth": 40.0}), step("elastic-observer", None))  # type: ignore[arg-type]
-    store._SCORED, linearisation.POSTURES = 1, 2
+    store._SCORED, linearisation.POSTURES, fit.SEGMENTS = 1, 2, fit.SEGMENTS[:1]
 
 
 def begun(name: str) -> Path:
@@ -162,7 +163,8 @@ def begun(name: str) -> Path:
         (folder / "out").mkdir()
     if name == "report":
         shutil.copytree(samples.evaluated(), folder / "evaluation")
-    shutil.copy(samples.tables() / "log.csv", folder)
+    if name == "identify":
+        shutil.copy(samples.moved() / "log.csv", folder)
     (folder / "set.toml").write_text("damping = [0.99, 1.01]\n")
     return folder
 

@@ -292,6 +292,14 @@ def test_other_bytes_are_refused_or_right(name, data):
     assert content == good or not (accepted and reader.guarded and reader.sign is None), "the digest guards nothing"
 
 
+def test_a_sweep_whose_digest_was_exchanged_is_refused_before_its_chunks_are_read():
+    content = json.loads((samples.swept() / "run.json").read_text()) | {"digest": "0" * 64}
+    folder = changed(READERS["sweep"], to_json(content))
+    shutil.rmtree(folder / "chunks")
+    with pytest.raises(ValueError, match=r"run\.json was changed after the sweep began"):
+        Sweep.resume(folder)
+
+
 # What stands in place of a file.
 
 

@@ -36,7 +36,7 @@ CHECKS, DOCUMENTS, FILES, ARRAYS = (f"common/{name}.py" for name in ("checks", "
 CONTROLLER, SCHEDULED, MODEL = (f"fuzzy_policy/{name}.py" for name in ("controller", "scheduled", "ts_model"))
 PROOF, TIP = "fuzzy_policy/proof", "eval/certified/tip"
 
-FORGED = "tests/abuse/test_forgeries.py -m slow -k 'not robot and not whatever and not badly'"
+FORGED = "tests/abuse/test_forgeries.py -m slow -k 'not robot and not whatever and not badly and not cell'"
 ROBOT = "tests/abuse/test_forgeries.py -m slow -k robot"
 BADLY = "tests/abuse/test_forgeries.py -m slow -k badly"
 READ = "tests/abuse/test_readers.py -m slow -k"
@@ -88,7 +88,7 @@ MUTANTS = (
     Mutant("cover-rounding", f"{PROOF}/box_cover.py", "return cls(coefficients, both, float(shift), weight, matrix.size)", "return cls(coefficients, both, 0.0, weight, matrix.size)", "tests/fuzzy_policy/proof/test_inertia_polynomial.py"),
     Mutant("residual-slope", f"{PROOF}/residual.py", "bound += (g + slope * reach).abs_upper()", "bound += g.abs_upper()", "tests/fuzzy_policy/proof/test_residual.py"),
     # Proofs of the tip.
-    Mutant("cells-proven", f"{TIP}/cells_file.py", "        if not cell.proven:", "        if False:", "tests/eval/certified/tip/test_tube.py -k cells"),
+    Mutant("cells-proven", f"{TIP}/cells_file.py", "        if not cell.proven:", "        if False:", "tests/abuse/test_forgeries.py -m slow -k cell"),
     Mutant("cells-hole", f"{TIP}/cells_file.py", "hole = missed(claim.plants, [cell.claim.plants for cell in found])", "hole = None", "tests/eval/certified/tip/test_tube.py -k cells"),
     Mutant("zonotope-box", f"{TIP}/zonotope.py", "(np.abs(self.columns).sum(axis=1) + self.box) * ROUND_UP", "np.abs(self.columns).sum(axis=1) * ROUND_UP", "tests/eval/certified/tip/test_enclosures.py"),
     Mutant("links-remainder", f"{TIP}/remainders.py", "total += spread @ tube[rows]", "total += 0.5 * spread @ tube[rows]", "tests/eval/certified/tip/test_enclosures.py"),
@@ -96,6 +96,6 @@ MUTANTS = (
     Mutant("checkpoint-pickle", "rl_baselines/checkpoint.py", 'map_location="cpu", weights_only=True', 'map_location="cpu", weights_only=False', "tests/rl_baselines/test_crafted_checkpoint.py"),
     Mutant("checkpoint-count", "rl_baselines/checkpoint.py", 'whole("generators.numpy.position", drawn["position"], high=len(keys))', "len(keys)", "tests/rl_baselines/test_crafted_checkpoint.py"),
     Mutant("bundle-weights", "learned_policy/folder.py", "if hashlib.sha256(weights).hexdigest() != description.weights_sha256", "if not description.weights_sha256", f"{READ} 'bytes and weights'"),
-    Mutant("sweep-identity", "eval/sweep/store.py", 'if digest != digest_of_identity(then) or then["numbers"] != json.loads(', 'if then["numbers"] != json.loads(', f"{READ} 'document and sweep'"),
+    Mutant("sweep-identity", "eval/sweep/store.py", 'if digest != digest_of_identity(then) or then["numbers"] != json.loads(', 'if then["numbers"] != json.loads(', f"{READ} exchanged"),
     Mutant("data-set-there", "eval/dataset/store.py", "    if folder.exists():", "    if False:", "tests/eval/dataset/test_dataset.py -m slow -k minari_loads"),
 )  # fmt: skip

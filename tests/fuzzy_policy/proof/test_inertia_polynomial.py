@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from flint import fmpq
 
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
@@ -97,6 +98,17 @@ def test_a_cover_proves_what_holds_and_nothing_else():
     coefficients[0] = 0.9
     outcome = cover(TrigMatrix(exact(coefficients)), TURN)
     assert np.cos(outcome.witness[0]) + 0.9 <= 0.0
+
+
+def test_a_cover_allows_for_the_rounding_of_its_floats():
+    """The determinant is -1e-25, the floats of the same matrix pass Cholesky's factorisation."""
+    coefficients, shares = np.full((BASIS, 2, 2), fmpq(0), dtype=object), [fmpq(k, 13) for k in range(1, 13)]
+    x = next(x for x in shares if float(x) * float(x) < float(x * x))
+    coefficients[0] = [[fmpq(1), x], [x, x * x - fmpq(1, 10**25)]]
+    matrix = TrigMatrix(coefficients)
+    assert (np.linalg.eigvalsh(matrix.at(np.zeros((1, 1)))[0]) >= 0.0).all()
+    assert np.isfinite(np.linalg.cholesky(matrix.at(np.zeros((1, 1)))[0])).all()
+    assert not cover(matrix, np.array([[-0.1, 0.1]]), most=200).proven
 
 
 def test_balls_refuse_a_box_where_the_matrix_is_not_definite():

@@ -270,6 +270,12 @@ def test_a_zonotope_that_is_merged_holds_what_it_held_and_keeps_its_shape():
     assert (z.size(across) <= 3.0 * reach[-2:]).all() and (z.size(rows) <= 1.01 * reach)[:-2].all()
 
 
+def test_the_totals_of_a_zonotope_hold_its_box_too():
+    z = Zonotope(2, 1)
+    z.columns[:], z.box = [[1.0], [-2.0]], np.array([0.5, 0.25])
+    assert (z.totals() >= [1.5, 2.25]).all() and (z.totals() <= np.array([1.5, 2.25]) * (1.0 + 1e-9)).all()
+
+
 def test_slopes_are_a_record_of_nested_lists():
     assert LinkSlopes._fields == ("mass", "angle", "velocity")
 
