@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.common.checks import path_of, truth
+from fuzzyarm.common.console import escaped
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.equations import IN_FOLDER, AnyArm, chosen_arm, robot_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -90,7 +91,7 @@ def begin(arm: AnyArm, folder: Path) -> None:
     if any(folder.iterdir()):
         tuned = (folder / IN_FOLDER).is_file() and ((folder / STEPS).is_dir() or (folder / NAME).is_file())
         way = "add --resume to go on with its tuning, or choose another" if tuned else "choose another"
-        raise ValueError(f"{folder} exists and is not empty; {way}")
+        raise ValueError(f"{escaped(str(folder))} exists and is not empty; {way}")
     check_strength(arm)
     write_atomically(folder / IN_FOLDER, arm_as_toml(arm))
 

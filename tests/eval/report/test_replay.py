@@ -98,7 +98,8 @@ def test_the_scrubber_shows_the_sample_of_the_file(page, rollouts, sample):
         for policy, (error, torque) in shown(page).items():
             run = rollouts[case, policy]
             assert page.run(TIME) == f"{run['time'][sample]:.3f} s"
-            assert error == pytest.approx(1e3 * run["tip_error"][sample], rel=6e-3, abs=6e-7)
+            # below a micrometre the page says "< 0.001 mm"
+            assert error == pytest.approx(max(1e3 * run["tip_error"][sample], 1e-3), rel=6e-3)
             assert torque == pytest.approx(run["torque"][sample], abs=0.051)
 
 
