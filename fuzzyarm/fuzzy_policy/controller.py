@@ -7,6 +7,7 @@ C99 hexadecimal. Loading a file executes nothing from it.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +141,8 @@ class Controller:
 
     def _check_numbers(self) -> None:
         instance("model", self.model, TSModel)
+        for text in itertools.chain(*instance("origin", self.origin, dict).items()):
+            instance("origin: entry", text, str)
         choice("form", self.form, FORMS)
         truth("integral", self.integral)
         truth("common_multiplier", self.common_multiplier)

@@ -22,6 +22,7 @@ from gymnasium.error import ResetNeeded
 from hypothesis import HealthCheck, settings
 
 import fuzzyarm
+from fuzzyarm.common.console import escaped
 
 __all__ = ["LONGEST", "Broken", "check_text", "examples", "held"]
 
@@ -85,7 +86,7 @@ def held(run: Callable[[], object], names: tuple[str, ...] = (), raises: tuple[t
 
 
 def _check_error(error: BaseException, names: tuple[str, ...]) -> None:
-    """Check that an error is raised on purpose, and its message one line that names the value."""
+    """Check that an error is raised on purpose; as a command prints it, it is one line that names the value."""
     text, frame = str(error), traceback.extract_tb(error.__traceback__)[-1]
     where = f"{type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}: {text[:200]!r}"
     from_system = isinstance(error, OSError) and error.errno is not None
@@ -96,7 +97,7 @@ def _check_error(error: BaseException, names: tuple[str, ...]) -> None:
         line = linecache.getline(frame.filename, frame.lineno or 0).strip()
         if not (frame.filename.startswith(PACKAGE) and line.startswith("raise ")):
             raise Broken(f"not an error of its own: {where}") from error
-    check_text(str(error.strerror) if from_system else text, where)  # type: ignore[attr-defined]
+    check_text(escaped(str(error.strerror) if from_system else text), where)  # type: ignore[attr-defined]
     if names and not any(name and name in text for name in names):
         raise Broken(f"the message names none of {[name[:40] for name in names]}: {where}")
 

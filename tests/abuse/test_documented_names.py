@@ -314,7 +314,7 @@ EFFECTS = {
     "length": ("reach of the arm",),
     "name": ("robot = ",),
     "label": ("File name too long",),
-    "paths": ("is not there", "No such file", "directory"),
+    "paths": ("is not there", "No such file", "directory", "File name too long"),
 }
 
 
