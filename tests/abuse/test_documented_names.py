@@ -186,7 +186,7 @@ DOCUMENTED = {
     "Sweep": Name(fuzzyarm.Sweep.begin, lambda: {"folder": out(), "config": small()}),
     "SweepConfig": fields(fuzzyarm.SweepConfig, small),
     "TSModel": fields(fuzzyarm.TSModel, lambda: fuzzyarm.TSModel(ArmParameters()), lambda one: one.polytope),
-    "TipClaim": fields(fuzzyarm.TipClaim, claim, lambda one: None, checked=False),
+    "TipClaim": fields(fuzzyarm.TipClaim, claim),
     "add_policy": Name(cached, lambda: {"name": "own", "factory": factory}),
     "certify": Name(fuzzyarm.certify, lambda: {"controller": shipped()}),
     "design": Name(

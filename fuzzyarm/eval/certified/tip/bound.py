@@ -67,6 +67,8 @@ class TipClaim:
 
     def __post_init__(self) -> None:
         """Check every field but the names of policy and case; ValueError names it and what is allowed."""
+        for name, kind in (("policy", str), ("case", str), ("set_name", str), ("plants", PlantSet)):
+            instance(name, getattr(self, name), kind)
         known = next((name for name, plants in SETS.items() if plants == self.plants), "own")
         object.__setattr__(self, "set_name", self.set_name or known)
         check_set_name(self.set_name, self.plants)
