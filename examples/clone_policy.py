@@ -3,7 +3,7 @@
 fuzzyarm dataset --out sets --level expert && python examples/clone_policy.py sets/fuzzyarm/expert-nominal-v0
 
 Prints the return of the cloned policy as a score: random torques have 0, the expert has 100. docs/tutorials/datasets.md
-has the scores for two of the six data sets. offline_td3_bc.py learns from the same data with their rewards.
+has the scores for all six data sets. offline_td3_bc.py learns from the same data with their rewards.
 """
 
 import argparse
