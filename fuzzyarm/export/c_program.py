@@ -19,8 +19,10 @@ from fuzzyarm.export.loops import ROLLED, loops_text
 from fuzzyarm.export.partial import Interpreter
 from fuzzyarm.export.refusals import Unsupported
 from fuzzyarm.export.trace import UNKNOWN, Block, Scalar, Trace
+from fuzzyarm.fuzzy_policy.law import Law, law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.functions import area_sine, hyperbolic_tangent, logistic
+from fuzzyarm.numbers.functions import flat, like
 
 __all__ = [
     "LAW", "MODEL", "MOST_REMEMBERED", "Program", "Words", "arguments_text", "program_of", "recorded", "source_text",
@@ -82,7 +84,23 @@ def program_of(policy: Policy) -> Program:
         )
     joints = policy.joints
     names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
-    return recorded(policy.command, names, policy.memory_size, joints, LAW)
+    law = law_of(policy)
+    if law is None:
+        return recorded(policy.command, names, policy.memory_size, joints, LAW)
+    return _recorded_law(law, policy, names)
+
+
+def _recorded_law(law: Law, policy: Policy, names: Sequence[str]) -> Program:
+    """Return the program of a law within its limits."""
+    own = Interpreter(APART)
+    seen = [own.trace.input(f"{LAW.given}[{k}]", name=name) for k, name in enumerate(names)]
+    held = [own.trace.input(f"state->memory[{k}]", name=f"memory{k}") for k in range(policy.memory_size)]
+    command = within_limits(law, policy.joints, policy.integral_at)
+    given = law.constants, tuple(policy.torque_limit.tolist())
+    memory, seen_by_joint = like(law.memory, iter(held)), like(seen_by(policy.joints), iter(seen))
+    after, torque = command(memory, seen_by_joint, given, *law.tables)
+    own.called.setdefault(f"{law.act.__module__.partition('.')[2]}.{law.act.__name__}")
+    return Program(own.trace, own.trace.block, tuple(flat(after)), tuple(torque), len(names), tuple(own.called), LAW)
 
 
 def recorded(

@@ -49,6 +49,7 @@ class Interpreter:
             kept_apart: functions of numbers and records that become functions of the program rather than part of it.
         """
         self.trace, self.called = Trace(), dict[str, None]()
+        self.trace.kept_apart = self._call_apart
         self._apart = {function: function.__name__ for function in kept_apart}
         self._arrays: list[np.ndarray] = []  # that hold values, apart from views of them
         self._shapes: dict[str, Any] = {}  # what the functions of the program return, as the law's source has it
@@ -106,7 +107,7 @@ class Interpreter:
             names = list(inspect.signature(function).parameters)
             given = [self._unknown(argument, own) for argument, own in zip(arguments, names, strict=True)]
             arrays, self._arrays = self._arrays, []
-            result = self._interpret(function, given, {})
+            result = self._interpret(getattr(function, "plain", function), given, {})
             self._arrays = arrays
             self._shapes[name] = result
             self.trace.functions[name] = Function(name, tuple(flat(given)), self.trace.block, tuple(flat([result])))

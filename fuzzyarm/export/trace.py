@@ -14,7 +14,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from fuzzyarm.envs.physics import elementwise
 from fuzzyarm.export.refusals import TooLarge, Unsupported
+from fuzzyarm.numbers.functions import KINDS
 
 __all__ = [
     "LARGEST", "UNKNOWN", "Block", "Branch", "Function", "Kind", "Loops", "Matrix", "Scalar", "Step", "Trace", "Value",
@@ -179,7 +181,10 @@ class Trace:
         block: where the next step goes.
         functions: what the program calls, by name, in the order of definition.
         tables: constant arrays (rows, numbers of a row) that are looked up in, by name.
+        kept_apart: calls a function that becomes one of the program.
     """
+
+    kept_apart: Callable[[Any, Sequence[Any]], Any]
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -286,3 +291,43 @@ def kind_of(operand: Scalar) -> Kind:
     if isinstance(operand, bool | np.bool_):
         return Kind.TRUTH
     return Kind.WHOLE if isinstance(operand, int | np.integer) else Kind.REAL
+
+
+class _Values:
+    """What values do in place of floats, see `numbers.functions`."""
+
+    @staticmethod
+    def select(condition: Value, first: Scalar, second: Scalar) -> Value:
+        return condition._trace.operation("select", condition, first, second, kind=Kind.REAL)
+
+    @staticmethod
+    def floor(x: Value) -> Value:
+        return x._trace.operation("floor", x, kind=Kind.REAL)
+
+    @staticmethod
+    def row(table: np.ndarray, place: Value) -> list[Value]:
+        trace, name = place._trace, place._trace.table(table, "table")
+        within = _Values.select(place > 0.0, place, 0.0)
+        within = _Values.select(within < len(table) - 1.0, within, len(table) - 1.0)
+        whole = trace.operation("whole", within, kind=Kind.WHOLE)
+        return [trace.operation("lookup", whole, k, kind=Kind.REAL, detail=name) for k in range(table.shape[1])]
+
+    @staticmethod
+    def when(condition: Value, function: Callable[[], Any], otherwise: Any) -> Any:
+        trace, branch = condition._trace, Branch(condition, [], [])
+        outside, trace.block = trace.block, branch.then
+        then = function()
+        trace.block = outside
+        outside.append(branch)
+        return trace.merged(branch, then, otherwise)
+
+    @staticmethod
+    def sine_cosine(angle: Value) -> Any:
+        return angle._trace.kept_apart(elementwise.sine_cosine, [angle])
+
+    @staticmethod
+    def gaussian(x: Value) -> Any:
+        return x._trace.kept_apart(elementwise.gaussian, [x])
+
+
+KINDS[Value] = _Values

@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "Drives", "checked_arm", "constants_of", "drives_in", "drives_of", "joints_of", "per_joint_of", "travel_of",
+    "Drives", "checked_arm", "constants_of", "drives_in", "drives_of", "joints_of", "numbers_of", "per_joint_of", "travel_of",
     "with_drives", "with_mass", "without_dry_friction",
 ]  # fmt: skip
 
@@ -64,6 +64,12 @@ def constants_of(arm: AnyArm) -> np.ndarray:
     """Return the numbers (k,) of the `Physics.Arm` without a payload."""
     physics = equations_of(arm)
     return np.array(flat(physics.constants(physics.plant_of(arm), 0.0, 0.0, 0.0)), dtype=np.float64)
+
+
+def numbers_of(arm: AnyArm) -> tuple[Any, Drives]:
+    """Return the `Physics.Arm` without a payload and the `Drives` of an arm as records of floats."""
+    drives = Drives(*(tuple(map(float, rows)) for rows in drives_of(arm)))
+    return equations_of(arm).Arm(*constants_of(arm).tolist()), drives
 
 
 def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:

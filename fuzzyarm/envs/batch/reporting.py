@@ -16,7 +16,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import BLOCK, in_block, joint_by_joint, places, reader, size, writer
 from fuzzyarm.envs.termination import reason_of
 
-__all__ = ["ANGLE_ROOM", "VELOCITY_ROOM", "inside", "observe_of", "report_of"]
+__all__ = ["ANGLE_ROOM", "VELOCITY_ROOM", "bounds_of_reading", "inside", "observe_of", "report_of"]
 
 ANGLE_ROOM, VELOCITY_ROOM = 0.5, 10.0
 """What the observation space allows beyond the limits: the observation that ends an episode lies outside of them.
@@ -110,7 +110,7 @@ def observe_of(layout: Layout) -> Any:
     )
     read_reading, write_reading = (make(type(at.reading), in_block, at.reading) for make in (reader, writer))
     Reading, noisy, add_noise = type(at.reading), _noisy_of(layout), _add_noise_of(layout)
-    bounds, between = _bounds_of(physics), joint_by_joint(_between, PerJoint, 3)
+    bounds, between = bounds_of_reading(physics), joint_by_joint(_between, PerJoint, 3)
     first_row = at.reading.q.joint1
 
     @register_jitable(forceinline=True)
@@ -137,7 +137,7 @@ def observe_of(layout: Layout) -> Any:
 
 
 @functools.cache
-def _bounds_of(physics: Physics) -> Any:
+def bounds_of_reading(physics: Physics) -> Any:
     """Return the compiled function that gives the bounds of an observation, of angles and of velocities, by limits."""
     low_of, high_of = joint_by_joint(_lowest, physics.PerJoint, 2), joint_by_joint(_highest, physics.PerJoint, 2)
     slowest_of, fastest_of = (

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numba.extending import overload, register_jitable
 
+from fuzzyarm.numbers.functions import KINDS
+
 __all__ = ["gaussian", "positive_part", "root", "select", "sign", "sine_cosine", "smaller"]
 
 # π/2 = sum of the three; the first two have 33 bits, so k times them is exact for |k| < 2^20 (Cody and Waite).
@@ -24,7 +26,8 @@ NEGLIGIBLE = 40.0  # exp(-40) = 4e-18 is lost when it is added to 1
 
 def select(condition: Any, first: Any, second: Any) -> Any:
     """Return `first` where the condition holds, else `second`."""
-    return np.where(condition, first, second)
+    kind = KINDS.get(type(condition))
+    return kind.select(condition, first, second) if kind else np.where(condition, first, second)
 
 
 @overload(select, strict=False)
@@ -68,7 +71,13 @@ def _gaussian(x: Any) -> Any:
 
 def sine_cosine(angle: Any) -> tuple[Any, Any]:
     """Return (sin, cos) of an angle [rad]; absolute error below 3e-16 for |angle| <= 2π."""
+    kind = KINDS.get(type(angle))
+    if hasattr(kind, "sine_cosine"):
+        return kind.sine_cosine(angle)  # type: ignore[union-attr,no-any-return]
     return (angle.sin(), angle.cos()) if hasattr(angle, "sin") else _sine_cosine(angle)
+
+
+sine_cosine.plain = _sine_cosine  # type: ignore[attr-defined]
 
 
 @overload(sine_cosine, strict=False)
@@ -78,7 +87,13 @@ def _compiled_sine_cosine(angle: Any) -> Any:
 
 def gaussian(x: Any) -> Any:
     """Return exp(-x²), absolute error below 3e-14; 4e-18 instead of less for x² > 40."""
+    kind = KINDS.get(type(x))
+    if hasattr(kind, "gaussian"):
+        return kind.gaussian(x)  # type: ignore[union-attr]
     return (-(x * x)).exp() if hasattr(x, "exp") else _gaussian(x)
+
+
+gaussian.plain = _gaussian  # type: ignore[attr-defined]
 
 
 @overload(gaussian, strict=False)

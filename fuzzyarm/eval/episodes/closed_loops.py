@@ -2,7 +2,8 @@
 
 The steps are those of `loop.episodes` with `FuzzyArmVectorEnv`, in the same order and with the same bits. A group of
 lanes does all its steps before the next group begins, so that what a step touches stays in the cache. It serves
-policies with a law for compiled loops, see `fuzzy_policy.compiled_law`.
+policies with a `fuzzy_policy.law`; lanes with encoder noise, whose draws are no numbers of an equation, take the
+ordinary loop.
 """
 
 from __future__ import annotations
@@ -12,23 +13,23 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
-from fuzzyarm.envs.batch.block import gather_of, move_block_of
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import CLOCK, Layout, Results
-from fuzzyarm.envs.batch.reporting import observe_of
-from fuzzyarm.envs.physics.compiled import announced_compilation, kernel_for
-from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.records import BLOCK, size
+from fuzzyarm.envs.batch.layout import CLOCK, Layout
+from fuzzyarm.envs.batch.reporting import bounds_of_reading
+from fuzzyarm.envs.batch.schedule import row_record
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.physics.records import columns, places, size
+from fuzzyarm.envs.task import assess_of, clipped, finite_of
 from fuzzyarm.envs.termination import reason_of
 from fuzzyarm.eval.episodes.loop import TipErrors
-from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
-from fuzzyarm.fuzzy_policy.policy import Policy, limit
+from fuzzyarm.fuzzy_policy.law import Law, constants_array, within_limits
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import flat, like, maximum, minimum, repeat, row, select, zeros
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 __all__ = ["Channel", "closed_loops"]
-
-GROUP = 4 * BLOCK  # lanes
 
 
 class Channel(NamedTuple):
@@ -43,8 +44,26 @@ class Channel(NamedTuple):
     delay: np.ndarray
 
 
+class _Episode(NamedTuple):
+    """Where a lane is: its row, its last row, 1 while it runs, by how many steps its torques are late; what was found.
+
+    The largest tip error [m], the sum of their squares, the steps, 1 if it came to its end, and 1 if a torque was no
+    finite number.
+    """
+
+    at: Any
+    last: Any
+    running: Any
+    late: Any
+    largest: Any
+    squares: Any
+    steps: Any
+    completed: Any
+    failed: Any
+
+
 def closed_loops(
-    lanes: Lanes, observation: np.ndarray, policy: Policy, law: CompiledLaw, channel: Channel
+    lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel
 ) -> TipErrors | None:
     """Run the episodes that have begun in all lanes to their ends, and return their tip errors; the lanes stay there.
 
@@ -52,162 +71,125 @@ def closed_loops(
         lanes: whose episodes have just begun.
         observation: what the policy sees of their beginning, (lanes, 5 n).
         policy: what acts.
-        law: its `compiled_law`.
+        law: its law.
         channel: between both.
 
     Returns:
-        The errors; None where a torque was no finite number, which the ordinary loop refuses with a message.
+        The errors; None where a torque was no finite number, which the ordinary loop refuses with a message, and for
+        lanes with encoder noise.
     """
-    errors, at, noise = TipErrors(lanes.count), policy.integral_at, channel.noise
-    with announced_compilation():
-        failed = _run_of(lanes.layout, policy, law)(
-            lanes.arrays,
-            np.array(observation, order="C"),
-            (noise is not None, np.zeros(lanes.count) if noise is None else noise, channel.delay.astype(np.int64)),
-            np.zeros((lanes.count, policy.memory_size)),
-            np.asarray(policy.torque_limit, dtype=np.float64),
-            -1 if at is None else at,
-            law.arguments,
-            (errors.largest, errors.squares, errors.steps, errors.completed),
-        )
-    return None if failed else errors
-
-
-_kernels: dict[str, Callable[..., bool]] = {}
-
-
-def _run_of(layout: Layout, policy: Policy, law: CompiledLaw) -> Callable[..., bool]:
-    """Return the kernel for a law and arms with these equations; the first one made for them serves all."""
-    made_for = f"{layout.physics.digest}_{equations_of(policy.parameters).digest}_{law.name}"
-    if made_for not in _kernels:
-        _kernels[made_for] = _made_for(made_for, layout, law.act)
-    return _kernels[made_for]
-
-
-@register_jitable
-def _delayed(torque: np.ndarray, sent: np.ndarray, k: int, delay: int) -> None:
-    """Replace the torques (n,) of step k by those that were sent `delay` steps before, the first ones before that."""
-    depth = len(sent)
-    for joint in range(len(torque)):
-        for late in range(depth if k == 0 else 1):
-            sent[(k + late) % depth, joint] = torque[joint]
-        torque[joint] = sent[(k - delay) % depth, joint]
-
-
-@register_jitable
-def _scaled(reading: np.ndarray, truth: np.ndarray, factor: float) -> None:
-    """Scale the noise of readings (n,), which is what they are off the truth, the first entries of `truth`."""
-    for joint in range(len(reading)):
-        reading[joint] = truth[joint] + factor * (reading[joint] - truth[joint])
-
-
-@register_jitable
-def _ended(lane: int, error: float, reason: float, last: bool, errors: tuple) -> bool:
-    """Add the tip error [m] of a step to those of the lane, and return whether its episode has ended."""
-    largest, squares, steps, completed = errors
-    largest[lane] = max(largest[lane], error)
-    squares[lane] += error * error
-    steps[lane] += 1.0
-    completed[lane] = last and reason == 0.0
-    return last or reason != 0.0
-
-
-@functools.cache
-def _plant_of(layout: Layout) -> tuple[Any, Any]:
-    """Return the kernels ``take(work, numbers, lanes)`` and ``move(work, numbers, clock, ..., torque, seen)``.
-
-    The one takes the lanes of a group from their blocks `numbers` into `work` (blocks, size), where they stay; the
-    other holds torques (lanes, n) [N m] for a control step, and fills what is observed then, (lanes, 5 n).
-    """
-    (gather, _), move_block, observe = gather_of(layout), move_block_of(layout), observe_of(layout)
-    command, joints = layout.WORK.command.joint1 * BLOCK, layout.physics.joints
-
-    @kernel_for(layout.physics.digest)
-    def take(work: np.ndarray, numbers: np.ndarray, lanes: int) -> None:
-        for block in range(len(numbers)):
-            gather(work[block], min(BLOCK, lanes - block * BLOCK), numbers[block])
-
-    @kernel_for(layout.physics.digest)
-    def move(
-        work: np.ndarray,
-        numbers: np.ndarray,
-        clock: np.ndarray,
-        table: np.ndarray,
-        period: float,
-        substeps: int,
-        torque: np.ndarray,
-        seen: np.ndarray,
-    ) -> None:
-        results = Results(seen.reshape(seen.size), seen[0], seen[0])
-        for block in range(len(numbers)):
-            first, own = block * BLOCK, work[block]
-            lanes = min(BLOCK, len(torque) - first)
-            for joint in range(joints):
-                for i in range(lanes):
-                    own[command + joint * BLOCK + i] = torque[first + i, joint]
-            move_block(own, lanes, numbers[block], clock, table, period, substeps, first)
-            observe(own, lanes, clock, table, first, results, first)
-
-    return take, move
-
-
-def _made_for(made_for: str, layout: Layout, act: Any) -> Callable[..., bool]:
-    """Return the kernel; it returns whether a torque was no finite number."""
-    joints, work_size, at = layout.physics.joints, size(layout.Work) * BLOCK, layout.WORK
-    state, found = at.hold.state, at.assessment
-    error_at, finite, angles, speeds = (
-        BLOCK * row for row in (found.tip_error, at.finite, found.angles_inside, found.velocities_inside)
+    values, clock, table, period, substeps = lanes.arrays
+    layout, count = lanes.layout, lanes.count
+    noise = columns(layout.Lane).noise
+    if lanes.numbers(noise).any():
+        return None
+    depth, joints = int(channel.delay.max()) + 1, layout.physics.joints
+    kernel = _kernel_of(layout, law.act, *_shapes(law), policy.integral_at, depth)
+    carried = np.ascontiguousarray(lanes.numbers(slice(0, noise.start)).T)
+    episode = np.zeros((count, len(_Episode._fields)))
+    episode[:, : _Episode._fields.index("largest")] = np.stack(
+        [clock[CLOCK.row], clock[CLOCK.last], np.ones(count), channel.delay], axis=1
     )
-    q_at, dq_at = BLOCK * state.motor.joint1, BLOCK * state.motor_velocity.joint1
-    take, move = _plant_of(layout)
+    memory, reading = np.zeros((count, policy.memory_size)), observation[:, : 2 * joints].copy()
+    sent = np.zeros((count, depth * joints))
+    limit = tuple(np.asarray(policy.torque_limit, dtype=np.float64).tolist())
+    given = constants_array(law, limit, period / substeps, float(substeps))
+    constants = np.concatenate([given, [len(table) - 1.0], table.ravel()])
+    kernel((memory, carried, reading, sent, episode), constants, lanes.longest_episode)
+    found = _Episode(*episode.T)
+    if found.failed.any():
+        return None
+    errors = TipErrors(count)
+    for name in ("largest", "squares", "steps", "completed"):
+        getattr(errors, name)[:] = getattr(found, name)
+    return errors
 
-    @kernel_for(made_for)
-    def run(
-        plant: Any,
-        observation: np.ndarray,
-        channel: tuple,
-        memory: np.ndarray,
-        torque_limit: np.ndarray,
-        integral_at: int,
-        arguments: Any,
-        errors: tuple,
-    ) -> bool:
-        (values, clock, table, period, substeps), (noisy, noise, delay) = plant, channel
-        depth = int(delay.max()) + 1
-        for start in range(0, len(observation), GROUP):
-            stop = min(start + GROUP, len(observation))
-            n, numbers, clocks = stop - start, values[start // BLOCK : -(-stop // BLOCK)], clock[:, start:stop].copy()
-            remembered, seen = memory[start:stop].copy(), observation[start:stop].copy()
-            work = np.empty((len(numbers), work_size))
-            take(work, numbers, n)
-            torque, sent, before = np.empty((n, joints)), np.empty((depth, n, joints)), np.empty((n, joints))
-            running, k = np.ones(n, dtype=np.bool_), 0
-            while running.any():
-                if integral_at >= 0:
-                    before[:] = remembered[:, integral_at : integral_at + joints]
-                act(seen, remembered, torque, arguments)
-                limit(torque, torque_limit, remembered, before, integral_at)
-                for i in range(n):
-                    if not running[i]:
-                        # It moves in vain, from where it began, until the last lane of the group has ended.
-                        torque[i] = 0.0
-                        clocks[CLOCK.row, i] = clocks[CLOCK.first, i]
-                    if not np.isfinite(np.sum(torque[i])):
-                        return True
-                    if depth > 1:
-                        _delayed(torque[i], sent[:, i], k, delay[start + i])
-                move(work, numbers, clocks, table, period, substeps, torque, seen)
-                k += 1
-                for i in range(n):
-                    block, place = i // BLOCK, i % BLOCK
-                    if noisy:
-                        _scaled(seen[i, :joints], work[block, q_at + place :: BLOCK], noise[start + i])
-                        _scaled(seen[i, joints : 2 * joints], work[block, dq_at + place :: BLOCK], noise[start + i])
-                    if running[i]:
-                        found = work[block, finite + place], work[block, angles + place], work[block, speeds + place]
-                        last, error = clocks[CLOCK.row, i] == clocks[CLOCK.last, i], work[block, error_at + place]
-                        running[i] = not _ended(start + i, error, reason_of(*found), last, errors)
-        return False
 
-    kernel: Callable[..., bool] = run
-    return kernel
+def _shapes(law: Law) -> tuple[Any, ...]:
+    """Return memory, constants and tables of a law by their shapes alone, for a cache."""
+    return zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)
+
+
+@functools.lru_cache(maxsize=64)
+def _kernel_of(
+    layout: Layout, act: Any, memory: Any, constants: Any, tables: Any, integral_at: int | None, depth: int
+) -> Kernel:
+    """Return the kernel of a law and arms with these equations; torques are late by fewer than `depth` steps."""
+    physics = layout.physics
+    PerJoint, joints = physics.PerJoint, physics.joints
+    Row, command = row_record(joints, physics.axes), within_limits(Law(act, memory, constants), joints, integral_at)
+    plant = places(layout.Lane)[: columns(layout.Lane)._fields.index("noise")]
+    advance = _advance_of(layout)
+
+    def step(
+        remembered: Any, carried: Any, reading: Any, sent: Any, lane: _Episode, given: Any, *looked_up: Any
+    ) -> tuple[Any, ...]:
+        of_law, limit, h, substeps = given
+        *own, schedule = looked_up
+        state, *fixed = carried
+        now, after = (like(places(Row), iter(row(schedule, place))) for place in (lane.at, lane.at + 1.0))
+        seen = Observation(*reading, *now.reference)
+        remembered, torque = command(remembered, seen, (of_law, limit), *own)
+        on = lane.running > 0.0
+        total = sum(torque[1:], torque[0])
+        failed = on & (total - total != 0.0)
+        # What was sent in the last steps; at the first step, as if it had always been sent.
+        first = lane.steps == 0.0
+        before = [PerJoint(*(select(first, u, old) for u, old in zip(torque, past, strict=True))) for past in sent]
+        sent = (torque, *before[:-1])
+        for steps, past in enumerate(sent):
+            torque = PerJoint(*(select(lane.late == steps, p, u) for p, u in zip(past, torque, strict=True)))
+        state, reading, found, reason = advance(state, torque, now, after, *fixed, h, substeps)
+        at = lane.at + 1.0
+        last, error = at == lane.last, found.tip_error
+        lane = lane._replace(
+            at=select(on, at, lane.at),
+            running=1.0 * (on & ~(last | (reason != 0.0))),
+            largest=select(on, maximum(lane.largest, error), lane.largest),
+            squares=select(on, lane.squares + error * error, lane.squares),
+            steps=select(on, lane.steps + 1.0, lane.steps),
+            completed=select(on, 1.0 * (last & (reason == 0.0)), lane.completed),
+            failed=select(failed, 1.0, lane.failed),
+        )
+        return remembered, (state, *fixed), reading, sent, lane
+
+    nothing = PerJoint(*[0.0] * joints)
+    ports = memory, plant, (nothing, nothing), (nothing,) * depth, zeros(_Episode(*[0.0] * len(_Episode._fields)))
+    shapes = [*tables, (None, size(Row))]
+    return Kernel(Program(step, ports, (constants, tuple(nothing), 0.0, 0.0), shapes))
+
+
+def _advance_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
+    """Return the control step of an arm: its state then, what its motors read, the assessment and the reason to end."""
+    physics = layout.physics
+    Point, PerJoint = physics.Point, physics.PerJoint
+    assess, finite_in, bounds = assess_of(physics), finite_of(physics), bounds_of_reading(physics)
+
+    def advance(
+        state: Any, torque: Any, now: Any, after: Any, arm: Any, limits: Any, factor: Any, h: Any, substeps: Any
+    ) -> tuple[Any, Any, Any, Any]:
+        torque = PerJoint(*(clipped(u, most) for u, most in zip(torque, limits.torque, strict=True)))
+        applied = PerJoint(*(u + b for u, b in zip(torque, now.bias, strict=True)))
+        mean, change = ([f * factor for f in part] for part in now.force)
+
+        def sub_step(carried: Any) -> Any:
+            number, state = carried
+            share = (number + 0.5) / substeps - 0.5
+            force = Point(*(m + share * c for m, c in zip(mean, change, strict=True)))
+            return number + 1.0, physics.step(state, applied, force, arm, h)
+
+        _, reached = repeat(substeps, sub_step, (0.0, state))
+        finite = finite_in(reached)
+        kept = (select(finite > 0.0, new, old) for new, old in zip(flat(reached), flat(state), strict=True))
+        state = like(state, kept)
+        found = assess(state, torque, now.bias, arm, limits, after.target)
+        low, high, slowest, fastest = bounds(limits)
+        q = PerJoint(*map(_between, state.motor, low, high))
+        dq = PerJoint(*map(_between, state.motor_velocity, slowest, fastest))
+        return state, (q, dq), found, reason_of(finite, found.angles_inside, found.velocities_inside)
+
+    return advance
+
+
+def _between(number: Any, low: Any, high: Any) -> Any:
+    return minimum(maximum(number, low), high)

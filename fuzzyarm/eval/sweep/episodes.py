@@ -14,7 +14,7 @@ from fuzzyarm.eval.episodes.rollout import Rollout, Signals
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.plants import CONTROL_PERIOD, Plants
 from fuzzyarm.eval.sweep.results import METRICS, SweepResults
-from fuzzyarm.fuzzy_policy.compiled_law import compiled_law
+from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.policy import Policy, Predictor
 
 __all__ = ["WORTHWHILE", "errors_in_one_kernel", "errors_step_by_step", "replay", "run_plants", "steps"]
@@ -117,7 +117,7 @@ def errors_step_by_step(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predict
 
 def errors_in_one_kernel(plants: Plants, envs: FuzzyArmVectorEnv, policy: Predictor) -> TipErrors | None:
     """Return the same from one kernel of law and plant; None where there is no such law, or a torque is not finite."""
-    if not isinstance(policy, Policy) or (law := compiled_law(policy)) is None:
+    if not isinstance(policy, Policy) or (law := law_of(policy)) is None:
         return None
     observation, info = plants.begin(envs)
     channel = _channel(plants, envs)

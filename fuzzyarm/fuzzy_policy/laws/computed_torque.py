@@ -9,24 +9,20 @@ information, integral action and torque limits as the fuzzy policy.
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.checks import real
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import BLOCK, in_block, in_list, places, reader, record_type, size, writer
 from fuzzyarm.envs.physics.robot import Robot
-from fuzzyarm.fuzzy_policy.blocks import into_block, out_of_block
-from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, spread_of
-from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
+from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
 from fuzzyarm.fuzzy_policy.laws.sampled_margins import ONE_AT_A_TIME, LinearLaw, Place, places_of, worst_radius
-from fuzzyarm.fuzzy_policy.policy import Policy
 
 __all__ = ["BANDWIDTH", "ComputedTorquePolicy", "bandwidth_for", "linear_computed_torque"]
 
@@ -36,7 +32,7 @@ BANDWIDTH = 70.0
 STEP = 5.0  # rad/s
 
 
-class ComputedTorquePolicy(Policy):
+class ComputedTorquePolicy(LawPolicy):
     """Computed torque with integral action; the law is in the module's docstring."""
 
     integral_at: int | None = 0
@@ -61,20 +57,13 @@ class ComputedTorquePolicy(Policy):
         super().__init__(ArmParameters() if parameters is None else parameters, control_period)
         chosen = bandwidth_for(self.parameters, self.control_period) if bandwidth is None else bandwidth
         self.bandwidth = real("bandwidth", chosen, "rad/s", above=0.0)
-        arm = constants_of(self.parameters), drives_of(self.parameters)
-        self._arguments = (*arm, self.bandwidth, self.control_period)
-
-    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
-        self._law(observation, memory, torque, *self._arguments)
-
-    def compiled(self) -> CompiledLaw:
-        """Return the law for compiled loops."""
-        return CompiledLaw("computed_torque", spread_of(self._law), self._arguments)
 
     @functools.cached_property
-    def _law(self) -> Any:
-        return _law_of(equations_of(self.parameters))
+    def control_law(self) -> Law:
+        """The law of the module's docstring."""
+        arm, drives = numbers_of(self.parameters)
+        constants = _Constants(self.bandwidth, self.control_period, arm, drives)
+        return Law(_law_of(equations_of(self.parameters)), (0.0,) * self.joints, constants)
 
 
 @functools.lru_cache(maxsize=32)
@@ -107,50 +96,28 @@ def linear_computed_torque(place: Place, bandwidth: float) -> LinearLaw:
     return LinearLaw(D, -(bandwidth**3) * inertia, G, np.eye(joints))
 
 
+class _Constants(NamedTuple):
+    """ω [rad/s], T [s], the constants of the links, and the motors'."""
+
+    bandwidth: Any
+    period: Any
+    arm: Any
+    drives: Drives
+
+
 @functools.cache
 def _law_of(physics: Physics) -> Any:
-    """Return the compiled law for arms with these equations."""
-    joints, inverse_dynamics, PerJoint = physics.joints, physics.inverse_dynamics, physics.PerJoint
-    Seen = record_type("Seen", **dict.fromkeys(Observation._fields, PerJoint))
-    Block = record_type("Block", seen=Seen, x_I=PerJoint, asked=PerJoint, torque=PerJoint)
-    at, rows, arm_in = places(Block), size(Block), reader(physics.Arm, in_list)
-    q, dq, q_d, dq_d, ddq_d, x_I, asked, torque_at = (BLOCK * part[0] for part in (*at.seen, *at[1:]))
-    q_in, dq_in, asked_in = (reader(PerJoint, in_block, part) for part in (at.seen.q_motor, at.seen.dq_motor, at.asked))
-    write_torque = writer(PerJoint, in_block, at.torque)
+    """Return the law for arms with these equations."""
 
-    @kernel_for(physics.digest)
-    def computed_torque(
-        observation: np.ndarray,
-        integral: np.ndarray,
-        torque: np.ndarray,
-        constants: np.ndarray,
-        drives: np.ndarray,
-        bandwidth: float,
-        period: float,
-    ) -> None:
-        """Evaluate the law for every lane and advance its integral."""
-        arm, drive, block = arm_in(constants, 0), drives_in(drives), np.empty(rows * BLOCK)
-        for first in range(0, len(observation), BLOCK):
-            lanes = min(BLOCK, len(observation) - first)
-            into_block(observation, first, lanes, block, q // BLOCK)
-            into_block(integral, first, lanes, block, x_I // BLOCK)
-            for joint in range(joints):
-                for lane in range(lanes):
-                    place = joint * BLOCK + lane
-                    error, error_rate = block[q + place] - block[q_d + place], block[dq + place] - block[dq_d + place]
-                    feedback = 3.0 * error_rate + bandwidth * (3.0 * error + bandwidth * block[x_I + place])
-                    block[asked + place] = block[ddq_d + place] - bandwidth * feedback
-                    block[x_I + place] += period * error
-            for lane in range(lanes):
-                links = inverse_dynamics(q_in(block, lane), dq_in(block, lane), asked_in(block, lane), arm)
-                write_torque(block, lane, links)
-            for joint in range(joints):
-                inertia, viscous = drive.motor_inertia[joint], drive.viscous_friction[joint]
-                for lane in range(lanes):
-                    place = joint * BLOCK + lane
-                    links_and_motor = block[torque_at + place] + inertia * block[asked + place]
-                    block[torque_at + place] = links_and_motor + viscous * block[dq + place]
-            out_of_block(block, x_I // BLOCK, integral, first, lanes)
-            out_of_block(block, torque_at // BLOCK, torque, first, lanes)
+    def computed_torque(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
+        w, asked, after = c.bandwidth, [], []
+        for q, dq, q_d, dq_d, ddq_d, x in zip(*seen, x_I, strict=True):
+            e, de = q - q_d, dq - dq_d
+            asked.append(ddq_d - w * (3.0 * de + w * (3.0 * e + w * x)))
+            after.append(x + c.period * e)
+        links = physics.inverse_dynamics(seen.q_motor, seen.dq_motor, physics.PerJoint(*asked), c.arm)
+        I_a, f_v = c.drives.motor_inertia, c.drives.viscous_friction
+        torque = (u + i * a + f * v for u, i, a, f, v in zip(links, I_a, asked, f_v, seen.dq_motor, strict=True))
+        return tuple(after), tuple(torque)
 
     return computed_torque

@@ -19,42 +19,45 @@ from __future__ import annotations
 
 import copy
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.fastest_mode import fastest_rate
-from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.periods import default_substeps
-from fuzzyarm.envs.physics.compiled import kernel, kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import BLOCK, in_columns, in_list, reader
-from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
-from fuzzyarm.fuzzy_policy.known_arm import (
-    constants_of,
-    per_joint_of,
-    without_dry_friction,
+from fuzzyarm.fuzzy_policy.known_arm import without_dry_friction
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by, within
+from fuzzyarm.fuzzy_policy.laws.elastic_target import (
+    ElasticTarget,
+    Past,
+    TargetConstants,
+    memory_size,
+    past_of,
+    target_of,
 )
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import place_in_schedule
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
 from fuzzyarm.fuzzy_policy.laws.observer_gains import (
+    Estimate,
     ObserverWeights,
     estimate_parts,
     gain_tables,
     state_part,
 )
-from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, prediction_of
+from fuzzyarm.fuzzy_policy.laws.observer_steps import STATICS_STEPS
 from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
-from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import flat, like, repeat, when
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 __all__ = ["ElasticObserverPolicy"]
 
 
-class ElasticObserverPolicy(Policy):
+class ElasticObserverPolicy(LawPolicy):
     """Observer, state feedback and elastic target; the law is in the module's docstring.
 
     It remembers what `ElasticTarget` does, whether there was a sample before, and the prediction (x̂, d̂)⁻.
@@ -102,60 +105,57 @@ class ElasticObserverPolicy(Policy):
         predicted = np.asarray(state)[..., self._predicted]
         return predicted[..., state_part(self.joints)], predicted[..., estimate_parts(self.joints).load]
 
-    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
-        target = np.empty((len(observation), self._target.size))
-        self._target.advance(observation, memory[:, self._target_part], target, torque)
-        self._law(observation, target, memory, torque, *self._arguments)
-
-    def compiled(self) -> CompiledLaw:
-        """Return the law for compiled loops."""
-        advance, of_target = self._target.compiled
-        act = _compiled_of(equations_of(self.parameters), advance, self._law)
-        return CompiledLaw("elastic_observer", act, (of_target, self._arguments))
+    @functools.cached_property
+    def control_law(self) -> Law:
+        """The law of the module's docstring."""
+        return Law(self._act_of(), self._memory, self._numbers, self._tables)
 
     def act_beside(self, observation: np.ndarray, memory: np.ndarray, extra: np.ndarray, torque: np.ndarray) -> None:
         """Do what `act` does, with `extra` (lanes, n) [N m] added to u, of which the prediction knows."""
-        target = np.empty((len(observation), self._target.size))
-        self._target.advance(observation, memory[:, self._target_part], target, torque)
-        torque += extra
-        self._law(observation, target, memory, torque, *self._arguments)
+        self._beside((memory, observation, np.ascontiguousarray(extra, dtype=np.float64), torque), self._constants)
 
     def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""
-        predicted, found = memory[:, self._predicted], np.empty((len(observation), 2 * self.joints))
-        velocities = predicted[:, estimate_parts(self.joints).dq_motor]
-        _innovation(observation, memory[:, self._started], predicted, velocities, found)
-        return found
+        predicted, measured = memory[:, self._predicted], observation[:, : 2 * self.joints]
+        parts = estimate_parts(self.joints)
+        motors = np.concatenate([predicted[:, parts.q_motor], predicted[:, parts.dq_motor]], axis=1)
+        return np.where(memory[:, self._started] == 0.0, 0.0, measured - motors)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the machine code."""
+        return {name: value for name, value in super().__getstate__().items() if name != "_beside"}
 
     @functools.cached_property
-    def _law(self) -> Any:
-        return _law_of(equations_of(self.parameters))
+    def _beside(self) -> Kernel:
+        act = self._act_of()
+
+        def beside(memory: Any, seen: Any, extra: Any, _: Any, constants: Any, *tables: Any) -> tuple[Any, ...]:
+            after, torque = act(memory, seen, constants, *tables, extra=extra)
+            return after, seen, extra, torque
+
+        nothing = (0.0,) * self.joints
+        ports = self._memory, seen_by(self.joints), nothing, nothing
+        return Kernel(Program(beside, ports, self._numbers, [table.shape for table in self._tables]))
+
+    def _act_of(self) -> Any:
+        schedule = self._schedule
+        return _law_of(equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points)
+
+    @property
+    def _memory(self) -> _Memory:
+        nothing = (0.0,) * self.joints
+        return _Memory(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
+
+    @property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.feedback.reshape(len(self.feedback), -1), self.observer.reshape(len(self.observer), -1)
 
     def _know(self, parameters: AnyArm) -> None:
         """Take `parameters` for the arm that is predicted; the gains stay."""
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
-        schedule = self._schedule.kept, self._schedule.cosine, self._schedule.points
-        arm, substep = constants_of(parameters), self.control_period / self._substeps
-        stiffness = per_joint_of(parameters, "stiffness")
-        gains = self.feedback, self.observer
-        self._arguments = (*gains, *schedule, arm, stiffness, self._torque_limit, substep, self._substeps)
-
-
-@kernel
-def _innovation(
-    observation: np.ndarray, started: np.ndarray, angles: np.ndarray, velocities: np.ndarray, innovation: np.ndarray
-) -> None:
-    """Fill ν (lanes, 2 n) from what is predicted of the motors; the first n `angles` are theirs."""
-    joints = velocities.shape[1]
-    for lane in range(len(observation)):
-        for i in range(joints):
-            if started[lane, 0] == 0.0:
-                innovation[lane, i] = innovation[lane, joints + i] = 0.0
-            else:
-                innovation[lane, i] = observation[lane, i] - angles[lane, i]
-                innovation[lane, joints + i] = observation[lane, joints + i] - velocities[lane, i]
+        limit, substep = tuple(map(float, self._torque_limit)), self.control_period / self._substeps
+        self._numbers = _Constants(self._target.constants, limit, substep, float(self._substeps))
 
 
 def _memory_parts(joints: int) -> list[slice]:
@@ -163,67 +163,64 @@ def _memory_parts(joints: int) -> list[slice]:
     return consecutive(memory_size(joints), 1, estimate_parts(joints).load.stop)
 
 
+class _Memory(NamedTuple):
+    """What the target remembers, 1 once there has been a sample, and (x̂, d̂)⁻."""
+
+    past: Past
+    started: Any
+    predicted: Estimate
+
+
+class _Constants(NamedTuple):
+    """The target's constants, the torque limits [N m], a sub-step of the prediction [s], and how many there are."""
+
+    target: TargetConstants
+    limit: Any
+    h: Any
+    substeps: Any
+
+
 @functools.cache
-def _compiled_of(physics: Physics, advance: Any, law: Any) -> Any:
-    """Return `ElasticObserverPolicy.act` for compiled loops, of the target's function and the law's."""
-    target_part, target_size = _memory_parts(physics.joints)[0], 3 * physics.joints
+def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
+    """Return the law for arms with these equations and gains over these angles, see `gain_schedule`."""
+    target, PerJoint, State, n = target_of(physics), physics.PerJoint, physics.State, physics.joints
 
-    @register_jitable
-    def act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, arguments: Any) -> None:
-        of_target, own = arguments
-        target = np.empty((len(observation), target_size))
-        advance(observation, memory[:, target_part], target, torque, *of_target)
-        law(observation, target, memory, torque, *own)
+    def elastic_observer(
+        memory: _Memory, seen: Observation, c: _Constants, feedback: Any, observer: Any, extra: Any = None
+    ) -> tuple[_Memory, Any]:
+        past, aim, u_ff = target(memory.past, seen, c.target)
+        if extra is not None:
+            u_ff = tuple(u + more for u, more in zip(u_ff, extra, strict=True))
+        arm, stiffness = c.target.arm, c.target.drives.stiffness
 
-    return act
+        def begin() -> Estimate:
+            """K_t (θ - q) = g(q) for the measured θ, links as fast as motors, d = 0."""
 
+            def nearer(link: Any) -> Any:
+                weight = physics.gravity(PerJoint(*link), arm)
+                return tuple(q - g / k for q, g, k in zip(seen.q_motor, weight, stiffness, strict=True))
 
-@functools.cache
-def _law_of(physics: Physics) -> Any:
-    """Return the compiled law for arms with these equations."""
-    joints, (_, started_part, predicted_part) = physics.joints, _memory_parts(physics.joints)
-    arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
-    begin, correct, act = begin_of(physics), correct_of(joints), act_of(joints)
-    room_size, put, advance, take = prediction_of(physics)
+            link = repeat(STATICS_STEPS, nearer, tuple(seen.q_motor))
+            q, dq = tuple(seen.q_motor), tuple(seen.dq_motor)
+            return Estimate(q, link, dq, dq, (0.0,) * n)
 
-    @kernel_for(physics.digest)
-    def observe_and_act(
-        observation: np.ndarray,
-        target: np.ndarray,
-        memory: np.ndarray,
-        torque: np.ndarray,
-        feedback: np.ndarray,
-        observer: np.ndarray,
-        kept: np.ndarray,
-        cosine: bool,
-        points: int,
-        constants: np.ndarray,
-        stiffness: np.ndarray,
-        torque_limit: np.ndarray,
-        h: float,
-        substeps: int,
-    ) -> None:
-        """Correct, act and predict in every lane; `torque` holds u_ff and becomes u, unclipped."""
-        arm, o = arm_in(constants, 0), observed(observation)
-        started, predicted = memory[:, started_part], memory[:, predicted_part]
-        innovation, error = np.empty(2 * joints), np.empty(4 * joints)
-        index, weight = np.empty(1 << len(kept), dtype=np.int64), np.empty(1 << len(kept))
-        applied, room = np.empty((1, joints)), np.empty(room_size)
-        for first in range(0, len(observation), BLOCK):
-            lanes = min(BLOCK, len(observation) - first)
-            for place in range(lanes):
-                lane = first + place
-                if started[lane, 0] == 0.0:
-                    started[lane, 0] = 1.0
-                    begin(lane, o.q_motor, o.dq_motor, predicted, stiffness, arm)
-                place_in_schedule(o.q_motor[lane], kept, cosine, points, index, weight)
-                correct(lane, o, predicted, observer, index, weight, innovation)
-                act(lane, o, target, predicted, stiffness, feedback, index, weight, error, torque)
-                for i in range(joints):
-                    applied[0, i] = min(max(torque[lane, i], -torque_limit[i]), torque_limit[i])
-                put(room, place, predicted, lane, per_joint(applied, 0))
-            advance(room, lanes, arm, h, substeps)
-            for place in range(lanes):
-                take(room, place, predicted, first + place)
+        x = when(memory.started == 0.0, begin, memory.predicted)
+        corners = corners_of(seen.q_motor, kept, cosine, points)
+        measured, predicted = (*seen.q_motor, *seen.dq_motor), (*x.q_motor, *x.dq_motor)
+        innovation = [y - z for y, z in zip(measured, predicted, strict=True)]
+        x = like(x, iter(on_table(observer, corners, 1.0, innovation, flat(x))))
+        unbent = [d / k for d, k in zip(x.load, stiffness, strict=True)]
+        error = [
+            *(a - (b - d) for a, b, d in zip(x.q_motor, aim.q, unbent, strict=True)),
+            *(a - b for a, b in zip(x.q_link, seen.q_reference, strict=True)),
+            *(a - b for a, b in zip(x.dq_motor, aim.dq, strict=True)),
+            *(a - b for a, b in zip(x.dq_link, seen.dq_reference, strict=True)),
+        ]
+        unloaded = [u - d for u, d in zip(u_ff, x.load, strict=True)]
+        torque = on_table(feedback, corners, -1.0, error, unloaded)
+        applied, load = within(PerJoint(*torque), c.limit), PerJoint(*x.load)
+        state = State(*(PerJoint(*part) for part in x[: len(State._fields)]))
+        state = repeat(c.substeps, lambda now: physics.loaded_step(now, applied, load, arm, c.h), state)
+        return _Memory(past, 1.0, Estimate(*map(tuple, state), x.load)), torque
 
-    return observe_and_act
+    return elastic_observer

@@ -21,25 +21,25 @@ import functools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import real
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.envs.observation import starts
-from fuzzyarm.envs.physics.compiled import kernel_for, without_kernels
-from fuzzyarm.envs.physics.elementwise import select, sign
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.physics.elementwise import sign
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import BLOCK, in_block, in_list, places, reader, record_type, size, writer
-from fuzzyarm.fuzzy_policy.blocks import into_block, out_of_block
-from fuzzyarm.fuzzy_policy.known_arm import Drives, constants_of, drives_in, drives_of
+from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
+from fuzzyarm.fuzzy_policy.law import seen_by
+from fuzzyarm.numbers.functions import flat, select
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
-__all__ = ["ElasticTarget", "TargetParts", "memory_size", "target_parts"]
+__all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "TargetParts", "memory_size", "past_of", "target_of", "target_parts"]
 
 
-class _Memory(NamedTuple):
-    """Where what a lane remembers from one sample to the next lies in the memory's array.
+class Past(NamedTuple):
+    """What is remembered from one sample to the next.
 
     Attributes:
         started: 1 once there has been a sample, else 0.
@@ -49,11 +49,29 @@ class _Memory(NamedTuple):
         smooth: u_ff of the last sample, less its friction [N m].
     """
 
-    started: slice
-    latest: slice
-    second: slice
-    third: slice
-    smooth: slice
+    started: Any
+    latest: Any
+    second: Any
+    third: Any
+    smooth: Any
+
+
+class Aim(NamedTuple):
+    """θ_d [rad], θ̇_d [rad/s] and θ̈_d [rad/s²], joint by joint; a reference has the same order."""
+
+    q: Any
+    dq: Any
+    ddq: Any
+
+
+class TargetConstants(NamedTuple):
+    """Links, motors, T [s], 1 if u_ff holds the dry friction else 0, and the share of T that u_ff is extrapolated."""
+
+    arm: Any
+    drives: Drives
+    period: Any
+    friction: Any
+    ahead: Any
 
 
 class TargetParts(NamedTuple):
@@ -66,7 +84,12 @@ class TargetParts(NamedTuple):
 
 def memory_size(joints: int) -> int:
     """Return how many numbers a lane remembers for an arm with n joints."""
-    return int(_memory_parts(joints).smooth.stop)
+    return len(flat(past_of(joints)))
+
+
+def past_of(joints: int) -> Past:
+    """Return what is remembered before there was a sample."""
+    return Past(0.0, *[(0.0,) * joints] * 4)
 
 
 def target_parts(joints: int) -> TargetParts:
@@ -74,14 +97,42 @@ def target_parts(joints: int) -> TargetParts:
     return TargetParts(*consecutive(joints, joints, joints))
 
 
-def _memory_parts(joints: int) -> _Memory:
-    return _Memory(*consecutive(1, joints, joints, joints, joints))
+@functools.cache
+def target_of(physics: Physics) -> Any:
+    """Return ``target(past, seen, constants)`` for arms with these equations: (past, `Aim`, u_ff) of a sample."""
+
+    def target(past: Past, seen: Observation, c: TargetConstants) -> tuple[Past, Aim, tuple[Any, ...]]:
+        torque = physics.inverse_dynamics(seen.q_reference, seen.dq_reference, seen.ddq_reference, c.arm)
+        d, T, found = c.drives, c.period, []
+        for j, now in enumerate(torque):
+            k, b = d.stiffness[j], d.damping[j] / d.stiffness[j]
+            begins = past.started == 0.0
+            latest, second, third = (select(begins, now, x[j]) for x in (past.latest, past.second, past.third))
+            # Backward differences of third order for τ̇_d and of second order for τ̈_d.
+            rate = (11.0 * now - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * T)
+            curvature = (2.0 * now - 5.0 * latest + 4.0 * second - third) / (T * T)
+            velocity = seen.dq_reference[j] + (rate - b * curvature) / k
+            acceleration = seen.ddq_reference[j] + curvature / k
+            smooth = d.motor_inertia[j] * acceleration + d.viscous_friction[j] * velocity + now
+            before = select(begins, smooth, past.smooth[j])
+            middle = velocity + c.ahead * T * acceleration
+            dry = d.coulomb_friction[j], d.static_friction[j], d.stribeck_velocity[j]
+            slip = stribeck_magnitude(middle, *dry) * sign(middle)
+            u_ff = smooth + c.ahead * (smooth - before) + c.friction * slip
+            theta = seen.q_reference[j] + (now - b * (rate - b * curvature)) / k
+            found.append((latest, second, smooth, theta, velocity, acceleration, u_ff))
+        latest, second, smooth, theta, velocity, acceleration, u_ff = zip(*found, strict=True)
+        aim = Aim(*(physics.PerJoint(*part) for part in (theta, velocity, acceleration)))
+        return Past(1.0, tuple(torque), latest, second, smooth), aim, u_ff
+
+    return target
 
 
 class ElasticTarget:
     """θ_d, its derivatives and u_ff, sample by sample; the equations are in the module's docstring.
 
     Attributes:
+        constants: of `target_of`.
         memory_size: numbers that a lane remembers.
         size: numbers of a target, 3 n.
     """
@@ -101,11 +152,11 @@ class ElasticTarget:
             TypeError: the control period is no number.
             ValueError: the control period is not positive.
         """
-        period, physics = real("control_period", control_period, "s", above=0.0), equations_of(parameters)
-        self.memory_size, self.size = memory_size(physics.joints), target_parts(physics.joints).ddq.stop
-        self._parameters = parameters
-        arm = constants_of(parameters), drives_of(parameters)
-        self._arguments = (*arm, period, float(friction), 0.5 * float(average))
+        period, self._parameters = real("control_period", control_period, "s", above=0.0), parameters
+        joints = equations_of(parameters).joints
+        self.memory_size, self.size = memory_size(joints), target_parts(joints).ddq.stop
+        self.constants = TargetConstants(*numbers_of(parameters), period, float(friction), 0.5 * float(average))
+        self._numbers = np.array(flat(self.constants))
 
     def advance(self, observation: np.ndarray, memory: np.ndarray, target: np.ndarray, feedforward: np.ndarray) -> None:
         """Fill target and feedforward and advance the memory, in place.
@@ -116,112 +167,21 @@ class ElasticTarget:
             target: (lanes, 3 n), becomes θ_d [rad], θ̇_d [rad/s], θ̈_d [rad/s²].
             feedforward: (lanes, n), becomes u_ff [N m], not clipped.
         """
-        self._advance(observation, memory, target, feedforward, *self._arguments)
-
-    @property
-    def compiled(self) -> tuple[Any, tuple[Any, ...]]:
-        """What `advance` calls, and what it gives it beside its own arguments; for compiled loops."""
-        return self._advance, self._arguments
+        self._kernel((memory, observation, target, feedforward), self._numbers)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the compiled function."""
-        return without_kernels(self.__dict__)
+        """Leave out the machine code."""
+        return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
 
     @functools.cached_property
-    def _advance(self) -> Any:
-        return _advance_of(equations_of(self._parameters))
+    def _kernel(self) -> Kernel:
+        physics = equations_of(self._parameters)
+        target = target_of(physics)
 
+        def advance(past: Past, seen: Observation, _aim: Aim, _u_ff: Any, c: TargetConstants) -> tuple[Any, ...]:
+            past, aim, u_ff = target(past, seen, c)
+            return past, seen, aim, u_ff
 
-@functools.cache
-def _block_of(physics: Physics) -> Any:
-    """Return the record of what a block of lanes holds: the arguments of `advance`, and τ_d."""
-    PerJoint = physics.PerJoint
-    Motion = record_type("Motion", q=PerJoint, dq=PerJoint, ddq=PerJoint)
-    Past = record_type("Past", started=Any, latest=PerJoint, second=PerJoint, third=PerJoint, smooth=PerJoint)
-    fields = {"wanted": Motion, "memory": Past, "target": Motion, "feedforward": PerJoint, "torque": PerJoint}
-    return record_type("TargetBlock", **fields)
-
-
-@functools.cache
-def _advance_of(physics: Physics) -> Any:
-    """Return the compiled `ElasticTarget.advance` for arms with these equations."""
-    joints, inverse_dynamics, PerJoint = physics.joints, physics.inverse_dynamics, physics.PerJoint
-    Block, reference = _block_of(physics), starts(physics.joints).q_reference
-    at, rows, arm_in = places(Block), size(Block), reader(physics.Arm, in_list)
-    wanted, memory, target, feedforward = at.wanted.q[0], at.memory.started, at.target.q[0], at.feedforward[0]
-    read_wanted = reader(type(at.wanted), in_block, at.wanted)
-    write_torque = writer(PerJoint, in_block, at.torque)
-    lead = _lead_of(physics)
-
-    @kernel_for(physics.digest)
-    def advance(
-        observation: np.ndarray,
-        past: np.ndarray,
-        motion: np.ndarray,
-        ahead_torque: np.ndarray,
-        constants: np.ndarray,
-        drives: np.ndarray,
-        period: float,
-        friction: float,
-        ahead: float,
-    ) -> None:
-        """See `ElasticTarget`; `friction` is 1 or 0, `ahead` the share of a period that u_ff is extrapolated."""
-        arm, drive, block = arm_in(constants, 0), drives_in(drives), np.empty(rows * BLOCK)
-        for first in range(0, len(observation), BLOCK):
-            lanes = min(BLOCK, len(observation) - first)
-            into_block(observation[:, reference:], first, lanes, block, wanted)
-            into_block(past, first, lanes, block, memory)
-            for lane in range(lanes):
-                now = read_wanted(block, lane)
-                write_torque(block, lane, inverse_dynamics(now.q, now.dq, now.ddq, arm))
-            for joint in range(joints):
-                lead(block, lanes, joint, drive, period, friction, ahead)
-            for lane in range(lanes):
-                block[memory * BLOCK + lane] = 1.0
-            out_of_block(block, memory, past, first, lanes)
-            out_of_block(block, target, motion, first, lanes)
-            out_of_block(block, feedforward, ahead_torque, first, lanes)
-
-    return advance
-
-
-@functools.cache
-def _lead_of(physics: Physics) -> Any:
-    """Return the compiled function that fills a joint's target and feedforward in a block and advances its memory."""
-    at = places(_block_of(physics))
-    started, latest_at, second_at, third_at, smooth_at = (
-        BLOCK * first for first in (at.memory.started, *(part[0] for part in at.memory[1:]))
-    )
-    q_at, dq_at, ddq_at = (BLOCK * part[0] for part in at.wanted)
-    theta_at, dtheta_at, ddtheta_at = (BLOCK * part[0] for part in at.target)
-    feedforward_at, torque_at = BLOCK * at.feedforward[0], BLOCK * at.torque[0]
-
-    @register_jitable(forceinline=True)
-    def lead(
-        block: np.ndarray, lanes: int, joint: int, drive: Drives, period: float, friction: float, ahead: float
-    ) -> None:
-        inertia, viscous = drive.motor_inertia[joint], drive.viscous_friction[joint]
-        k, b = drive.stiffness[joint], drive.damping[joint] / drive.stiffness[joint]
-        dry = drive.coulomb_friction[joint], drive.static_friction[joint], drive.stribeck_velocity[joint]
-        for lane in range(lanes):
-            place = joint * BLOCK + lane
-            begins, now = block[started + lane] == 0.0, block[torque_at + place]
-            latest = select(begins, now, block[latest_at + place])
-            second = select(begins, now, block[second_at + place])
-            third = select(begins, now, block[third_at + place])
-            # Backward differences of third order for τ̇_d and of second order for τ̈_d.
-            rate = (11.0 * now - 18.0 * latest + 9.0 * second - 2.0 * third) / (6.0 * period)
-            curvature = (2.0 * now - 5.0 * latest + 4.0 * second - third) / (period * period)
-            velocity = block[dq_at + place] + (rate - b * curvature) / k
-            acceleration = block[ddq_at + place] + curvature / k
-            smooth = inertia * acceleration + viscous * velocity + now
-            before = select(begins, smooth, block[smooth_at + place])
-            middle = velocity + ahead * period * acceleration
-            slip = stribeck_magnitude(middle, *dry) * sign(middle)
-            block[feedforward_at + place] = smooth + ahead * (smooth - before) + friction * slip
-            block[theta_at + place] = block[q_at + place] + (now - b * (rate - b * curvature)) / k
-            block[dtheta_at + place], block[ddtheta_at + place] = velocity, acceleration
-            block[latest_at + place], block[second_at + place], block[third_at + place] = now, latest, second
-            block[smooth_at + place] = smooth
-
-    return lead
+        nothing = (0.0,) * physics.joints
+        ports = past_of(physics.joints), seen_by(physics.joints), Aim(nothing, nothing, nothing), nothing
+        return Kernel(Program(advance, ports, self.constants))

@@ -21,9 +21,10 @@ from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.rigid_body import mass_matrix
 from fuzzyarm.envs.physics.robot import Robot
+from fuzzyarm.numbers.functions import floor, maximum, minimum, row, select
 
 __all__ = [
-    "GRID", "MOST_KEPT", "POINTS", "GainSchedule", "kept_joints", "loaded_inertia", "nearest_inertia",
+    "GRID", "MOST_KEPT", "POINTS", "GainSchedule", "corners_of", "kept_joints", "loaded_inertia", "nearest_inertia", "on_table",
     "place_in_schedule", "random_angles", "schedule_of",
 ]  # fmt: skip
 
@@ -149,3 +150,35 @@ def place_in_schedule(
             upper = (corner >> number) & 1
             index[corner] = index[corner] * points + (right if upper else left)
             weight[corner] *= share if upper else 1.0 - share
+
+
+def corners_of(q: Any, kept: tuple[int, ...], cosine: bool, points: int) -> list[tuple[Any, Any]]:
+    """Return what `place_in_schedule` does for angles q (n) of any kind of number: (place, weight) of each corner."""
+    corners: list[tuple[Any, Any]] = [(0.0, 1.0)] * (1 << len(kept))
+    for number, joint in enumerate(kept):
+        if cosine:
+            place = 0.5 * (sine_cosine(q[joint])[1] + 1.0) * (points - 1.0)
+            left = minimum(points - 2.0, maximum(0.0, floor(place)))  # nan is put into the table
+            share, right = place - left, left + 1.0
+        else:
+            place = q[joint] * (points / (2.0 * np.pi))
+            whole = floor(place)
+            share, left = place - whole, whole - points * floor(whole / points)
+            right = select(left + 1.0 == points, 0.0, left + 1.0)
+        for corner, (index, weight) in enumerate(corners):
+            upper = (corner >> number) & 1
+            corners[corner] = index * points + (right if upper else left), weight * (share if upper else 1.0 - share)
+    return corners
+
+
+def on_table(table: Any, corners: list[tuple[Any, Any]], sign: float, x: list[Any], y: list[Any]) -> list[Any]:
+    """Return y + sign G x, with G (len(y), len(x)) interpolated between the corners' rows of a table."""
+    for place, weight in corners:
+        gains, share, grown = row(table, place), sign * weight, []
+        for i, before in enumerate(y):
+            product: Any = 0.0
+            for k, value in enumerate(x):
+                product = product + gains[i * len(x) + k] * value
+            grown.append(before + share * product)
+        y = grown
+    return y

@@ -10,23 +10,20 @@ and q̇ at the motors.
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.checks import instance
-from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_columns, in_list, reader
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, spread_of
-from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_in, drives_of
+from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
 from fuzzyarm.fuzzy_policy.laws.sampled_margins import LinearLaw, Place
-from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 from fuzzyarm.fuzzy_policy.proof.scheduled_certificate import scheduled_policy_certificate
 from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
@@ -34,7 +31,7 @@ from fuzzyarm.fuzzy_policy.scheduled import ScheduledController
 __all__ = ["ScheduledPolicy", "linear_scheduled"]
 
 
-class ScheduledPolicy(Policy):
+class ScheduledPolicy(LawPolicy):
     """The law of a controller file as a policy; it is in the module's docstring.
 
     Attributes:
@@ -52,82 +49,59 @@ class ScheduledPolicy(Policy):
         """
         super().__init__(instance("controller", controller, ScheduledController).robot, control_period)
         self.controller = controller
-        premises = controller.premises
-        self._arguments = (
-            constants_of(controller.robot),
-            drives_of(controller.robot),
-            np.array([premise.joint for premise in premises], dtype=np.int64),
-            np.array([premise.turns for premise in premises], dtype=np.float64),
-            np.array([premise.function.startswith("sin") for premise in premises], dtype=np.bool_),
-            np.ascontiguousarray(controller.inertia),
-            np.ascontiguousarray(controller.feedback),
-            self.control_period,
-        )
+
+    @functools.cached_property
+    def control_law(self) -> Law:
+        """The law of the module's docstring."""
+        own, (arm, drives) = self.controller, numbers_of(self.controller.robot)
+        premises = tuple((one.joint, float(one.turns), one.function.startswith("sin")) for one in own.premises)
+        inertia = tuple(tuple(tuple(map(float, row)) for row in rule) for rule in own.inertia)
+        constants = _Constants(arm, drives, inertia, tuple(map(float, own.feedback)), self.control_period)
+        return Law(_law_of(equations_of(own.robot), premises), (0.0,) * self.joints, constants)
 
     def certificate(self, reference: Reference) -> PolicyCertificate:
         """Return what is proven of the controller, which is the same for every reference."""
         return scheduled_policy_certificate(self.controller)
 
-    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
-        self._law(observation, memory, torque, *self._arguments)
 
-    def compiled(self) -> CompiledLaw:
-        """Return the law for compiled loops."""
-        return CompiledLaw("scheduled", spread_of(self._law), self._arguments)
+class _Constants(NamedTuple):
+    """The links, the motors, M̂ of each rule [kg m²], (k_p, k_d, k_i), T [s]."""
 
-    @functools.cached_property
-    def _law(self) -> Any:
-        return _law_of(equations_of(self.controller.robot))
+    arm: Any
+    drives: Drives
+    inertia: Any
+    feedback: Any
+    period: Any
 
 
 @functools.cache
-def _law_of(physics: Physics) -> Any:
-    """Return the compiled law for robots with these equations."""
-    joints, dynamics = physics.joints, physics.inverse_dynamics
-    arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
+def _law_of(physics: Physics, premises: tuple[tuple[int, float, bool], ...]) -> Any:
+    """Return the law for robots with these equations; premise l is a sine or cosine of turns times q_joint."""
 
-    @kernel_for(physics.digest)
-    def scheduled_law(
-        observation: np.ndarray,
-        integral: np.ndarray,
-        torque: np.ndarray,
-        constants: np.ndarray,
-        drives: np.ndarray,
-        kept: np.ndarray,
-        turns: np.ndarray,
-        sine: np.ndarray,
-        inertia: np.ndarray,
-        gains: np.ndarray,
-        period: float,
-    ) -> None:
-        """Evaluate the law for every lane and advance its integral; premise l is a cosine or sine of turns q_kept."""
-        arm, drive, o = arm_in(constants, 0), drives_in(drives), observed(observation)
-        k_p, k_d, k_i = gains[0], gains[1], gains[2]
-        wanted, ratio = np.empty(joints), np.empty(len(kept))
-        for lane in range(len(observation)):
-            for joint in range(joints):
-                error = o.q_motor[lane, joint] - o.q_reference[lane, joint]
-                error_rate = o.dq_motor[lane, joint] - o.dq_reference[lane, joint]
-                wanted[joint] = k_p * error + k_d * error_rate + k_i * integral[lane, joint]
-                integral[lane, joint] += period * error
-            q, dq = per_joint(o.q_motor, lane), per_joint(o.dq_motor, lane)
-            links = dynamics(q, dq, per_joint(o.ddq_reference, lane), arm)
-            for joint in range(joints):
-                motor = drive.motor_inertia[joint] * o.ddq_reference[lane, joint]
-                torque[lane, joint] = links[joint] + motor + drive.viscous_friction[joint] * o.dq_motor[lane, joint]
-            for place in range(len(kept)):
-                sin, cos = sine_cosine(turns[place] * o.q_motor[lane, kept[place]])
-                ratio[place] = 0.5 * (1.0 + (sin if sine[place] else cos))
-            for rule in range(len(inertia)):
-                h = 1.0
-                for place in range(len(kept)):  # the first premise changes fastest with the rule
-                    h *= ratio[place] if (rule >> place) & 1 else 1.0 - ratio[place]
-                for joint in range(joints):
-                    for other in range(joints):
-                        torque[lane, joint] -= h * inertia[rule, joint, other] * wanted[other]
+    def scheduled(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
+        (k_p, k_d, k_i), wanted, after = c.feedback, [], []
+        for q, dq, q_d, dq_d, _, x in zip(*seen, x_I, strict=True):
+            e, de = q - q_d, dq - dq_d
+            wanted.append(k_p * e + k_d * de + k_i * x)
+            after.append(x + c.period * e)
+        links = physics.inverse_dynamics(seen.q_motor, seen.dq_motor, seen.ddq_reference, c.arm)
+        I_a, f_v = c.drives.motor_inertia, c.drives.viscous_friction
+        motors = zip(links, I_a, seen.ddq_reference, f_v, seen.dq_motor, strict=True)
+        torque = [u + i * a + f * v for u, i, a, f, v in motors]
+        ratio = []
+        for joint, turns, is_sine in premises:
+            sine, cosine = sine_cosine(turns * seen.q_motor[joint])
+            ratio.append(0.5 * (1.0 + (sine if is_sine else cosine)))
+        for rule, inertia in enumerate(c.inertia):
+            h = 1.0
+            for place, share in enumerate(ratio):  # the first premise changes fastest with the rule
+                h = h * (share if (rule >> place) & 1 else 1.0 - share)
+            for joint, row in enumerate(inertia):
+                for m, w in zip(row, wanted, strict=True):
+                    torque[joint] = torque[joint] - h * m * w
+        return tuple(after), tuple(torque)
 
-    return scheduled_law
+    return scheduled
 
 
 def linear_scheduled(controller: ScheduledController, place: Place) -> LinearLaw:

@@ -19,22 +19,24 @@ import math
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.rounding import at_most
-from fuzzyarm.envs.observation import PARTS, starts
+from fuzzyarm.envs.observation import PARTS, Observation, starts
+from fuzzyarm.envs.physics.equations import equations_of
+from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.scenario.elastic_reference import CHECKED_INSTANTS, ElasticReference
 from fuzzyarm.envs.scenario.reference import Reference
-from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw, compiled_law
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, law_of
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, Past, past_of, target_of
 from fuzzyarm.fuzzy_policy.laws.iterative_learning import TorqueLearning
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
+from fuzzyarm.numbers.functions import zeros
 
 __all__ = ["TipPolicy", "tip_statement"]
 
 
-class TipPolicy(Policy):
+class TipPolicy(LawPolicy):
     """A fixed law that tracks θ_d; see the module's docstring. It remembers what the law does, then `ElasticTarget`.
 
     Attributes:
@@ -76,17 +78,21 @@ class TipPolicy(Policy):
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
+        if self.control_law is not None:
+            super().act(observation, memory, torque)
+            return
         own_feedforward, feedforward = self._act(observation, memory, torque)
         torque += feedforward - own_feedforward
 
-    def compiled(self) -> CompiledLaw | None:
-        """Return the law for compiled loops, None where the law that tracks θ_d has none."""
-        law = compiled_law(self.law)
+    @functools.cached_property
+    def control_law(self) -> Law | None:  # type: ignore[override]
+        """The law of the module's docstring; None where the law that tracks θ_d has none."""
+        law = law_of(self.law)
         if law is None:
             return None
-        advance, of_target = self._target.compiled
-        act = _compiled_of(self.joints, self.law.memory_size, advance, law.act)
-        return CompiledLaw(f"tip_{law.name}", act, (law.arguments, of_target))
+        act = _law_of(equations_of(self.law.parameters), law.act)
+        constants = (law.constants, self._target.constants)
+        return Law(act, (law.memory, past_of(self.joints)), constants, law.tables)
 
     def feedback_and_feedforward(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the two parts of the torque, (lanes, 2) each [N m], not clipped, and advance the memory in place."""
@@ -114,32 +120,19 @@ class TipPolicy(Policy):
 
 
 @functools.cache
-def _compiled_of(joints: int, law_memory: int, advance: Any, act_of_law: Any) -> Any:
-    """Return `TipPolicy.act` for compiled loops, of the target's function and the law's."""
-    start = starts(joints)
-    measured, desired = start.q_reference, start.ddq_reference - start.q_reference
+def _law_of(physics: Physics, law: Any) -> Any:
+    """Return the law that has `law` track θ_d, for arms with these equations."""
+    target = target_of(physics)
 
-    @register_jitable
-    def act(observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, arguments: Any) -> None:
-        of_law, of_target = arguments
-        lanes = len(observation)
-        seen, resting = np.empty_like(observation), np.empty_like(observation)
-        own_feedforward, feedforward = np.empty_like(torque), np.empty_like(torque)
-        advance(observation, memory[:, law_memory:], seen[:, measured:], feedforward, *of_target)
-        for lane in range(lanes):
-            for k in range(measured):
-                seen[lane, k] = observation[lane, k]
-            for k in range(measured, seen.shape[1]):
-                resting[lane, k] = seen[lane, k]
-            for k in range(desired):
-                resting[lane, k] = seen[lane, measured + k]
-        act_of_law(resting, np.zeros((lanes, law_memory))[:, :law_memory], own_feedforward, of_law)
-        act_of_law(seen, memory[:, :law_memory], torque, of_law)
-        for lane in range(lanes):
-            for joint in range(joints):
-                torque[lane, joint] += feedforward[lane, joint] - own_feedforward[lane, joint]
+    def tip(memory: tuple[Any, Past], seen: Observation, given: Any, *tables: Any) -> tuple[Any, Any]:
+        (own, past), (constants, of_target) = memory, given
+        past, aim, u_ff = target(past, seen, of_target)
+        # What the law answers where the motors are on θ_d and its memory is empty: its own feedforward.
+        _, feedforward = law(zeros(own), Observation(aim.q, aim.dq, *aim), constants, *tables)
+        own, torque = law(own, Observation(seen.q_motor, seen.dq_motor, *aim), constants, *tables)
+        return (own, past), tuple(u + (f - o) for u, f, o in zip(torque, u_ff, feedforward, strict=True))
 
-    return act
+    return tip
 
 
 def _motors_stay_in_box(reference: Reference) -> bool:

@@ -8,7 +8,7 @@ from fuzzyarm.eval.sweep import episodes
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.episodes import run_plants
 from fuzzyarm.eval.sweep.results import METRICS
-from fuzzyarm.fuzzy_policy.compiled_law import compiled_law
+from fuzzyarm.fuzzy_policy.law import law_of
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
 
 POLICIES = "fuzzy-4", "fuzzy-1-tip", "computed-torque", "computed-torque-tip", "elastic-observer"
@@ -38,6 +38,6 @@ def test_a_law_that_a_subclass_changes_is_not_compiled():
             torque *= 0.5
 
     policy = load_policy("fuzzy-4")
-    assert compiled_law(policy).name == "fuzzy"
-    assert compiled_law(Gentle(policy.controller)) is None
-    assert compiled_law(load_policy("ppo-robust")) is None
+    assert law_of(policy).memory == (0.0, 0.0)
+    assert law_of(Gentle(policy.controller)) is None
+    assert law_of(load_policy("ppo-robust")) is None

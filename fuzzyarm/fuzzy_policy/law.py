@@ -1,0 +1,155 @@
+"""A law as one function of numbers, and the policy that runs it as machine code.
+
+    act(memory, seen, constants, *tables) -> (memory, torque)
+
+`memory` is a tree of numbers, zero when an episode begins; `seen` is an `Observation` with a record of one number for
+each joint in every part; `constants` is a tree of floats, and a table is looked up by `numbers.functions.row`. Torques
+are not clipped. The function is run with floats to read it, recorded for machine code, and written down as C.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzyarm.envs.observation import PARTS, Observation
+from fuzzyarm.envs.physics.records import per_joint
+from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import flat, maximum, minimum, select
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
+
+__all__ = ["Law", "LawPolicy", "constants_array", "law_of", "seen_by", "within", "within_limits"]
+
+
+class Law(NamedTuple):
+    """A law and its numbers.
+
+    Attributes:
+        act: see the module.
+        memory: a tree of zeros.
+        constants: a tree of floats.
+        tables: arrays (rows, columns).
+    """
+
+    act: Callable[..., tuple[Any, Any]]
+    memory: Any
+    constants: Any
+    tables: tuple[np.ndarray, ...] = ()
+
+
+def seen_by(joints: int) -> Observation:
+    """Return an observation of zeros for an arm with n joints, in records."""
+    return Observation(*[per_joint(joints)(*[0.0] * joints)] * PARTS)
+
+
+def within(torque: Any, limit: Any) -> Any:
+    """Return torques within ±`limit` [N m], joint by joint."""
+    return type(torque)(*(minimum(maximum(u, -most), most) for u, most in zip(torque, limit, strict=True)))
+
+
+def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..., tuple[Any, Any]]:
+    """Return ``command(memory, seen, (constants, limit), *tables)``: the law within its torque limits [N m].
+
+    What `Policy.command` says: x_I,j stays as it was where its change would drive a torque beyond the limit further.
+    """
+
+    def command(memory: Any, seen: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
+        constants, limit = given
+        after, torque = law.act(memory, seen, constants, *tables)
+        torque = type(seen.q_motor)(*torque)
+        if integral_at is not None:
+            before, numbers = flat(memory), flat(after)
+            for joint, (asked, most) in enumerate(zip(torque, limit, strict=True)):
+                at = integral_at + joint
+                change = numbers[at] - before[at]
+                further = ((asked > most) & (change < 0.0)) | ((asked < -most) & (change > 0.0))
+                numbers[at] = select(further, before[at], numbers[at])
+            after = tuple(numbers)
+        return after, within(torque, limit)
+
+    return command
+
+
+def constants_array(law: Law, *others: Any) -> np.ndarray:
+    """Return the constants of a law (k,), further ones, and its tables, as its machine code takes them."""
+    numbers = [*flat(law.constants), *flat(others)]
+    return np.concatenate([np.array(numbers, dtype=np.float64), *(np.ravel(table) for table in law.tables)])
+
+
+class LawPolicy(Policy):
+    """A policy with a `Law`."""
+
+    @functools.cached_property
+    def control_law(self) -> Law:
+        """The law and its numbers."""
+        raise NotImplementedError
+
+    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Evaluate the law, see `Policy`."""
+        self._act_kernel((memory, observation, torque), self._constants)
+
+    def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
+        """Evaluate the law within its limits, see `Policy`."""
+        if not self._lawful:
+            return super().command(observation, memory, torque)
+        self._command_kernel((memory, observation, torque), self._limited_constants)
+        return not np.isnan(torque).any()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is made when it is needed."""
+        made = ("control_law", "_act_kernel", "_command_kernel", "_constants", "_limited_constants", "_lawful")
+        return {name: value for name, value in super().__getstate__().items() if name not in made}
+
+    @functools.cached_property
+    def _lawful(self) -> bool:
+        """Whether the law is all that acts."""
+        return law_of(self) is not None
+
+    @functools.cached_property
+    def _act_kernel(self) -> Kernel:
+        law = self.control_law
+
+        def act(memory: Any, seen: Any, _: Any, constants: Any, *tables: Any) -> tuple[Any, Any, Any]:
+            after, torque = law.act(memory, seen, constants, *tables)
+            return after, seen, tuple(torque)
+
+        return self._kernel(act, law.constants)
+
+    @functools.cached_property
+    def _command_kernel(self) -> Kernel:
+        command = within_limits(self.control_law, self.joints, self.integral_at)
+
+        def limited(memory: Any, seen: Any, _: Any, given: Any, *tables: Any) -> tuple[Any, Any, Any]:
+            after, torque = command(memory, seen, given, *tables)
+            return after, seen, tuple(torque)
+
+        return self._kernel(limited, (self.control_law.constants, (0.0,) * self.joints))
+
+    def _kernel(self, function: Callable[..., Any], constants: Any) -> Kernel:
+        ports = (self.control_law.memory, seen_by(self.joints), (0.0,) * self.joints)
+        return Kernel(Program(function, ports, constants, [table.shape for table in self.control_law.tables]))
+
+    @functools.cached_property
+    def _constants(self) -> np.ndarray:
+        return constants_array(self.control_law)
+
+    @functools.cached_property
+    def _limited_constants(self) -> np.ndarray:
+        return constants_array(self.control_law, tuple(map(float, self._torque_limit)))
+
+
+_ACTING = {"predict", "command", "act"}
+
+
+def law_of(policy: Policy) -> Law | None:
+    """Return the law of a policy; None where it has none, or where a subclass acts otherwise."""
+    for kind in type(policy).__mro__:
+        if kind is LawPolicy or "control_law" in vars(kind):
+            return policy.control_law if isinstance(policy, LawPolicy) else None
+        if _ACTING & vars(kind).keys():
+            return None
+    return None
