@@ -1,22 +1,21 @@
 """The Gymnasium environment ``FuzzyArm-v0``.
 
-An action takes four forms on its way to the plant: the array given to `FuzzyArmEnv.step`, its torques as a tuple, the
-block `Layout.Work` in the kernel `Kernels.advance_one`, and the records in it (`State`, `Arm`, ...) that `Physics.step`
-advances: for two joints `integrator.step`. The results go back through the block into the observation and the
-dictionary `info`.
+An action goes from `FuzzyArmEnv.step` through machine code that is recorded from `Kernels.step`: `control_step_of` has
+the control step, and `Physics.step` the equations of motion, `integrator.step` for two joints. Observation and results
+come back in one array.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import os
+from math import isfinite
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
-from numpy import empty
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.arguments import (
@@ -155,9 +154,10 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             substeps=self.substeps,
             randomisation=drawn,
         )
-        self._kernels, layout = self._lanes.kernels, self._lanes.layout
-        self._observed, self._vectors = layout.observed, (len(VECTORS), layout.longest)
-        self._places = layout.vector_places
+        layout = self._lanes.layout
+        self._torque, self._out = np.zeros(self._lanes.action_shape), np.zeros(layout.width)
+        self._parts, self._observed = tuple(layout.parts), layout.observed
+        self._joints = layout.physics.joints
         self._extras = drawn.varies or render_mode is not None
         self.action_space = action_space([self.parameters])
         self.observation_space = observation_space([self.parameters])
@@ -207,41 +207,44 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         if seeds is not None and seeds[0] < 0:
             seeds = [int(self.np_random.integers(2**63))]
         results = self._lanes.reset(seeds, [scenario] if options else None, initial)
-        self._arm = self._lanes.arrays
         self._begun = True
+        self._bind()
         self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
         observations, vectors, scalars = self._lanes.layout.split(results)
         numbers = dict(zip(SCALARS, scalars[:, 0].tolist(), strict=True))
-        info = dict(zip(VECTORS, self._lanes.layout.each(vectors[:, 0]), strict=True)) | numbers
+        info = dict(zip(VECTORS, (vectors[part, 0] for part in self._parts), strict=True)) | numbers
         # A start outside the box ends with the first step.
         info["in_domain"], info["torque_clipped"] = numbers["reason"] == Termination.NONE, False
         info = {name: info[name] for name in INFO}
         self._ended = False
         if self._extras:
-            self._complete(info, vectors[:, 0])
+            self._complete(info)
         return observations[0], info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Hold the torques `action` [N m] for one control period."""
         if self._ended:
             raise ResetNeeded("the episode has not begun or is over: call env.reset() before env.step()")
-        advance, observation, vectors = self._kernels.advance_one, empty(self._observed), empty(self._vectors)
-        values, clock, table, period, substeps = self._arm
         # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
         try:
-            kind = action.dtype  # compiled code would take texts and dates for numbers
-            torque = tuple(action.tolist()) if kind is _DOUBLE or kind is _SINGLE else self._numbers(action)
-            scalars = advance(values, clock, table, period, substeps, torque, observation, vectors)
+            kind = action.dtype  # numbers as such; texts and dates are refused
+            torque = action.tolist() if kind is _DOUBLE or kind is _SINGLE else self._numbers(action)
+            self._torque[0, :] = torque
+            good = len(torque) == self._joints and isfinite(sum(torque))
         except (AttributeError, MemoryError, TypeError, ValueError):  # no array of as many numbers as joints
-            torque = self._numbers(action)
-            scalars = advance(values, clock, table, period, substeps, torque, observation, vectors)
-        time, error, circularity, motor, tracking, effort, reward, clipped, truncated, reason = scalars
-        inside = reason == 0
-        if not inside and reason < 0:
-            limit = self._lanes.torque_limit(0)
-            raise ValueError(f"action = {list(torque)} N m is not finite; allowed: ±{limit} N m")
+            good = False
+        if not good:
+            self._torque[0, :] = torque = self._numbers(action)
+            if not all(map(isfinite, torque)):
+                limit = self._lanes.torque_limit(0)
+                raise ValueError(f"action = {list(torque)} N m is not finite; allowed: ±{limit} N m")
+        self._step(0, 1, 1)
+        numbers = self._out.copy()
+        time, error, circularity, motor, tracking, effort, reward, clipped, over, reason = numbers[-10:].tolist()
+        observation, vectors = numbers[: self._observed], numbers[self._observed : -10]
+        inside, truncated = reason == 0.0, over != 0.0
         self._ended = truncated or not inside
-        tip, tip_reference, q_motor, dq_motor, q_link, dq_link, applied, friction, force = self._places
+        tip, tip_reference, q_motor, dq_motor, q_link, dq_link, applied, friction, force = self._parts
         info = {
             "time": time,
             "tip": vectors[tip],
@@ -257,15 +260,28 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             "friction_torque": vectors[friction],
             "external_force": vectors[force],
             "in_domain": inside,
-            "torque_clipped": clipped,
+            "torque_clipped": clipped != 0.0,
             "reward_tracking": tracking,
             "reward_effort": effort,
         }
         if not inside:
-            info["reason"] = Termination(reason).text
+            info["reason"] = Termination(int(reason)).text
         if self._extras:
-            self._complete(info, vectors)
+            self._complete(info)
         return observation, reward, not inside, truncated, info
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the machine code behind."""
+        return {name: value for name, value in self.__dict__.items() if name != "_step"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the state of a copy."""
+        self.__dict__.update(state)
+        if self._begun:
+            self._bind()
+
+    def _bind(self) -> None:
+        self._step = self._lanes.bound(self._torque, self._out).run
 
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""
@@ -291,9 +307,12 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             raise ValueError(f"action = {checks.shown(action)} must be {words} real numbers [N m]: {error}") from None
         return numbers
 
-    def _complete(self, info: dict[str, Any], vectors: np.ndarray) -> None:
+    def _complete(self, info: dict[str, Any]) -> None:
         """Add what the episode drew, and let the renderer follow."""
         if self._lanes.randomisation.varies:
             info["randomisation"] = self._drawn.copy()
         if self.render_mode is not None:
+            vectors = np.zeros((len(VECTORS), self._lanes.layout.longest))
+            for row, name in zip(vectors, VECTORS, strict=True):
+                row[: len(info[name])] = info[name]
             self._film.follow(info["time"], vectors, self._lanes.schedule(0)[1], self._ended)

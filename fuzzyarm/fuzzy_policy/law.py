@@ -75,9 +75,8 @@ def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..
 
 
 def constants_array(law: Law, *others: Any) -> np.ndarray:
-    """Return the constants of a law (k,), further ones, and its tables, as its machine code takes them."""
-    numbers = [*flat(law.constants), *flat(others)]
-    return np.concatenate([np.array(numbers, dtype=np.float64), *(np.ravel(table) for table in law.tables)])
+    """Return the constants of a law (k,), and further ones, as its machine code takes them."""
+    return np.array([*flat(law.constants), *flat(others)], dtype=np.float64)
 
 
 class LawPolicy(Policy):
@@ -90,13 +89,13 @@ class LawPolicy(Policy):
 
     def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
         """Evaluate the law, see `Policy`."""
-        self._act_kernel((memory, observation, torque), self._constants)
+        self._act_kernel((memory, observation, torque), self._constants, self.control_law.tables)
 
     def command(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> bool:
         """Evaluate the law within its limits, see `Policy`."""
         if not self._lawful:
             return super().command(observation, memory, torque)
-        self._command_kernel((memory, observation, torque), self._limited_constants)
+        self._command_kernel((memory, observation, torque), self._limited_constants, self.control_law.tables)
         return not np.isnan(torque).any()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -131,7 +130,7 @@ class LawPolicy(Policy):
 
     def _kernel(self, function: Callable[..., Any], constants: Any) -> Kernel:
         ports = (self.control_law.memory, seen_by(self.joints), (0.0,) * self.joints)
-        return Kernel(Program(function, ports, constants, [table.shape for table in self.control_law.tables]))
+        return Kernel(Program(function, ports, constants, [table.shape[1] for table in self.control_law.tables]))
 
     @functools.cached_property
     def _constants(self) -> np.ndarray:

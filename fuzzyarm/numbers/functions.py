@@ -9,7 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-__all__ = ["KINDS", "flat", "floor", "like", "maximum", "minimum", "repeat", "row", "select", "when", "zeros"]
+import numpy as np
+
+__all__ = [
+    "KINDS", "bits", "flat", "floor", "like", "maximum", "minimum", "number", "repeat", "row", "select", "when", "whole",
+    "word", "zeros",
+]  # fmt: skip
 
 KINDS: dict[type, Any] = {}
 """By type of number, the class of what it does in place of a float."""
@@ -64,6 +69,30 @@ def when(condition: Any, function: Callable[[], Any], otherwise: Any) -> Any:
     if kind:
         return kind.when(condition, function, otherwise)
     return function() if condition else otherwise
+
+
+def word(x: Any) -> Any:
+    """Return the 64 bits of a number, a uint64; see `bits`."""
+    kind = KINDS.get(type(x))
+    return kind.word(x) if kind else np.float64(x).view(np.uint64)
+
+
+def bits(of: Any) -> Any:
+    """Return the number with the 64 bits of a uint64: how an array of numbers holds a word."""
+    kind = KINDS.get(type(of))
+    return kind.bits(of) if kind else of.view(np.float64)
+
+
+def whole(x: Any) -> Any:
+    """Return a whole number from 0 to 2^53 as a uint64; see `number`."""
+    kind = KINDS.get(type(x))
+    return kind.whole(x) if kind else np.uint64(x)
+
+
+def number(of: Any) -> Any:
+    """Return a uint64 that is at most 2^53 as a number; exact."""
+    kind = KINDS.get(type(of))
+    return kind.number(of) if kind else of * 1.0
 
 
 def flat(tree: Any) -> list[Any]:

@@ -1,8 +1,8 @@
 """A recorded program as machine code, by LLVM: the same for one arm and for many at once, with the same bits.
 
 The program becomes LLVM's text with vectors of `width` arms, and no operation may be contracted or reordered. Numbers
-of arms stay where they are: each port is an array (arms, numbers) whose rows may lie apart; a group of `width` arms is
-gathered from there, stays in the processor's first cache for all its steps, and is put back.
+of arms stay where they are, see `Layout`. A group of `width` arms is taken from there, stays in the processor's first
+cache for all its steps, and is put back.
 
 Machine code is kept on disk by a digest of text, processor, level and LLVM's version. A file that is not what was
 written is made again, and without a folder to write there are no files.
@@ -12,21 +12,22 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import enum
 import functools
 import hashlib
 import os
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.numbers.symbols import Branch, Loop, Program, Symbol
+from fuzzyarm.numbers.symbols import Branch, Loop, Program, Symbol, Word
 
-__all__ = ["CACHE", "WIDE", "Kernel", "kernel_text"]
+__all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 
 WIDE = 16
 """Arms at once where there are many."""
@@ -34,9 +35,26 @@ WIDE = 16
 CACHE = "FUZZYARM_CACHE"
 """Environment variable with the folder for machine code; by default that of the user's caches."""
 
+
+class Layout(enum.Enum):
+    """How the numbers of a port lie in its array.
+
+    `ROWS`: (arms, numbers), the numbers of an arm side by side, rows may lie apart. `COLUMNS`: (numbers, arms), the
+    arms side by side. `BLOCKS`: (blocks, numbers, `WIDE`), `WIDE` arms in each block; there may be room for more arms
+    in the last one, which is written to, too.
+    """
+
+    ROWS = enum.auto()
+    COLUMNS = enum.auto()
+    BLOCKS = enum.auto()
+
+
 _COMPARED = {"<": "olt", "<=": "ole", ">": "ogt", ">=": "oge", "==": "oeq", "!=": "une"}
 _ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
-_CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt"}
+_CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}
+_OF_WORDS = {"+": "add", "*": "mul", "xor": "xor", "shift": "lshr"}
+_CONVERTED = {"word": "bitcast", "whole": "fptosi", "number": "sitofp", "bits": "bitcast"}
+_KINDS = {"real": "double", "truth": "i1", "word": "i64"}
 _LEVELS = {1: 2, WIDE: 1}  # of LLVM's optimisation, by width
 
 
@@ -47,11 +65,13 @@ def _literal(number: Any) -> str:
 class _Writer:
     """Writes a program as LLVM's text."""
 
-    def __init__(self, program: Program, width: int) -> None:
-        self.program, self.width, self.lines, self.here, self.blocks = program, width, list[str](), "entry", 0
-        wide = width > 1
-        self.real, self.bit = (f"<{width} x double>", f"<{width} x i1>") if wide else ("double", "i1")
-        self.whole = f"<{width} x i64>" if wide else "i64"
+    def __init__(self, program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool) -> None:
+        self.program, self.layouts, self.width, self.repeated = program, layouts, width, repeated
+        self.lines, self.here, self.blocks = list[str](), "entry", 0
+        wide = f"<{width} x " if width > 1 else ""
+        self.kinds = {kind: f"{wide}{one}>" if wide else one for kind, one in _KINDS.items()}
+        self.real, self.truth, self.word = self.kinds.values()
+        self.pointers = f"<{width} x ptr>"
         self.suffix = f".v{width}f64" if wide else ".f64"
         self.declared = set[str]()
 
@@ -69,65 +89,73 @@ class _Writer:
     def splat(self, kind: str, text: str) -> str:
         return f"splat ({kind} {text})" if self.width > 1 else text
 
+    def spread(self, name: str, kind: str, one: str) -> None:
+        """Put one number into each place of a vector."""
+        vector = f"<{self.width} x {kind}>"
+        self.put(f"%one.{name} = insertelement {vector} poison, {kind} {one}, i64 0")
+        zeros = f"<{self.width} x i32> zeroinitializer"
+        self.put(f"%{name} = shufflevector {vector} %one.{name}, {vector} poison, {zeros}")
+
     def of(self, operand: Any, *, uniform: bool = False) -> str:
         """Return the text of an operand, as one number or as one for each arm."""
         if isinstance(operand, Symbol):
             return f"%s{operand.number}" if operand.uniform and (uniform or self.width == 1) else f"%v{operand.number}"
-        return _literal(operand) if uniform else self.splat("double", _literal(operand))
+        kind, text = ("i64", str(operand % 2**64)) if isinstance(operand, Word) else ("double", _literal(operand))
+        return text if uniform else self.splat(kind, text)
 
     def operation(self, one: Symbol) -> None:
-        uniform = one.uniform
-        real, bit, suffix = ("double", "i1", ".f64") if uniform else (self.real, self.bit, self.suffix)
-        a = [self.of(operand, uniform=uniform) for operand in one.operands]
-        out, name = f"%s{one.number}" if uniform else f"%v{one.number}", one.operation
+        uniform, name = one.uniform, one.operation
+        kinds, suffix = (_KINDS, ".f64") if uniform else (self.kinds, self.suffix)
+        kind, a = kinds[one.kind], [self.of(operand, uniform=uniform) for operand in one.operands]
+        real, truth, word = kinds.values()
+        out = f"%s{one.number}" if uniform else f"%v{one.number}"
         splat: Callable[[str, str], str] = (lambda kind, text: text) if uniform else self.splat
         if name == "shared":
             self.put(f"%p{one.number} = getelementptr double, ptr %c, i64 {one.detail}")
             self.put(f"{out} = load double, ptr %p{one.number}, align 8")
+        elif one.kind == "word" and name in _OF_WORDS:
+            self.put(f"{out} = {_OF_WORDS[name]} {word} {a[0]}, {a[1]}")
+        elif name in _CONVERTED:
+            source, target = (real, word) if one.kind == "word" else (word, real)
+            self.put(f"{out} = {_CONVERTED[name]} {source} {a[0]} to {target}")
         elif name in _ARITHMETIC:
             self.put(f"{out} = {_ARITHMETIC[name]} {real} {a[0]}, {a[1]}")
         elif name in _COMPARED:
             self.put(f"{out} = fcmp {_COMPARED[name]} {real} {a[0]}, {a[1]}")
         elif name in ("&", "|"):
-            self.put(f"{out} = {'and' if name == '&' else 'or'} {bit} {a[0]}, {a[1]}")
+            self.put(f"{out} = {'and' if name == '&' else 'or'} {truth} {a[0]}, {a[1]}")
         elif name == "not":
-            self.put(f"{out} = xor {bit} {a[0]}, {splat('i1', 'true')}")
+            self.put(f"{out} = xor {truth} {a[0]}, {splat('i1', 'true')}")
         elif name == "neg":
             self.put(f"{out} = fneg {real} {a[0]}")
         elif name in _CALLED:
             self.declared.add(f"declare {real} @llvm.{_CALLED[name]}{suffix}({real})")
             self.put(f"{out} = call {real} @llvm.{_CALLED[name]}{suffix}({real} {a[0]})")
         elif name == "real":
-            one_, zero = splat("double", "1.0"), splat("double", "0.0")
-            self.put(f"{out} = select {bit} {a[0]}, {real} {one_}, {real} {zero}")
+            yes, no = splat("double", "1.0"), splat("double", "0.0")
+            self.put(f"{out} = select {truth} {a[0]}, {real} {yes}, {real} {no}")
         elif name == "select":
-            kind = bit if one.truth else real
-            self.put(f"{out} = select {bit} {a[0]}, {kind} {a[1]}, {kind} {a[2]}")
+            self.put(f"{out} = select {truth} {a[0]}, {kind} {a[1]}, {kind} {a[2]}")
         elif name == "row":
             self.row(one, out)
         else:
             raise ValueError(f"operation {name} has no machine code")
         if uniform and self.width > 1:
-            kind, vector = ("i1", self.bit) if one.truth else ("double", self.real)
-            self.put(f"%i{one.number} = insertelement {vector} poison, {kind} {out}, i64 0")
-            self.put(
-                f"%v{one.number} = shufflevector {vector} %i{one.number}, {vector} poison, "
-                f"<{self.width} x i32> zeroinitializer"
-            )
+            self.spread(f"v{one.number}", _KINDS[one.kind], out)
 
     def row(self, one: Symbol, out: str) -> None:
         """Look up a number of a row, whose place is within the table whatever is asked for."""
-        first, columns, k = one.detail
-        n, last = one.number, self.of(one.operands[1])
+        table, k = one.detail
+        n, place, last = one.number, self.of(one.operands[0]), f"%last{table.number}"
         zero = self.splat("double", "0.0")
-        self.put(f"%a{n} = fcmp ogt {self.real} {self.of(one.operands[0])}, {zero}")  # not for nan
-        self.put(f"%b{n} = select {self.bit} %a{n}, {self.real} {self.of(one.operands[0])}, {self.real} {zero}")
+        self.put(f"%a{n} = fcmp ogt {self.real} {place}, {zero}")  # not for nan
+        self.put(f"%b{n} = select {self.truth} %a{n}, {self.real} {place}, {self.real} {zero}")
         self.put(f"%d{n} = fcmp olt {self.real} %b{n}, {last}")
-        self.put(f"%e{n} = select {self.bit} %d{n}, {self.real} %b{n}, {self.real} {last}")
-        self.put(f"%x{n} = fptosi {self.real} %e{n} to {self.whole}")
-        self.put(f"%y{n} = mul nsw {self.whole} %x{n}, {self.splat('i64', str(columns))}")
-        self.put(f"%z{n} = add nsw {self.whole} %y{n}, {self.splat('i64', str(first + k))}")
-        self.put(f"%p{n} = getelementptr double, ptr %c, {self.whole} %z{n}")
+        self.put(f"%e{n} = select {self.truth} %d{n}, {self.real} %b{n}, {self.real} {last}")
+        self.put(f"%x{n} = fptosi {self.real} %e{n} to {self.word}")
+        self.put(f"%y{n} = mul nsw {self.word} %x{n}, {self.splat('i64', str(table.columns))}")
+        self.put(f"%z{n} = add nsw {self.word} %y{n}, {self.splat('i64', str(k))}")
+        self.put(f"%p{n} = getelementptr double, ptr %table{table.number}, {self.word} %z{n}")
         if self.width == 1:
             self.put(f"{out} = load double, ptr %p{n}, align 8")
         else:
@@ -135,15 +163,14 @@ class _Writer:
 
     def gather(self, out: str, places: str, mask: str) -> None:
         name = f"@llvm.masked.gather{self.suffix}.v{self.width}p0"
-        pointers = f"<{self.width} x ptr>"
-        self.declared.add(f"declare {self.real} {name}({pointers}, i32, {self.bit}, {self.real})")
-        self.put(f"{out} = call {self.real} {name}({pointers} {places}, i32 8, {self.bit} {mask}, {self.real} zeroinitializer)")
+        self.declared.add(f"declare {self.real} {name}({self.pointers}, i32, {self.truth}, {self.real})")
+        rest = f"i32 8, {self.truth} {mask}, {self.real} zeroinitializer"
+        self.put(f"{out} = call {self.real} {name}({self.pointers} {places}, {rest})")
 
-    def scatter(self, value: str, places: str, mask: str) -> None:
+    def scatter(self, value: str, places: str) -> None:
         name = f"@llvm.masked.scatter{self.suffix}.v{self.width}p0"
-        pointers = f"<{self.width} x ptr>"
-        self.declared.add(f"declare void {name}({self.real}, {pointers}, i32, {self.bit})")
-        self.put(f"call void {name}({self.real} {value}, {pointers} {places}, i32 8, {self.bit} {mask})")
+        self.declared.add(f"declare void {name}({self.real}, {self.pointers}, i32, {self.truth})")
+        self.put(f"call void {name}({self.real} {value}, {self.pointers} {places}, i32 8, {self.truth} %mask)")
 
     def items(self, items: Sequence[Any]) -> None:
         for item in items:
@@ -184,8 +211,8 @@ class _Writer:
         then, out, test = self.block(), self.block(), self.of(one.condition)
         if self.width > 1:
             name = f"@llvm.vector.reduce.or.v{self.width}i1"
-            self.declared.add(f"declare i1 {name}({self.bit})")
-            self.put(f"%t{then} = call i1 {name}({self.bit} {test})")
+            self.declared.add(f"declare i1 {name}({self.truth})")
+            self.put(f"%t{then} = call i1 {name}({self.truth} {test})")
             test = f"%t{then}"
         before = self.here
         self.put(f"br i1 {test}, label %{then}, label %{out}")
@@ -193,7 +220,7 @@ class _Writer:
         self.items(one.region.items)
         for first, second, after in zip(one.then, one.otherwise, one.after, strict=True):
             pair = f"{self.real} {self.of(first)}, {self.real} {self.of(second)}"
-            self.put(f"%u{after.number} = select {self.bit} {self.of(one.condition)}, {pair}")
+            self.put(f"%u{after.number} = select {self.truth} {self.of(one.condition)}, {pair}")
         last = self.here
         self.put(f"br label %{out}")
         self.label(out)
@@ -201,31 +228,82 @@ class _Writer:
             pair = f"[ {self.of(second)}, %{before} ], [ %u{after.number}, %{last} ]"
             self.put(f"%v{after.number} = phi {self.real} {pair}")
 
-    def ports(self, visit: Callable[[int, str], None], wanted: Sequence[bool], name: str) -> None:
-        """Visit each wanted number of all ports with the pointers of its group's arms."""
-        place = 0
-        for port, numbers in enumerate(self.program.ports):
-            for k in range(numbers):
-                if wanted[place]:
-                    at, pointer = f"{name}.at{place}", f"%{name}.pointer{place}"
-                    self.put(f"%{at} = add {self.whole} %off{port}, {self.splat('i64', str(k))}")
-                    self.put(f"{pointer} = getelementptr double, ptr %port{port}, {self.whole} %{at}")
-                    visit(place, pointer)
-                place += 1
+    def beginnings(self) -> None:
+        """Say where the group's arms begin in each port, %off, and how far their numbers lie apart, %step."""
+        for port, (layout, numbers) in enumerate(zip(self.layouts, self.program.ports, strict=True)):
+            if layout is Layout.BLOCKS:
+                self.put(f"%block{port} = and i64 %g, {-WIDE}")
+                self.put(f"%of{port} = mul i64 %block{port}, {numbers}")
+                self.put(f"%in{port} = and i64 %g, {WIDE - 1}")
+                self.put(f"%off{port} = add i64 %of{port}, %in{port}")
+            elif layout is Layout.COLUMNS:
+                self.put(f"%off{port} = add i64 %g, 0")
+            elif self.width == 1:
+                self.put(f"%off{port} = mul i64 %g, %stride{port}")
+            else:
+                self.spread(f"apart{port}", "i64", f"%stride{port}")
+                self.put(f"%off{port} = mul {self.word} %own, %apart{port}")
+
+    def pointer(self, port: int, k: int, name: str) -> str:
+        """Return the pointer to number k of the group's first arm, or those of all of them in rows."""
+        layout, whole, step = self.layouts[port], "i64", str(k)
+        if layout is Layout.ROWS:
+            whole, step = self.word, self.splat("i64", step)
+        elif layout is Layout.BLOCKS:
+            step = str(WIDE * k)
+        else:
+            self.put(f"%{name}.step = mul i64 %stride{port}, {k}")
+            step = f"%{name}.step"
+        self.put(f"%{name}.at = add {whole} %off{port}, {step}")
+        self.put(f"%{name}.pointer = getelementptr double, ptr %port{port}, {whole} %{name}.at")
+        return f"%{name}.pointer"
+
+    def take(self, out: str, port: int, k: int, place: int) -> None:
+        """Load number k of a port."""
+        layout, pointer = self.layouts[port], self.pointer(port, k, f"take{place}")
+        if self.width == 1 or layout is Layout.BLOCKS:
+            self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
+        elif layout is Layout.ROWS:
+            self.gather(out, pointer, "%mask")
+        else:
+            name = f"@llvm.masked.load{self.suffix}.p0"
+            self.declared.add(f"declare {self.real} {name}(ptr, i32, {self.truth}, {self.real})")
+            rest = f"i32 8, {self.truth} %mask, {self.real} zeroinitializer"
+            self.put(f"{out} = call {self.real} {name}(ptr {pointer}, {rest})")
+
+    def give(self, value: str, port: int, k: int, place: int) -> None:
+        """Store number k of a port."""
+        layout, pointer = self.layouts[port], self.pointer(port, k, f"give{place}")
+        if self.width == 1 or layout is Layout.BLOCKS:
+            self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
+        elif layout is Layout.ROWS:
+            self.scatter(value, pointer)
+        else:
+            name = f"@llvm.masked.store{self.suffix}.p0"
+            self.declared.add(f"declare void {name}({self.real}, ptr, i32, {self.truth})")
+            self.put(f"call void {name}({self.real} {value}, ptr {pointer}, i32 8, {self.truth} %mask)")
 
     def room(self, place: int, name: str) -> str:
         self.put(f"%{name}.room{place} = getelementptr double, ptr %room, i64 {place * self.width}")
         return f"%{name}.room{place}"
 
     def whole_text(self) -> str:
-        p, width, align = self.program, self.width, 8
+        p, width = self.program, self.width
+        numbers = [(port, k) for port, count in enumerate(p.ports) for k in range(count)]
+        used, changed = self._used(), [out is not own for out, own in zip(p.outputs, p.inputs, strict=True)]
         self.label("entry")
-        self.put(f"%room = alloca double, i64 {max(1, len(p.inputs)) * width}, align 64")
-        for port in range(len(p.ports)):
-            self.put(f"%pp{port} = getelementptr ptr, ptr %ports, i64 {port}")
-            self.put(f"%port{port} = load ptr, ptr %pp{port}, align 8")
-            self.put(f"%ps{port} = getelementptr i64, ptr %strides, i64 {port}")
-            self.put(f"%stride{port} = load i64, ptr %ps{port}, align 8")
+        if self.repeated:
+            self.put(f"%room = alloca double, i64 {max(1, len(p.inputs)) * width}, align 64")
+        for k, name in enumerate([*(f"port{k}" for k in range(len(p.ports))), *(f"table{k}" for k in range(len(p.tables)))]):
+            self.put(f"%to.{name} = getelementptr ptr, ptr %places, i64 {k}")
+            self.put(f"%{name} = load ptr, ptr %to.{name}, align 8")
+            self.put(f"%at.{name} = getelementptr i64, ptr %strides, i64 {k}")
+            self.put(f"%{name.replace('port', 'stride').replace('table', 'rows')} = load i64, ptr %at.{name}, align 8")
+        for k in range(len(p.tables)):
+            self.put(f"%before{k} = sub i64 %rows{k}, 1")
+            self.put(f"%{'only' if width > 1 else 'last'}{k} = sitofp i64 %before{k} to double")
+            if width > 1:
+                self.spread(f"last{k}", "double", f"%only{k}")
         for constant in p.constants:
             self.operation(constant)
         for item in p.top.items:
@@ -233,72 +311,58 @@ class _Writer:
                 self.operation(item)
         self.put("br label %groups")
         self.label("groups")
-        self.put("%g = phi i64 [ 0, %entry ], [ %g1, %next ]")
-        self.put("%more = icmp slt i64 %g, %arms")
+        self.put("%g = phi i64 [ %first, %entry ], [ %g1, %next ]")
+        self.put("%more = icmp slt i64 %g, %stop")
         self.put("br i1 %more, label %group, label %done")
         self.label("group")
         if width > 1:
             iota = ", ".join(f"i64 {k}" for k in range(width))
-            for name, number in (("g", "%g"), ("arms", "%arms")):
-                self.put(f"%{name}i = insertelement {self.whole} poison, i64 {number}, i64 0")
-                self.put(f"%{name}v = shufflevector {self.whole} %{name}i, {self.whole} poison, <{width} x i32> zeroinitializer")
-            self.put(f"%own = add {self.whole} %gv, <{iota}>")
-            self.put(f"%mask = icmp slt {self.whole} %own, %armsv")
-        for port in range(len(p.ports)):
-            if width > 1:
-                self.put(f"%sti{port} = insertelement {self.whole} poison, i64 %stride{port}, i64 0")
-                self.put(
-                    f"%stv{port} = shufflevector {self.whole} %sti{port}, {self.whole} poison, "
-                    f"<{width} x i32> zeroinitializer"
-                )
-                self.put(f"%off{port} = mul {self.whole} %own, %stv{port}")
-            else:
-                self.put(f"%off{port} = mul i64 %g, %stride{port}")
-        used = self._used()
-
-        def take(place: int, pointers: str) -> None:
-            if width > 1:
-                self.gather(f"%in{place}", pointers, "%mask")
-            else:
-                self.put(f"%in{place} = load double, ptr {pointers}, align {align}")
-            self.put(f"store {self.real} %in{place}, ptr {self.room(place, 'take')}, align {align}")
-
-        self.ports(take, used, "take")
-        self.put("br label %time")
-        before = self.here
-        self.label("time")
-        at = len(self.lines)
-        self.lines.append("")
-        for symbol, wanted in zip(p.inputs, used, strict=True):
-            if wanted:
-                where = self.room(symbol.detail, "t")
-                self.put(f"%v{symbol.number} = load {self.real}, ptr {where}, align {align}")
+            self.spread("gs", "i64", "%g")
+            self.spread("stops", "i64", "%stop")
+            self.put(f"%own = add {self.word} %gs, <{iota}>")
+            self.put(f"%mask = icmp slt {self.word} %own, %stops")
+        self.beginnings()
+        for place, (symbol, wanted) in enumerate(zip(p.inputs, used, strict=True)):
+            if wanted and self.repeated:
+                self.take(f"%in{place}", *numbers[place], place)
+                self.put(f"store {self.real} %in{place}, ptr {self.room(place, 'take')}, align 8")
+            elif wanted:
+                self.take(f"%v{symbol.number}", *numbers[place], place)
+        if self.repeated:
+            before, at = self.here, len(self.lines) + 2
+            self.put("br label %time")
+            self.label("time")
+            self.lines.append("")
+            for symbol, wanted in zip(p.inputs, used, strict=True):
+                if wanted:
+                    room = self.room(symbol.detail, "now")
+                    self.put(f"%v{symbol.number} = load {self.real}, ptr {room}, align 8")
         self.items(p.top.items)
-        changed = [out is not own for out, own in zip(p.outputs, p.inputs, strict=True)]
+        if self.repeated:
+            for place, out in enumerate(p.outputs):
+                if changed[place]:
+                    self.put(f"store {self.real} {self.of(out)}, ptr {self.room(place, 'then')}, align 8")
+            self.put("%t1 = add i64 %t, 1")
+            self.put("%again = icmp slt i64 %t1, %steps")
+            self.put("br i1 %again, label %time, label %back")
+            self.lines[at] = f"  %t = phi i64 [ 0, %{before} ], [ %t1, %{self.here} ]"
+            self.label("back")
         for place, out in enumerate(p.outputs):
-            if changed[place]:
-                self.put(f"store {self.real} {self.of(out)}, ptr {self.room(place, 'then')}, align {align}")
-        self.put("%t1 = add i64 %t, 1")
-        self.put("%again = icmp slt i64 %t1, %steps")
-        self.put("br i1 %again, label %time, label %back")
-        self.lines[at] = f"  %t = phi i64 [ 0, %{before} ], [ %t1, %{self.here} ]"
-        self.label("back")
-
-        def give(place: int, pointers: str) -> None:
-            self.put(f"%out{place} = load {self.real}, ptr {self.room(place, 'give')}, align {align}")
-            if width > 1:
-                self.scatter(f"%out{place}", pointers, "%mask")
-            else:
-                self.put(f"store double %out{place}, ptr {pointers}, align {align}")
-
-        self.ports(give, changed, "give")
+            if changed[place] and self.repeated:
+                self.put(f"%out{place} = load {self.real}, ptr {self.room(place, 'give')}, align 8")
+                self.give(f"%out{place}", *numbers[place], place)
+            elif changed[place]:
+                self.give(self.of(out), *numbers[place], place)
         self.put("br label %next")
         self.label("next")
         self.put(f"%g1 = add i64 %g, {width}")
         self.put("br label %groups")
         self.label("done")
         self.put("ret void")
-        head = "define void @kernel(ptr noalias %ports, ptr noalias %strides, ptr noalias readonly %c, i64 %arms, i64 %steps) #0 {"
+        head = (
+            "define void @kernel(ptr noalias readonly %places, ptr noalias readonly %strides, "
+            "ptr noalias readonly %c, i64 %first, i64 %stop, i64 %steps) #0 {"
+        )
         wide = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
         return "\n".join([*sorted(self.declared), head, *self.lines, "}", wide, ""])
 
@@ -322,9 +386,20 @@ class _Writer:
         return [id(own) in needed for own in self.program.inputs]
 
 
-def kernel_text(program: Program, width: int) -> str:
+def kernel_text(program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool = True) -> str:
     """Return a program as LLVM's text for so many arms at once."""
-    return _Writer(program, width).whole_text()
+    return _Writer(program, layouts, width, repeated=repeated).whole_text()
+
+
+class Call(NamedTuple):
+    """A kernel with what it works on: ``run(first, stop, steps)`` does so for the arms from `first` to `stop` - 1.
+
+    `held` keeps the arrays alive; `arms` is how many there are.
+    """
+
+    run: Callable[[int, int, int], None]
+    arms: int
+    held: Any
 
 
 class Kernel:
@@ -332,49 +407,83 @@ class Kernel:
 
     One arm, or a few, are run one after the other, and many in groups of `WIDE`; machine code is made when it is first
     needed.
+
+    Args:
+        program: what is run.
+        layouts: of the arrays of its ports; by default all in rows.
+        repeated: whether it may take more than one step in a call.
     """
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: Program, layouts: Sequence[Layout] = (), *, repeated: bool = False) -> None:
         """Keep the program."""
-        self.program = program
-        self._run: dict[int, Any] = {}
+        self.program, self.repeated = program, repeated
+        self.layouts = tuple(layouts) or (Layout.ROWS,) * len(program.ports)
+        # The port that says how many arms there are: blocks may have room for more.
+        self._counted = next(port for port, layout in enumerate(self.layouts) if layout is not Layout.BLOCKS)
+        self._codes: dict[int, _Code] = {}
 
-    def __call__(self, arrays: Sequence[np.ndarray], constants: np.ndarray, steps: int = 1) -> None:
+    def __call__(
+        self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray] = (), steps: int = 1
+    ) -> None:
         """Run the program for every arm, `steps` times, what it returns in the place of what it is given.
 
+        Arguments, their shapes and errors as for `bound`; `steps` at least 1.
+        """
+        call = self.bound(arrays, constants, tables)
+        call.run(0, call.arms, steps)
+
+    def bound(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray] = ()) -> Call:
+        """Return the kernel with what it works on.
+
         Args:
-            arrays: of each port, (arms, numbers), float64; the numbers of an arm lie side by side.
-            constants: (k,) float64, the constants and then the tables, row by row.
-            steps: at least 1.
+            arrays: of each port, float64, see `Layout`.
+            constants: (k,) float64.
+            tables: (rows, numbers of a row) each, float64, at least one row.
 
         Raises:
             ValueError: an array has another shape, type or layout.
         """
-        ports, arms = self.program.ports, len(arrays[0])
-        beyond = constants.size - self.program.numbers
-        rest = beyond % self.program.open if self.program.open and beyond > 0 else beyond
-        if len(arrays) != len(ports) or rest or constants.ndim != 1 or constants.dtype != np.float64:
-            raise ValueError(f"needed: {len(ports)} arrays and {self.program.numbers} constants of type float64")
-        places, strides = (ctypes.c_void_p * len(ports))(), (ctypes.c_int64 * len(ports))()
-        for port, (array, numbers) in enumerate(zip(arrays, ports, strict=True)):
-            row, step = array.strides if array.ndim == _AXES else (0, 0)
-            apart = step == array.itemsize or numbers <= 1
-            if array.shape != (arms, numbers) or array.dtype != np.float64 or not apart or row % array.itemsize:
+        program, count = self.program, len(arrays)
+        places, strides = (ctypes.c_void_p * (count + len(tables)))(), (ctypes.c_int64 * (count + len(tables)))()
+        if (len(tables), count) != (len(program.tables), len(program.ports)):
+            raise ValueError(f"needed: {len(program.ports)} arrays and {len(program.tables)} tables")
+        if constants.shape != (len(program.constants),) or constants.dtype != _DOUBLE or not constants.flags.c_contiguous:
+            raise ValueError(f"needed: {len(program.constants)} constants of type float64, side by side")
+        arms = (arrays[self._counted].shape or (0,))[0 if self.layouts[self._counted] is Layout.ROWS else -1]
+        for port, (array, numbers, layout) in enumerate(zip(arrays, program.ports, self.layouts, strict=True)):
+            shape, good = array.shape, array.dtype == _DOUBLE and array.ndim >= _AXES
+            apart, step = array.strides[0] if shape else 0, array.strides[-1] if shape else 0
+            if layout is Layout.ROWS:
+                good = good and shape == (arms, numbers) and (step == _SIZE or numbers <= 1)
+            elif layout is Layout.COLUMNS:
+                good = good and shape == (numbers, arms) and (step == _SIZE or arms <= 1)
+            else:
+                good = good and shape == (-(-arms // WIDE), numbers, WIDE) and array.flags.c_contiguous
+            if not good or apart % _SIZE:
                 raise ValueError(
-                    f"array {port} has shape {array.shape}, type {array.dtype} and strides {array.strides}; needed: "
-                    f"({arms}, {numbers}) of float64, the numbers of a row side by side"
+                    f"array {port} of {arms} arms has shape {shape}, type {array.dtype} and strides {array.strides}; "
+                    f"needed: {numbers} numbers of an arm in {layout.name.lower()}, float64"
                 )
-            places[port], strides[port] = array.ctypes.data, row // array.itemsize
-        if not (arms and steps > 0):
-            return
+            places[port], strides[port] = array.__array_interface__["data"][0], apart // _SIZE
+        for table, (array, numbers) in enumerate(zip(tables, program.tables, strict=True)):
+            good = array.ndim == _AXES and array.shape[1] == numbers and len(array) and array.flags.c_contiguous
+            if not good or array.dtype != _DOUBLE:
+                raise ValueError(f"table {table} has shape {array.shape}; needed: (rows, {numbers}) of float64")
+            places[count + table], strides[count + table] = array.__array_interface__["data"][0], len(array)
+        code, given = self.code(arms), constants.__array_interface__["data"][0]
+        return Call(functools.partial(code.call, places, strides, given), arms, (arrays, constants, tables, code))
+
+    def code(self, arms: int) -> _Code:
+        """Return the machine code for so many arms."""
         width = WIDE if arms >= WIDE // 2 else 1
-        run = self._run.get(width)
-        if run is None:
-            run = self._run[width] = _machine_code(kernel_text(self.program, width), _LEVELS[width])
-        run.call(places, strides, constants.ctypes.data, arms, steps)
+        code = self._codes.get(width)
+        if code is None:
+            text = kernel_text(self.program, self.layouts, width, repeated=self.repeated)
+            code = self._codes[width] = _machine_code(text, _LEVELS[width])
+        return code
 
 
-_AXES = 2
+_AXES, _DOUBLE, _SIZE = 2, np.dtype(np.float64), 8
 
 
 class _Code:
@@ -385,7 +494,7 @@ class _Code:
         self.engine.add_object_file(llvm.ObjectFileRef.from_data(binary))
         self.engine.finalize_object()
         address = self.engine.get_function_address("kernel")
-        pointers, whole = [ctypes.c_void_p] * 3, [ctypes.c_int64] * 2
+        pointers, whole = [ctypes.c_void_p] * 3, [ctypes.c_int64] * 3
         self.call = ctypes.CFUNCTYPE(None, *pointers, *whole)(address)
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from fuzzyarm.numbers.functions import KINDS, flat, like
 
-__all__ = ["Branch", "Loop", "Program", "Region", "Symbol", "Table"]
+__all__ = ["Branch", "Loop", "Program", "Region", "Symbol", "Table", "Word"]
 
 
 class Region:
@@ -37,8 +37,12 @@ class Region:
         return at is not None
 
 
+class Word(int):
+    """A constant of 64 bits, which no float is taken for."""
+
+
 class Symbol:
-    """A number or a truth value that a program computes.
+    """A number, a truth value or a word of 64 bits that a program computes.
 
     Attributes:
         program: that it belongs to.
@@ -46,12 +50,12 @@ class Symbol:
         operation: "+", "select", "input", "row", ...
         operands: symbols and floats.
         region: where it is computed.
-        truth: whether it is a truth value.
+        kind: "real", "truth" or "word".
         uniform: whether it is the same for all arms.
         detail: of an input or a row, where it is found.
     """
 
-    __slots__ = ("detail", "number", "operands", "operation", "program", "region", "truth", "uniform")
+    __slots__ = ("detail", "kind", "number", "operands", "operation", "program", "region", "uniform")
     __hash__ = object.__hash__
 
     def __init__(
@@ -61,13 +65,13 @@ class Symbol:
         operands: tuple[Any, ...] = (),
         region: Region | None = None,
         *,
-        truth: bool = False,
+        kind: str = "real",
         uniform: bool = False,
         detail: Any = None,
     ) -> None:
         """Give it the next number."""
         self.program, self.operation, self.operands = program, operation, operands
-        self.region, self.truth, self.uniform, self.detail = region or program.top, truth, uniform, detail
+        self.region, self.kind, self.uniform, self.detail = region or program.top, kind, uniform, detail
         program.count += 1
         self.number = program.count
 
@@ -82,7 +86,7 @@ class Symbol:
         return self.program.operation("abs", self)
 
     def __invert__(self) -> Symbol:
-        return self.program.operation("not", self, truth=True)
+        return self.program.operation("not", self, kind="truth")
 
     def __floor__(self) -> Symbol:
         return self.program.operation("floor", self)
@@ -95,11 +99,21 @@ class Symbol:
         """Return the square root."""
         return self.program.operation("sqrt", self)
 
+    def log(self) -> Symbol:
+        """Return the natural logarithm, by the C library."""
+        return self.program.operation("log", self)
 
-def _recorded(operation: str, *, swapped: bool = False, truth: bool = False) -> Callable[[Symbol, Any], Symbol]:
+    def __xor__(self, other: Any) -> Symbol:
+        return self.program.operation("xor", self, other, kind="word")
+
+    def __rshift__(self, bits: Any) -> Symbol:
+        return self.program.operation("shift", self, bits, kind="word")
+
+
+def _recorded(operation: str, *, swapped: bool = False, kind: str = "real") -> Callable[[Symbol, Any], Symbol]:
     def method(self: Symbol, other: Any) -> Symbol:
         pair = (other, self) if swapped else (self, other)
-        return self.program.operation(operation, *pair, truth=truth)
+        return self.program.operation(operation, *pair, kind=kind)
 
     return method
 
@@ -110,14 +124,13 @@ for _name, _operation in {"add": "+", "sub": "-", "mul": "*", "truediv": "/"}.it
 for _name, _operation in {
     "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!=", "and": "&", "or": "|",
 }.items():  # fmt: skip
-    setattr(Symbol, f"__{_name}__", _recorded(_operation, truth=True))
+    setattr(Symbol, f"__{_name}__", _recorded(_operation, kind="truth"))
 
 
 class Table(NamedTuple):
-    """A constant table among the constants of a program: where it begins, its last row, and the numbers of a row."""
+    """A table of a program: which one it is, and the numbers of a row; how many rows there are is said to a kernel."""
 
-    first: int
-    last: Any
+    number: int
     columns: int
 
 
@@ -150,61 +163,49 @@ class Program:
 
     Attributes:
         ports: how many numbers each port has.
-        shared: how many constants there are before the tables.
+        constants: the symbols of the constants, which are the same for all arms.
+        tables: the numbers of a row of each table.
         top: the region of all operations.
         inputs: the symbols of all ports, in order.
         outputs: what becomes of them, likewise.
-        constants: the symbols of the constants.
-        numbers: how many constants there are, with the tables, but for one of any number of rows.
-        open: the columns of that one; 0: there is none.
         now: the region that is recorded into.
         count: symbols so far.
     """
 
     def __init__(
-        self,
-        function: Callable[..., Sequence[Any]],
-        ports: Sequence[Any],
-        constants: Any = (),
-        tables: Iterable[tuple[int | None, int]] = (),
+        self, function: Callable[..., Sequence[Any]], ports: Sequence[Any], constants: Any = (), tables: Iterable[int] = ()
     ) -> None:
         """Record.
 
         Args:
             function: see the class.
             ports: trees of anything, for their shapes.
-            constants: a tree of anything, likewise; the same for all arms.
-            tables: rows and columns of each table. The last one may have any number of rows, None: the number of the
-                last row then stands before it among the constants.
+            constants: a tree of anything, likewise.
+            tables: the numbers of a row of each table.
 
         Raises:
             ValueError: the function returns ports with other counts of numbers than it takes.
         """
-        self.count, self.top = 0, Region(None)
-        self.now = self.top
-        self.ports, self.shared = tuple(len(flat(port)) for port in ports), len(flat(constants))
+        self.count, self.top, self.tables = 0, Region(None), tuple(tables)
+        self.now, self.ports = self.top, tuple(len(flat(port)) for port in ports)
         self.inputs = [Symbol(self, "input", detail=place) for place in range(sum(self.ports))]
-        given = iter(self.inputs)
-        shared = iter([Symbol(self, "shared", uniform=True, detail=k) for k in range(self.shared)])
-        found, first, known = [], self.shared, like(constants, shared)
-        self.constants, self.open = flat(known), 0
-        for rows, columns in tables:
-            last: Any = None if rows is None else rows - 1.0
-            if rows is None:
-                last, self.open, first, rows = Symbol(self, "shared", uniform=True, detail=first), columns, first + 1, 0
-                self.constants.append(last)
-            found.append(Table(first, last, columns))
-            first += rows * columns
-        self.numbers = first
-        results = function(*(like(port, given) for port in ports), known, *found)
+        self.constants = [Symbol(self, "shared", uniform=True, detail=k) for k in range(len(flat(constants)))]
+        given, shared = iter(self.inputs), like(constants, iter(self.constants))
+        looked_up = [Table(number, columns) for number, columns in enumerate(self.tables)]
+        results = function(*(like(port, given) for port in ports), shared, *looked_up)
         counts = tuple(len(flat(port)) for port in results)
         if counts != self.ports:
             raise ValueError(f"the function returns ports of {counts} numbers, and takes {self.ports}")
         self.outputs = [number for port in results for number in flat(port)]
 
-    def operation(self, operation: str, *operands: Any, truth: bool = False, detail: Any = None) -> Symbol:
+    def operation(self, operation: str, *operands: Any, kind: str = "real", detail: Any = None) -> Symbol:
         """Return the symbol of an operation, which is recorded unless it is known where it is needed."""
-        if operation in "+-*/":
+        if any(isinstance(one, Symbol) and one.kind == "word" for one in operands):
+            if operation not in _OF_WORDS:
+                raise TypeError(f"{operation} is no operation of words")
+            operands = tuple(one if isinstance(one, Symbol) else Word(one) for one in operands)
+            kind = "real" if operation in ("number", "bits") else "word"
+        elif operation in _ARITHMETIC:
             operands = tuple(self._real(one) for one in operands)
             if operation == "*" and 1.0 in [one for one in operands if not isinstance(one, Symbol)]:
                 return next(one for one in operands if isinstance(one, Symbol))
@@ -217,14 +218,14 @@ class Program:
             if key in look.known:
                 return look.known[key]  # type: ignore[no-any-return]
             look = look.parent  # type: ignore[assignment]
-        symbol = Symbol(self, operation, operands, region, truth=truth, uniform=uniform, detail=detail)
+        symbol = Symbol(self, operation, operands, region, kind=kind, uniform=uniform, detail=detail)
         region.items.append(symbol)
         region.known[key] = symbol
         return symbol
 
     def _real(self, operand: Any) -> Any:
         """Return 1.0 or 0.0 for a truth value."""
-        return self.operation("real", operand) if isinstance(operand, Symbol) and operand.truth else operand
+        return self.operation("real", operand) if isinstance(operand, Symbol) and operand.kind == "truth" else operand
 
     def size(self) -> int:
         """Return how many operations there are."""
@@ -235,8 +236,14 @@ class Program:
         return count(self.top)
 
 
+_ARITHMETIC = {"+", "-", "*", "/"}
+_OF_WORDS = {"+", "*", "xor", "shift", "select", "number", "bits"}
+
+
 def _key(operand: Any) -> Any:
-    return operand.number if isinstance(operand, Symbol) else struct.pack("d", operand)
+    if isinstance(operand, Symbol):
+        return operand.number
+    return ("word", int(operand)) if isinstance(operand, Word) else struct.pack("d", operand)
 
 
 class _Symbols:
@@ -246,8 +253,8 @@ class _Symbols:
     def select(condition: Symbol, first: Any, second: Any) -> Any:
         if first is second:
             return first
-        truth = isinstance(first, Symbol) and first.truth
-        return condition.program.operation("select", condition, first, second, truth=truth)
+        kind = first.kind if isinstance(first, Symbol) else "real"
+        return condition.program.operation("select", condition, first, second, kind=kind)
 
     @staticmethod
     def floor(x: Symbol) -> Symbol:
@@ -255,7 +262,23 @@ class _Symbols:
 
     @staticmethod
     def row(table: Table, place: Symbol) -> list[Symbol]:
-        return [place.program.operation("row", place, table.last, detail=(table.first, table.columns, k)) for k in range(table.columns)]
+        return [place.program.operation("row", place, detail=(table, k)) for k in range(table.columns)]
+
+    @staticmethod
+    def word(x: Symbol) -> Symbol:
+        return x.program.operation("word", x, kind="word")
+
+    @staticmethod
+    def whole(x: Symbol) -> Symbol:
+        return x.program.operation("whole", x, kind="word")
+
+    @staticmethod
+    def number(word: Symbol) -> Symbol:
+        return word.program.operation("number", word)
+
+    @staticmethod
+    def bits(word: Symbol) -> Symbol:
+        return word.program.operation("bits", word)
 
     @staticmethod
     def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:

@@ -16,7 +16,7 @@ from torch import Tensor
 from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.batch.beginning import resting_of, varied_of
 from fuzzyarm.envs.batch.layout import Noise
-from fuzzyarm.envs.batch.reporting import ANGLE_ROOM, VELOCITY_ROOM
+from fuzzyarm.envs.control_step import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
 from fuzzyarm.envs.physics.hold import held
 from fuzzyarm.envs.physics.physics import Physics

@@ -1,8 +1,7 @@
-"""The compiled control step: hold the torques in every lane, or in the single arm.
+"""The kernels of the environments: a control step of every lane, the beginning of episodes, and observations.
 
-One arm and a quarter of a million run the same code, block by block: the actions are written into the block `work`
-(`Layout.Work`), `hold.hold_block_of` reads its records (`State`, ...) and advances them by `Physics.step`, and what
-`task.assess_of` finds goes from the block into the `layout.Results`, which the environments return.
+One arm and a quarter of a million run the same functions, `control_step.control_step_of`, `beginning.begun_of` and
+`control_step.reading_of`, recorded once and run as machine code on the arrays that `layout` describes.
 """
 
 from __future__ import annotations
@@ -11,192 +10,168 @@ import functools
 from typing import Any
 
 import numpy as np
-from numba import float64, int64, types
 
-from fuzzyarm.envs.batch.beginning import begin_of
-from fuzzyarm.envs.batch.block import advance_block_of, gather_of
-from fuzzyarm.envs.batch.board import AT, array_at, finish, take, wait
-from fuzzyarm.envs.batch.layout import VECTORS, Clock, Layout, Scalars, layout_of
-from fuzzyarm.envs.batch.reporting import observe_of
+from fuzzyarm.envs.batch.beginning import Given, begun_of
+from fuzzyarm.envs.batch.layout import Clock, Layout, Results, Scalars, Start, Vectors, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.control_step import Moved, assessed_of, control_step_of, reading_of
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import BLOCK, in_block, in_list, over_joints, reader, size, writer
+from fuzzyarm.envs.physics.records import places, size
+from fuzzyarm.envs.scenario.randomisation import draw_record
+from fuzzyarm.numbers import machine
+from fuzzyarm.numbers.functions import bits, flat, like, number, row, whole, word, zeros
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 __all__ = ["Kernels", "kernels_of"]
 
-_read_scalars = reader(Scalars, in_list)
-_NOT_FINITE = -1
-
-# Types of the arguments of `advance_one`, but for the last three, and of `advance`.
-_ARRAYS = (float64[:, :, ::1], int64[:, ::1], float64[:, ::1], float64, int64)
-_ADVANCE = (int64[::1], float64, int64, int64)
+_ROWS, _COLUMNS, _BLOCKS = machine.Layout
 
 
 class Kernels:
-    """The kernels for arms with the same equations.
+    """The kernels for arms with the same equations, each recorded when it is first used.
 
     Attributes:
         layout: of the arrays that they work on.
-        advance: see `advance_of`.
-        advance_one: see `advance_one_of`.
-        observe_again: see `observe_again_of`.
-        begin: see `beginning.begin_of`.
     """
 
     def __init__(self, physics: Physics) -> None:
-        """Make the kernels; each is compiled, or read from disk, when it is first called."""
+        """Keep the equations."""
         self.layout = layout_of(physics)
-        self.advance = advance_of(self.layout)
-        self.advance_one = advance_one_of(self.layout)
-        self.observe_again = observe_again_of(self.layout)
-        self.begin = begin_of(self.layout)
+        self._row = row_record(physics.joints, physics.axes)
+        self._nothing = physics.PerJoint(*[0.0] * physics.joints)
+
+    @functools.cached_property
+    def step(self) -> Kernel:
+        """Hold torques in every lane for one control step.
+
+        On values, clock, commands (lanes, joints) [N m], observations and `Results` (numbers, lanes), with the control
+        period [s], the sub-step [s] and the number of sub-steps; the table is the schedule.
+        """
+        physics, Row = self.layout.physics, self._row
+        control_step, reading = control_step_of(physics), reading_of(physics)
+
+        def step(lane: Any, clock: Clock, command: Any, _: Any, __: Any, given: Any, schedule: Any) -> tuple[Any, ...]:
+            period, h, substeps = given
+            at, first, last = (number(word(one)) for one in (clock.row, clock.first, clock.last))
+            now, after = (like(places(Row), iter(row(schedule, place))) for place in (at, at + 1.0))
+            moved = control_step(
+                lane.state, command, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
+            )
+            at = at + 1.0
+            clock = clock._replace(row=bits(whole(at)))
+            results = _results(physics, moved, after.target, (at - first) * period, at == last)
+            q, dq = reading(moved.state, lane.limits, lane.noise, word(clock.key), at - first)
+            seen = Observation(q, dq, *after.reference)
+            return lane._replace(state=moved.state), clock, command, seen, results
+
+        ports = self._lane, _CLOCK, self._nothing, self._seen, self._results
+        program = Program(step, ports, (0.0, 0.0, 0.0), [size(Row)])
+        return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS, _ROWS, _COLUMNS))
+
+    @functools.cached_property
+    def begin(self) -> Kernel:
+        """Begin an episode in every lane.
+
+        On values, clock, what is drawn (numbers, lanes), `Given` and the initial states (lanes, numbers), observations
+        and `Results` (numbers, lanes), with the ranges of what is drawn and the control period [s]; the tables are
+        plants, starts and schedule.
+        """
+        physics, Row, nothing = self.layout.physics, self._row, self._nothing
+        begun, assessed, reading = begun_of(self.layout), assessed_of(physics), reading_of(physics)
+        Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
+
+        def begin(*arguments: Any) -> tuple[Any, ...]:
+            _, clock, _, given, initial, _, _, (ranges, period), *tables = arguments
+            lane, clock, drawn, now = begun(clock, given, initial, ranges, *tables)
+            moved = assessed(
+                lane.state, lane.state, nothing, nothing, nothing, no_force, now.target, lane.arm, lane.limits
+            )
+            over = number(word(clock.row)) == number(word(clock.last))
+            results = _results(physics, moved, now.target, 0.0, over)
+            q, dq = reading(lane.state, lane.limits, lane.noise, word(clock.key), 0.0)
+            return lane, clock, drawn, given, initial, Observation(q, dq, *now.reference), results
+
+        given, state = Given(0.0, 0.0, 0.0), zeros(places(physics.State))
+        ports = self._lane, _CLOCK, places(Draw), given, state, self._seen, self._results
+        constants = ((0.0, 0.0),) * size(Draw), 0.0
+        with np.errstate(over="ignore"):
+            program = Program(begin, ports, constants, [size(kind) for kind in (physics.Plant, Start, Row)])
+        return Kernel(program, (_BLOCKS, _COLUMNS, _COLUMNS, _ROWS, _ROWS, _ROWS, _COLUMNS))
+
+    @functools.cached_property
+    def observe(self) -> Kernel:
+        """Write what the last step, or the beginning of the episode, let be observed; nothing moves.
+
+        On values, clock and observations; the table is the schedule.
+        """
+        physics, Row = self.layout.physics, self._row
+        reading = reading_of(physics)
+
+        def observe(lane: Any, clock: Clock, _: Any, __: Any, schedule: Any) -> tuple[Any, ...]:
+            at, first = number(word(clock.row)), number(word(clock.first))
+            now = like(places(Row), iter(row(schedule, at)))
+            q, dq = reading(lane.state, lane.limits, lane.noise, word(clock.key), at - first)
+            return lane, clock, Observation(q, dq, *now.reference)
+
+        program = Program(observe, (self._lane, _CLOCK, self._seen), (), [size(Row)])
+        return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS))
+
+    @property
+    def _lane(self) -> Any:
+        return places(self.layout.Lane)
+
+    @property
+    def _seen(self) -> Any:
+        return Observation(*[self._nothing] * len(Observation._fields))
+
+    @property
+    def _results(self) -> Any:
+        return zeros((0.0,) * self.layout.reported)
 
     def prepare(self, lanes: int) -> None:
-        """Compile the kernel that steps so many lanes, or load it from disk: the first step need not wait for it."""
-        if lanes > 1:
-            self.advance.compile(_ADVANCE)
-        elif hasattr(self.advance_one, "compile"):
-            torque = types.UniTuple(float64, self.layout.physics.joints)
-            # From here on the name is that of the machine code itself. It is called without a look at the types of
-            # the arguments, which would cost the single arm a twentieth of its step.
-            self.advance_one = self.advance_one.compile((*_ARRAYS, torque, float64[::1], float64[:, ::1]))
+        """Make the machine code that steps so many lanes: the first step need not wait for it."""
+        self.step.code(lanes)
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
         """Leave the machine code behind."""
         return kernels_of, (self.layout.physics,)
 
 
+_CLOCK = Clock(0.0, 0.0, 0.0, 0.0)
+
+
+def _results(physics: Physics, moved: Moved, target: Any, time: Any, over: Any) -> tuple[Any, ...]:
+    """Return the numbers of the `Results`; `over` says whether the schedule is at its end."""
+    found, state = moved.found, moved.state
+    vectors = Vectors(
+        tip=found.tip,
+        tip_reference=target.position,
+        q_motor=state.motor,
+        dq_motor=state.motor_velocity,
+        q_link=state.link,
+        dq_link=state.link_velocity,
+        torque=moved.torque,
+        friction_torque=found.friction_torque,
+        external_force=tuple(moved.force),
+    )
+    scalars = Scalars(
+        time=time,
+        tip_error=found.tip_error,
+        circularity_error=found.circularity_error,
+        circularity_error_motor=found.circularity_error_motor,
+        reward_tracking=found.reward_tracking,
+        reward_effort=found.reward_effort,
+        reward=found.reward,
+        torque_clipped=moved.clipped,
+        truncated=1.0 * ((moved.reason == 0.0) & over),
+        reason=moved.reason,
+    )
+    return tuple(flat(Results(vectors, scalars)))
+
+
 @functools.cache
 def kernels_of(physics: Physics) -> Kernels:
     """Return the kernels for arms with these equations, always the same ones."""
     return Kernels(physics)
-
-
-def advance_of(layout: Layout) -> Any:
-    """Return the kernel ``advance(board, period, substeps, looks)``.
-
-    It takes pieces of the step on a board (`board.BOARD`,) and holds the torques in their lanes for one control step.
-    It returns once the board had no piece in so many `looks`; after 0 looks, once all pieces are done.
-
-    - period: control period [s].
-    - substeps: sub-steps in it.
-
-    Posted are these arrays:
-
-    - values: (blocks, numbers of `Lane`, `BLOCK`), changed in place.
-    - clock: (numbers of `Clock`, lanes), changed in place; every lane must be before its last row.
-    - table: (rows, numbers of a row), the schedules of all episodes below each other.
-    - action: (lanes, joints) motor torques [N m], all finite; clipped to the limits.
-    - out: (`Layout.width` lanes,), the results of all lanes, see `Layout.split`; written.
-    """
-    advance_block, parts, work_size = advance_block_of(layout), layout.parts, size(layout.Work) * BLOCK
-    joints, command = layout.physics.joints, layout.WORK.command.joint1
-    numbers, clocks, width = size(layout.Lane), size(Clock), layout.width
-    row = size(row_record(joints, layout.physics.axes))
-
-    @kernel_for(layout.physics.digest)
-    def advance(board: np.ndarray, period: float, substeps: int, looks: int) -> None:
-        work = np.empty(work_size)
-        piece = take(board, max(looks, 1))
-        while piece >= 0:
-            count = board[AT.lanes]
-            values = array_at(board[AT.values], (-(-count // BLOCK), numbers, BLOCK), np.float64)
-            clock = array_at(board[AT.clock], (clocks, count), np.int64)
-            table = array_at(board[AT.table], (board[AT.rows], row), np.float64)
-            action = array_at(board[AT.action], (count, joints), np.float64)
-            results = parts(array_at(board[AT.out], width * count, np.float64))
-            start = piece * board[AT.size]
-            stop = min(start + board[AT.size], count)
-            for first in range(start, stop, BLOCK):
-                lanes = min(BLOCK, stop - first)
-                for i in range(lanes):
-                    for joint in range(joints):
-                        work[(command + joint) * BLOCK + i] = action[first + i, joint]
-                advance_block(work, lanes, values, clock, table, period, substeps, first, results)
-            finish(board)
-            piece = take(board, max(looks, 1))
-        if looks == 0:
-            wait(board)
-
-    return advance
-
-
-def advance_one_of(layout: Layout) -> Any:
-    """Return ``advance_one(values, clock, table, period, substeps, torque, observation, vectors)``.
-
-    It does what `advance_of` does for a single lane, with half the overhead; `FuzzyArmEnv.step` calls it. The same code
-    is compiled for one lane, so that the compiler removes the loops over lanes, and the results come as separate
-    values that Python need not unpack: the `Scalars`, the flags as such. If a torque is not finite nothing happens, and
-    the last of them is -1.
-
-    - values, clock, table, period, substeps: as in `advance_of`, with one lane.
-    - torque: tuple of the motors' torques [N m].
-    - observation: (`Layout.observed`,), written.
-    - vectors: (9, `Layout.longest`), written; the rows of `Vectors`.
-    """
-    advance_block, parts, longest = advance_block_of(layout), layout.parts, layout.longest
-    work_size, width, observed = size(layout.Work) * BLOCK, layout.width, layout.observed
-    PerJoint = layout.physics.PerJoint
-    write_command = writer(PerJoint, in_block, layout.WORK.command)
-    all_finite = over_joints(np.isfinite, PerJoint, 1, "&")
-    read_torque = reader(PerJoint, in_list)
-
-    @kernel_for(layout.physics.digest)
-    def advance_one(
-        values: np.ndarray,
-        clock: np.ndarray,
-        table: np.ndarray,
-        period: float,
-        substeps: int,
-        torque: tuple[float, ...],
-        observation: np.ndarray,
-        vectors: np.ndarray,
-    ) -> tuple[float, float, float, float, float, float, float, bool, bool, int]:
-        work, out = np.empty(work_size), np.empty(width)
-        results, command = parts(out), read_torque(torque, 0)
-        out[-1] = _NOT_FINITE
-        if all_finite(command):
-            write_command(work, 0, command)
-            advance_block(work, 1, values, clock, table, period, substeps, 0, results)
-            for k in range(observed):
-                observation[k] = results.observation[k]
-            for k in range(len(VECTORS)):
-                for axis in range(longest):
-                    vectors[k, axis] = results.vectors[longest * k + axis]
-        found = _read_scalars(results.scalars, 0)
-        return (
-            found.time,
-            found.tip_error,
-            found.circularity_error,
-            found.circularity_error_motor,
-            found.reward_tracking,
-            found.reward_effort,
-            found.reward,
-            found.torque_clipped != 0.0,
-            found.truncated != 0.0,
-            int(found.reason),
-        )
-
-    return advance_one
-
-
-def observe_again_of(layout: Layout) -> Any:
-    """Return the kernel ``observe_again(values, clock, table, out)``.
-
-    It writes what the last step, or the beginning of the episode, let be observed, of the results (`Layout.width`
-    lanes,) of all lanes only the observations [rad, rad/s, rad/s²]; nothing moves. Arguments as in `advance_of`.
-    """
-    observe, parts, work_size = observe_of(layout), layout.parts, size(layout.Work) * BLOCK
-    gather, _ = gather_of(layout)
-
-    @kernel_for(layout.physics.digest)
-    def observe_again(values: np.ndarray, clock: np.ndarray, table: np.ndarray, out: np.ndarray) -> None:
-        results = parts(out)
-        work, lanes = np.empty(work_size), clock.shape[1]
-        for first in range(0, lanes, BLOCK):
-            count = min(BLOCK, lanes - first)
-            gather(work, count, values[first // BLOCK])
-            observe(work, count, clock, table, first, results, first)
-
-    return observe_again

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,12 +17,12 @@ from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays, dige
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
 from fuzzyarm.envs.batch.workers import Workers
-from fuzzyarm.envs.physics.compiled import announced_compilation
 from fuzzyarm.envs.physics.equations import AnyArm, common_equations
-from fuzzyarm.envs.physics.records import BLOCK, flat, size
+from fuzzyarm.envs.physics.records import flat, size
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, by_quantity, draw_record
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
+from fuzzyarm.numbers.machine import WIDE, Call
 
 __all__ = ["Lanes"]
 
@@ -37,7 +37,7 @@ class Lanes:
         control_period: [s].
         substeps: in a control period.
         randomisation: what each episode draws.
-        threads: how many a step may use; None: one per 256 lanes, at most one per core.
+        threads: how many a step may use; None: one per 1,024 lanes, at most one per core.
 
     Raises:
         ValueError: a reference does not fit the plant of its lane.
@@ -55,8 +55,8 @@ class Lanes:
         threads: int | None = None,
     ) -> None:
         """Lay out the lanes; no episode begins before `reset`."""
-        # The kernels have one signature: the period must be a float, whatever kind of number was given.
         self.period, self.substeps = float(control_period), substeps
+        self._periods = np.array([control_period, control_period / substeps, substeps], dtype=np.float64)
         self.count, self.randomisation = count, randomisation
         self.parameters, self._plant_of = distinct(plants, count)
         self.physics = common_equations(self.parameters)
@@ -64,7 +64,7 @@ class Lanes:
         self.layout = self.kernels.layout
         self._plants = np.array([flat(self.physics.plant_of(arm)) for arm in self.parameters])
         self._ranges = randomisation.ranges(self.physics.joints)
-        self.values = np.full((-(-count // BLOCK), size(self.layout.Lane), BLOCK), np.nan)
+        self.values = np.full((-(-count // WIDE), size(self.layout.Lane), WIDE), np.nan)
         self.clock = np.zeros((size(Clock), count), dtype=np.int64)
         self.clock[CLOCK.key] = np.random.SeedSequence().generate_state(count, np.uint64).view(np.int64)
         self.drawn = np.empty((size(draw_record(self.physics.joints)), count if randomisation.varies else 0))
@@ -109,9 +109,8 @@ class Lanes:
         for lane, seed in zip(lanes, seeds or (), strict=seeds is not None):
             if seed is not None:
                 self.clock[CLOCK.key, lane] = key_of(seed).view(np.int64)
-        with announced_compilation():
-            self.kernels.prepare(self.count)
-            return self._begin(lanes, initial)
+        self.kernels.prepare(self.count)
+        return self._begin(lanes, initial)
 
     def restart(self, which: np.ndarray) -> np.ndarray:
         """Begin an episode in the lanes `which` (n,), each in its own scenario; return results (`Layout.width` n,).
@@ -125,10 +124,24 @@ class Lanes:
         self._assigned.back(which)
         return self._begin(which)
 
+    def bound(self, action: np.ndarray, out: np.ndarray) -> Call:
+        """Return the control step of all lanes.
+
+        Args:
+            action: (lanes, joints) motor torques [N m], all finite.
+            out: the results (`Layout.width` lanes,), see `Layout.split`; written.
+        """
+        arrays = self.values, self.clock.view(np.float64), action, *self._results_in(out)
+        return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
+
+    def _results_in(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        observed = self.layout.observed * (len(out) // self.layout.width)
+        return out[:observed].reshape(-1, self.layout.observed), out[observed:].reshape(self.layout.reported, -1)
+
     @property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, int]:
-        """The first arguments of `Kernels.advance` and `Kernels.advance_one`, with their shapes."""
-        return self.values, self.clock, self._assigned.tables.table, self.period, self.substeps
+    def table(self) -> np.ndarray:
+        """The schedules (rows, numbers of a row) of all episodes below each other."""
+        return self._assigned.tables.table
 
     def numbers(self, rows: slice) -> np.ndarray:
         """Return some of the numbers that lanes carry, (rows, lanes), see `Layout.Lane`; a copy."""
@@ -137,7 +150,7 @@ class Lanes:
     def torque_limit(self, lane: int) -> list[float]:
         """Return the limits (joints,) of the motors' torques [N m] in a lane whose episode has begun."""
         rows = list(self.layout.LANE.limits.torque)
-        limits: list[float] = self.values[lane // BLOCK, rows, lane % BLOCK].tolist()
+        limits: list[float] = self.values[lane // WIDE, rows, lane % WIDE].tolist()
         return limits
 
     @property
@@ -162,15 +175,23 @@ class Lanes:
         which: np.ndarray,
         tables: Tables,
         places: tuple[np.ndarray, np.ndarray],
-        arrays: Iterable[np.ndarray],
+        arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Begin episodes in these arrays, see `beginning.begin_of`; `places` are its `start_of` and `place_of`."""
-        results = np.empty(self.layout.width * len(which))
+        """Begin episodes in these arrays, see `beginning.begun_of`; `places` are schedules and payloads' places."""
+        count, all_values, clock, drawn = len(which), *arrays
+        results, given = np.empty(self.layout.width * count), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         if initial is None:
-            initial = np.full((len(which), size(self.physics.State)), np.nan)
-        arms, ends = (self._plants, self._plant_of), (tables.table, self.period, results)
-        self.kernels.begin(which, *arms, tables.starts, *places, self._ranges, initial, *arrays, *ends)
+            initial = np.full((count, size(self.physics.State)), np.nan)
+        values = np.empty((-(-count // WIDE), *all_values.shape[1:]))
+        clocks, draws = np.ascontiguousarray(clock[:, which]), np.empty((len(drawn), count))
+        begun = values, clocks.view(np.float64), draws, given, initial, *self._results_in(results)
+        constants = np.append(self._ranges.ravel(), self.period)
+        self.kernels.begin(begun, constants, (self._plants, tables.starts, tables.table))
+        all_values[which // WIDE, :, which % WIDE] = values.swapaxes(1, 2).reshape(-1, values.shape[1])[:count]
+        clock[:, which] = clocks
+        if drawn.shape[1]:
+            drawn[:, which] = draws
         return results
 
     def step(self, action: np.ndarray) -> np.ndarray:
@@ -184,12 +205,13 @@ class Lanes:
         """
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
-        action = np.ascontiguousarray(action, dtype=np.float64)  # compiled code takes its address
+        action = np.ascontiguousarray(action, dtype=np.float64)
         results = self._memory.array()
-        bad = self._workers.step(self.kernels.advance, self.arrays, action, results)
-        if bad >= 0:
+        if not np.isfinite(action).all():
+            bad = int(np.argmin(np.isfinite(action).all(axis=1)))
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(f"action {found} N m of lane {bad} is not finite; allowed: ±{limit} N m")
+        self._workers.run(self.bound(action, results))
         return results
 
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> np.ndarray:
@@ -210,9 +232,9 @@ class Lanes:
 
     def observation(self) -> np.ndarray:
         """Return anew the observation (count, 5 joints) that the last step or reset of each lane returned."""
-        results = np.empty(self.layout.width * self.count)
-        self.kernels.observe_again(self.values, self.clock, self._assigned.tables.table, results)
-        return self.layout.split(results)[0]
+        seen = np.empty((self.count, self.layout.observed))
+        self.kernels.observe((self.values, self.clock.view(np.float64), seen), np.empty(0), (self.table,))
+        return seen
 
     def randomisation_info(self) -> dict[str, np.ndarray]:
         """Return what the episodes drew, by quantity: (count, joints) for one per joint, else (count,); read-only."""
@@ -276,7 +298,7 @@ class Lanes:
         begun = {"values": self.values.copy(), "clock": self.clock.copy(), "drawn": self.drawn.copy()}
         begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
         own, start_of, place_of = self._assigned.own, *self._assigned.own_places
-        self._begin_in(np.arange(self.count), own, (start_of, place_of), begun.values())
+        self._begin_in(np.arange(self.count), own, (start_of, place_of), (*begun.values(),))
         return begun | {"values": by_rows(begun["values"], self.count)}
 
     def _digest(self) -> np.ndarray:
@@ -292,5 +314,4 @@ class Lanes:
     def __setstate__(self, state: dict[str, object]) -> None:
         """Take the state of a copy, which may be the first in its process."""
         self.__dict__.update(state)
-        with announced_compilation():
-            self.kernels.prepare(self.count)
+        self.kernels.prepare(self.count)

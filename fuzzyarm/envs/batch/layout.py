@@ -1,11 +1,10 @@
-"""The arrays that the kernels work on, as records: what a lane carries, what a block holds, what a step leaves behind.
+"""The arrays that the kernels work on, as records: what a lane carries, and what a step leaves behind.
 
-values (blocks, numbers of `Lane`, BLOCK)  lanes through their episodes: a block of them is one piece of memory
-clock (numbers of `Clock`, lanes)          where they are in their schedules, and their random streams
-table (rows, numbers of a row)             the schedules of all episodes below each other, see `schedule`
-starts (schedules, numbers of `Start`)     where each schedule begins, and what its episode starts with
-work (numbers of `Layout.Work` x BLOCK)    the block of lanes that is being advanced
-out                                        `Results` of a step, in one piece of memory
+values (blocks, numbers of `Lane`, WIDE)  lanes through their episodes: a block of them is one piece of memory
+clock (numbers of `Clock`, lanes)         where they are in their schedules, and their random streams
+table (rows, numbers of a row)            the schedules of all episodes below each other, see `schedule`
+starts (schedules, numbers of `Start`)    where each schedule begins, and what its episode starts with
+out                                       observations and `Results` of a step, in one piece of memory, see `Layout.split`
 
 What depends on the equations, on how many joints and axes there are, is in the `Layout` of a `Physics`.
 """
@@ -14,17 +13,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
-
 from fuzzyarm.envs.observation import PARTS
-from fuzzyarm.envs.physics.hold import hold_record
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, record_type
-from fuzzyarm.envs.task import assessment_record, target_record
 
 __all__ = [
     "CLOCK", "INFO", "SCALARS", "START", "VECTORS", "Clock", "Layout", "Noise", "Results", "Scalars", "Start",
@@ -96,17 +91,10 @@ class Scalars(NamedTuple):
 
 
 class Results(NamedTuple):
-    """What a control step leaves behind in n lanes of arms with so many `joints`.
+    """What a control step leaves behind beside the observation."""
 
-    Attributes:
-        observation: (n, 5 joints), the parts of `observation.Observation`.
-        vectors: (9, n, `Layout.longest`), the rows of `Vectors`.
-        scalars: (10, n), the rows of `Scalars`.
-    """
-
-    observation: np.ndarray
-    vectors: np.ndarray
-    scalars: np.ndarray
+    vectors: Vectors
+    scalars: Scalars
 
 
 CLOCK, START = places(Clock), places(Start)
@@ -118,7 +106,6 @@ VECTORS, SCALARS = Vectors._fields, Scalars._fields
 INFO = (*VECTORS, *SCALARS[: SCALARS.index("reward")], "in_domain", "torque_clipped")
 """The keys of `info`, the last two as flags; reward, truncated and reason have their own places."""
 
-_VECTOR_COUNT, _SCALAR_COUNT = len(VECTORS), len(SCALARS)
 _POINTS = ("tip", "tip_reference", "external_force")  # those of `Vectors` that have a number for each axis
 
 
@@ -129,20 +116,12 @@ class Layout:
     Attributes:
         physics: the equations.
         Lane: what a lane carries through its episode: state, constants, limits, the factor of its tip force, `Noise`.
-        Work: what a block holds of each lane while it is advanced by one control step. `hold` is what the physics
-            advances; then the limits, and the target at the end of the step; `command` are the agent's torques [N m],
-            then clipped, `bias` those that act beside them; `before` is the state at the start of the step, in case
-            that at its end is not finite; then the encoders' noise and what they read, the assessment at the end, and
-            two flags: 1.0 where the state there was `finite`, and where torques were beyond the limits, `clipped`.
         LANE: places in `Lane`.
-        WORK: places in `Work`.
     """
 
     physics: Physics
     Lane: Any
-    Work: Any
     LANE: Any
-    WORK: Any
 
     def __reduce__(self) -> tuple[Any, tuple[Physics]]:
         """Leave the records behind."""
@@ -155,83 +134,48 @@ class Layout:
 
     @functools.cached_property
     def longest(self) -> int:
-        """Numbers that each of the vectors has room for."""
+        """Numbers of the longest of the vectors."""
         return max(self.physics.joints, self.physics.axes)
 
     @functools.cached_property
+    def parts(self) -> Vectors:
+        """Where the numbers of each of the vectors lie among those of all, as slices."""
+        lengths = [self.physics.axes if name in _POINTS else self.physics.joints for name in VECTORS]
+        stops = list(itertools.accumulate(lengths))
+        return Vectors(*(slice(stop - length, stop) for stop, length in zip(stops, lengths, strict=True)))
+
+    @functools.cached_property
+    def reported(self) -> int:
+        """Numbers in the `Results` of one lane."""
+        return int(self.parts[-1].stop) + len(SCALARS)
+
+    @functools.cached_property
     def width(self) -> int:
-        """Numbers in the results of one lane."""
-        return self.observed + self.longest * len(VECTORS) + len(SCALARS)
-
-    @functools.cached_property
-    def lengths(self) -> tuple[int, ...]:
-        """Numbers in each of the vectors."""
-        return tuple(self.physics.axes if name in _POINTS else self.physics.joints for name in VECTORS)
-
-    @functools.cached_property
-    def vector_places(self) -> tuple[Any, ...]:
-        """What picks each of the vectors from an array (9, `longest`); plain numbers where it can be, for speed."""
-        if self._full:
-            return tuple(range(len(VECTORS)))
-        return tuple((k, slice(length)) for k, length in enumerate(self.lengths))
-
-    @functools.cached_property
-    def parts(self) -> Any:
-        """The compiled ``parts(out)``: the `Results` of n lanes, as flat views of one array (`width` n,)."""
-        width, first = self.width, self.observed
-        second = first + self.longest * len(VECTORS)
-
-        @register_jitable(forceinline=True)
-        def parts(out: np.ndarray) -> Results:
-            n = len(out) // width
-            return Results(out[: first * n], out[first * n : second * n], out[second * n :])
-
-        return parts
+        """Numbers in observation and `Results` of one lane."""
+        return self.observed + self.reported
 
     def split(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the `Results` of n lanes in their shapes, as views of one array (`width` n,).
+        """Return observations (n, `observed`), vectors and scalars (10, n) of n lanes, views of one array (`width` n,).
 
-        A plain tuple: a small batch would notice the time that making a record takes.
+        Vectors have a row for each number of each of `Vectors`, see `each`. A plain tuple: a small batch would notice
+        the time that making a record takes.
         """
-        width, observed, before_scalars, longest = self._sizes
+        observed, width = self.observed, self.width
         n = len(out) // width
-        first, second = observed * n, before_scalars * n
-        vectors = out[first:second].reshape(_VECTOR_COUNT, n, longest)
-        return out[:first].reshape(n, observed), vectors, out[second:].reshape(_SCALAR_COUNT, n)
+        numbers = out[observed * n :].reshape(width - observed, n)
+        return out[: observed * n].reshape(n, observed), numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
 
-    def each(self, vectors: np.ndarray) -> Iterable[np.ndarray]:
-        """Return the vectors, in order, each with the numbers that it has: rows of an array (9, ..., `longest`)."""
-        if self._full:
-            return vectors
-        return [v[..., :n] for v, n in zip(vectors, self.lengths, strict=True)]
+    def each(self, vectors: np.ndarray) -> list[np.ndarray]:
+        """Return the vectors (n, numbers of it), in order, from the rows that `split` gives."""
+        return [vectors[part].T for part in self.parts]
 
-    @functools.cached_property
-    def _full(self) -> bool:
-        return min(self.lengths) == self.longest
 
-    @functools.cached_property
-    def _sizes(self) -> tuple[int, int, int, int]:
-        """Numbers in the results of one lane: all, of the observation, from there to the scalars, of each vector."""
-        return self.width, self.observed, self.width - len(SCALARS), self.longest
+_SCALAR_COUNT = len(SCALARS)
 
 
 @functools.cache
 def layout_of(physics: Physics) -> Layout:
     """Return the layout for arms with these equations."""
-    Hold, PerJoint, State = hold_record(physics), physics.PerJoint, physics.State
-    Lane = record_type("Lane", state=State, arm=physics.Arm, limits=physics.Limits, force_factor=Any, noise=Noise)
-    Work = record_type(
-        "Work",
-        hold=Hold,
-        limits=physics.Limits,
-        target=target_record(physics.axes),
-        command=PerJoint,
-        bias=PerJoint,
-        before=State,
-        noise=Noise,
-        reading=record_type("Reading", q=PerJoint, dq=PerJoint),
-        assessment=assessment_record(physics.joints, physics.axes),
-        finite=Any,
-        clipped=Any,
-    )
-    return Layout(physics, Lane, Work, places(Lane), places(Work))
+    State, Arm, Limits = physics.State, physics.Arm, physics.Limits
+    Lane = record_type("Lane", state=State, arm=Arm, limits=Limits, force_factor=Any, noise=Noise)
+    return Layout(physics, Lane, places(Lane))

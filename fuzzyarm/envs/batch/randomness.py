@@ -1,7 +1,7 @@
 """Random streams, one per episode of a lane: number k is a pure function of the stream's key and the counter k.
 
 SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is mix(s + k γ), mix a bijection of the
-64-bit words. A lane needs no generator object, number k is available at once, and Numba and NumPy give the same bits.
+64-bit words. A lane needs no generator object, number k is available at once, and machine code and NumPy give the same bits.
 
 An episode counts like this: number 0 is the key of the lane's next episode; from 1 on there is the domain
 randomisation in the order of `randomisation.draw_record`, 17 numbers for two joints; and from `noise_counter` on every
@@ -13,11 +13,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.records import size
 from fuzzyarm.envs.scenario.randomisation import draw_record
+from fuzzyarm.numbers.functions import number
 
 __all__ = [
     "NEXT_KEY", "RANDOMISATION", "draw", "key_before", "key_of", "mix", "noise_counter", "normal_pair", "uniform",
@@ -26,7 +26,7 @@ __all__ = [
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 FIRST_INVERSE, SECOND_INVERSE = (np.uint64(pow(int(factor), -1, 2**64)) for factor in (FIRST, SECOND))
-S27, S30, S31, S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
+ONE, S27, S30, S31, S11 = np.uint64(1), np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
 RESOLUTION = 2.0**-53
 NEXT_KEY, RANDOMISATION = np.uint64(0), np.uint64(1)  # counters, see above
 FIRST_NOISE = 32  # counter, for as many joints as leave room for it
@@ -38,7 +38,6 @@ def noise_counter(joints: int) -> np.uint64:
     return np.uint64(max(FIRST_NOISE, int(RANDOMISATION) + size(draw_record(joints))))
 
 
-@register_jitable
 def mix(word: Any) -> Any:
     """Scramble 64-bit words (uint64); a bijection."""
     word = (word ^ (word >> S30)) * FIRST
@@ -46,10 +45,9 @@ def mix(word: Any) -> Any:
     return word ^ (word >> S31)
 
 
-@register_jitable
 def draw(key: Any, counter: Any) -> Any:
     """Return word number `counter` (uint64) of the stream `key` (uint64)."""
-    return mix(key + (counter + np.uint64(1)) * GAMMA)
+    return mix(key + (counter + ONE) * GAMMA)
 
 
 def key_before(key: np.ndarray) -> np.ndarray:
@@ -58,20 +56,18 @@ def key_before(key: np.ndarray) -> np.ndarray:
     word = word * SECOND_INVERSE
     word = (word ^ (word >> S27) ^ (word >> np.uint64(54))) * FIRST_INVERSE
     word = word ^ (word >> S30) ^ (word >> np.uint64(60))
-    return np.asarray(word - (NEXT_KEY + np.uint64(1)) * GAMMA)
+    return np.asarray(word - (NEXT_KEY + ONE) * GAMMA)
 
 
-@register_jitable
 def uniform(key: Any, counter: Any) -> Any:
     """Return number `counter` of the stream as a float in [0, 1), a multiple of 2^-53."""
-    return (draw(key, counter) >> S11) * RESOLUTION
+    return number(draw(key, counter) >> S11) * RESOLUTION
 
 
-@register_jitable
 def normal_pair(key: Any, counter: Any) -> tuple[Any, Any]:
     """Return two independent standard normal numbers from numbers `counter` and `counter` + 1 (Box and Muller)."""
     radius = np.sqrt(-2.0 * np.log(1.0 - uniform(key, counter)))
-    sine, cosine = sine_cosine(TWO_PI * uniform(key, counter + np.uint64(1)))
+    sine, cosine = sine_cosine(TWO_PI * uniform(key, counter + 1))
     return radius * cosine, radius * sine
 
 

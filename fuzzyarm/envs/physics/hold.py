@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numba.extending import register_jitable
 
-from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import (
     BLOCK,
     in_block,
-    in_rows,
     joint_by_joint,
     places,
     point,
@@ -23,14 +21,38 @@ from fuzzyarm.envs.physics.records import (
     size,
     writer,
 )
+from fuzzyarm.numbers.functions import repeat, zeros
+from fuzzyarm.numbers.machine import Kernel, Layout
+from fuzzyarm.numbers.symbols import Program
 
-__all__ = ["force_line", "held", "hold_block_of", "hold_of", "hold_record"]
+__all__ = ["force_line", "held", "held_of", "hold_block_of", "hold_of", "hold_record"]
 
 
 @functools.cache
 def force_line(axes: int) -> Any:
     """Return the record of a tip force that is linear in time over a control step: mean and change over it [N]."""
     return record_type("ForceLine", mean=point(axes), change=point(axes))
+
+
+@functools.cache
+def held_of(physics: Physics) -> Callable[..., Any]:
+    """Return ``held(state, torque, mean, change, arm, h, substeps)``, the state one control step later.
+
+    Torques [N m], a record, are held. The tip force is a line in time with a mean and a change over the step [N]; each
+    of the `substeps` sub-steps of h [s] takes it at its own middle.
+    """
+    Point = physics.Point
+
+    def held(state: Any, torque: Any, mean: Any, change: Any, arm: Any, h: Any, substeps: Any) -> Any:
+        def sub_step(carried: Any) -> Any:
+            number, state = carried
+            share = (number + 0.5) / substeps - 0.5
+            force = Point(*(m + share * c for m, c in zip(mean, change, strict=True)))
+            return number + 1.0, physics.step(state, torque, force, arm, h)
+
+        return repeat(substeps, sub_step, (0.0, state))[1]
+
+    return held
 
 
 @functools.cache
@@ -85,43 +107,26 @@ def hold_block_of(physics: Physics) -> Any:
 
 
 @functools.cache
-def hold_of(physics: Physics) -> Any:
-    """Return the kernel ``hold(state, torque, force, arm, h, substeps)`` that advances lanes over one control step.
+def hold_of(physics: Physics) -> Callable[..., None]:
+    """Return ``hold(state, torque, force, arm, h, substeps)`` that advances lanes over one control step.
 
     Of its arguments `state` (numbers of the state, lanes) changes in place; `torque` (joints, lanes) [N m] is held;
     `force` has the rows of `force_line` [N], and in between the force is linear, each sub-step takes it at its own
     middle; `arm` has the rows of the constants; then the sub-step [s] and the number of sub-steps. It raises ValueError
     if an array has another shape.
     """
-    Hold, hold_block = hold_record(physics), hold_block_of(physics)
-    kinds = physics.State, physics.Arm, physics.PerJoint, force_line(physics.axes)
-    state_of, arm_of, torque_of, force_of = (reader(kind, in_rows) for kind in kinds)
-    state_rows, arm_rows, torque_rows, force_rows = map(size, kinds)
-    write_hold, store_state = writer(Hold, in_block), writer(physics.State, in_rows)
-    read_state, work_size = reader(physics.State, in_block, places(Hold).state), size(Hold) * BLOCK
-    wrong_force = f"force must have {force_rows} rows, the mean and its change, and a column for each lane"
-    wrong = (
-        f"state, torque and arm must have {state_rows}, {torque_rows} and {arm_rows} rows, and a column for each lane"
-    )
+    ForceLine, advance = force_line(physics.axes), held_of(physics)
+    kinds = physics.State, physics.PerJoint, ForceLine, physics.Arm
 
-    @kernel_for(physics.digest)
+    def step(state: Any, torque: Any, force: Any, arm: Any, given: Any) -> tuple[Any, ...]:
+        return advance(state, torque, *force, arm, *given), torque, force, arm
+
+    program = Program(step, [zeros(places(kind)) for kind in kinds], (0.0, 0.0))
+    kernel = Kernel(program, [Layout.COLUMNS] * len(kinds))
+
     def hold(
         state: np.ndarray, torque: np.ndarray, force: np.ndarray, arm: np.ndarray, h: float, substeps: int
     ) -> None:
-        lanes = state.shape[1]
-        if force.shape != (force_rows, lanes):
-            raise ValueError(wrong_force)
-        if state.shape[0] != state_rows or torque.shape != (torque_rows, lanes) or arm.shape != (arm_rows, lanes):
-            raise ValueError(wrong)
-        work = np.empty(work_size)
-        for start in range(0, lanes, BLOCK):
-            count = min(BLOCK, lanes - start)
-            for lane in range(count):
-                at = start + lane
-                whole = Hold(state_of(state, at), arm_of(arm, at), torque_of(torque, at), force_of(force, at))
-                write_hold(work, lane, whole)
-            hold_block(work, count, h, substeps)
-            for lane in range(count):
-                store_state(state, start + lane, read_state(work, lane))
+        kernel((state, torque, force, arm), np.array([h, substeps], dtype=np.float64))
 
     return hold

@@ -93,9 +93,8 @@ def closed_loops(
     memory, reading = np.zeros((count, policy.memory_size)), observation[:, : 2 * joints].copy()
     sent = np.zeros((count, depth * joints))
     limit = tuple(np.asarray(policy.torque_limit, dtype=np.float64).tolist())
-    given = constants_array(law, limit, period / substeps, float(substeps))
-    constants = np.concatenate([given, [len(table) - 1.0], table.ravel()])
-    kernel((memory, carried, reading, sent, episode), constants, lanes.longest_episode)
+    constants = constants_array(law, limit, period / substeps, float(substeps))
+    kernel((memory, carried, reading, sent, episode), constants, (*law.tables, table), lanes.longest_episode)
     found = _Episode(*episode.T)
     if found.failed.any():
         return None
@@ -107,7 +106,7 @@ def closed_loops(
 
 def _shapes(law: Law) -> tuple[Any, ...]:
     """Return memory, constants and tables of a law by their shapes alone, for a cache."""
-    return zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)
+    return zeros(law.memory), zeros(law.constants), tuple(table.shape[1] for table in law.tables)
 
 
 @functools.lru_cache(maxsize=64)
@@ -155,8 +154,8 @@ def _kernel_of(
 
     nothing = PerJoint(*[0.0] * joints)
     ports = memory, plant, (nothing, nothing), (nothing,) * depth, zeros(_Episode(*[0.0] * len(_Episode._fields)))
-    shapes = [*tables, (None, size(Row))]
-    return Kernel(Program(step, ports, (constants, tuple(nothing), 0.0, 0.0), shapes))
+    program = Program(step, ports, (constants, tuple(nothing), 0.0, 0.0), (*tables, size(Row)))
+    return Kernel(program, repeated=True)
 
 
 def _advance_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
