@@ -20,9 +20,9 @@ from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants, rigid_inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
-from fuzzyarm.envs.physics.hold import held
+from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import State, flat, in_list, reader
+from fuzzyarm.envs.physics.records import PerJoint, State, flat, in_list, reader
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 
@@ -123,9 +123,11 @@ def linearised(x: np.ndarray, u: np.ndarray, arm: Arm, force: np.ndarray) -> tup
     numbers = STATES + JOINTS
     offsets = np.concatenate([np.diag(STEPS), -np.diag(STEPS)])[:, np.newaxis]
     copies = (np.hstack([x, u]) + offsets).reshape(-1, numbers).T
-    push = [*np.tile(force.T, 2 * numbers), 0.0, 0.0]
+    push = np.tile(force.T, 2 * numbers)
     start = reader(State, in_list)(copies[:STATES], 0)
-    end = held(equations_of(ARM), start, tuple(copies[STATES:]), push, smooth, PERIOD / SUBSTEPS, SUBSTEPS)
+    end = held_of(equations_of(ARM))(
+        start, PerJoint(*copies[STATES:]), push, (0.0, 0.0), smooth, PERIOD / SUBSTEPS, SUBSTEPS
+    )
     up, down = np.stack(flat(end)).reshape(STATES, 2, numbers, len(x)).transpose(1, 3, 0, 2)
     both = (up - down) / (2.0 * STEPS)
     return both[..., :STATES], both[..., STATES:]

@@ -29,7 +29,7 @@ import torch
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.generated import physics_of
-from fuzzyarm.envs.physics.hold import held, hold_of
+from fuzzyarm.envs.physics.hold import held_of, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import flat, in_list, reader
@@ -111,7 +111,10 @@ def against_hand_written() -> dict[str, Any]:
     def in_arrays(physics: Physics, take: Callable[[np.ndarray], Any]) -> np.ndarray:
         before = reader(physics.State, in_list)(take(state), 0)
         arm = reader(physics.Arm, in_list)(take(np.repeat(constants[physics][:, np.newaxis], LANES, axis=1)), 0)
-        after = held(physics, before, tuple(take(torque)), tuple(take(force)), arm, H, CONTROL_STEP)
+        line, axes = take(force), physics.axes
+        after = held_of(physics)(
+            before, physics.PerJoint(*take(torque)), line[:axes], line[axes:], arm, H, CONTROL_STEP
+        )
         return np.array([np.asarray(row) for row in flat(after)])
 
     ways: dict[str, Callable[[Physics], np.ndarray]] = {

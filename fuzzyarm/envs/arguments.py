@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium import spaces
 
 from fuzzyarm.common import checks
-from fuzzyarm.envs.control_step import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.tables import MAX_ACCELERATION
+from fuzzyarm.envs.control_step import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.physics.equations import AnyArm, bounds_of
 from fuzzyarm.envs.scenario.cases import case_for
 from fuzzyarm.envs.scenario.default_reference import default_reference

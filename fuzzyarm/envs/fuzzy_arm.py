@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from ctypes import c_double
 from math import isfinite
 from typing import Any
 
@@ -28,7 +29,7 @@ from fuzzyarm.envs.arguments import (
     real_numbers,
 )
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import INFO, SCALARS, VECTORS
+from fuzzyarm.envs.batch.layout import CLOCK, INFO, SCALARS, VECTORS
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.film import Film
 from fuzzyarm.envs.periods import checked_periods
@@ -44,6 +45,8 @@ from fuzzyarm.envs.termination import Termination
 __all__ = ["FuzzyArmEnv"]
 
 _COUNTS = {2: "two", 3: "three"}
+_BOUND = ("_call", "_run", "_call_at", "_sent", "_observation", "_scalars", "_vectors")
+_NOT_FINITE = float(Termination.NOT_FINITE)
 _DOUBLE, _SINGLE = np.dtype(np.float64), np.dtype(np.float32)
 
 
@@ -155,9 +158,10 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             randomisation=drawn,
         )
         layout = self._lanes.layout
-        self._torque, self._out = np.zeros(self._lanes.action_shape), np.zeros(layout.width)
-        self._parts, self._observed = tuple(layout.parts), layout.observed
-        self._joints = layout.physics.joints
+        self._torque, self._out = np.zeros(self._lanes.action_shape), np.zeros(layout.size(1))
+        self._even = layout.physics.joints == layout.physics.axes
+        self._parts = tuple(layout.parts)
+        self._places: tuple[Any, ...] = tuple(range(len(VECTORS))) if self._even else self._parts  # numbers are faster
         self._extras = drawn.varies or render_mode is not None
         self.action_space = action_space([self.parameters])
         self.observation_space = observation_space([self.parameters])
@@ -210,7 +214,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         self._begun = True
         self._bind()
         self._drawn = {name: value[0] for name, value in self._lanes.randomisation_info().items()}
-        observations, vectors, scalars = self._lanes.layout.split(results)
+        observations, vectors, scalars = results
         numbers = dict(zip(SCALARS, scalars[:, 0].tolist(), strict=True))
         info = dict(zip(VECTORS, (vectors[part, 0] for part in self._parts), strict=True)) | numbers
         # A start outside the box ends with the first step.
@@ -228,23 +232,17 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         # Numbers by name, not dict(zip(...)) nor a call with a star, for speed: this is half of a step's time.
         try:
             kind = action.dtype  # numbers as such; texts and dates are refused
-            torque = action.tolist() if kind is _DOUBLE or kind is _SINGLE else self._numbers(action)
-            self._torque[0, :] = torque
-            good = len(torque) == self._joints and isfinite(sum(torque))
+            self._sent[:] = action.tolist() if kind is _DOUBLE or kind is _SINGLE else self._numbers(action)
         except (AttributeError, MemoryError, TypeError, ValueError):  # no array of as many numbers as joints
-            good = False
-        if not good:
-            self._torque[0, :] = torque = self._numbers(action)
-            if not all(map(isfinite, torque)):
-                limit = self._lanes.torque_limit(0)
-                raise ValueError(f"action = {list(torque)} N m is not finite; allowed: ±{limit} N m")
-        self._step(0, 1, 1)
-        numbers = self._out.copy()
-        time, error, circularity, motor, tracking, effort, reward, clipped, over, reason = numbers[-10:].tolist()
-        observation, vectors = numbers[: self._observed], numbers[self._observed : -10]
+            self._sent[:] = self._numbers(action)
+        self._run(self._call_at)
+        time, error, circularity, motor, tracking, effort, reward, clipped, over, reason = self._scalars[:]
+        observation, vectors = self._observation.copy(), self._vectors.copy()
         inside, truncated = reason == 0.0, over != 0.0
+        if reason == _NOT_FINITE:
+            self._refuse_nonfinite()
         self._ended = truncated or not inside
-        tip, tip_reference, q_motor, dq_motor, q_link, dq_link, applied, friction, force = self._parts
+        tip, tip_reference, q_motor, dq_motor, q_link, dq_link, applied, friction, force = self._places
         info = {
             "time": time,
             "tip": vectors[tip],
@@ -272,7 +270,7 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the machine code behind."""
-        return {name: value for name, value in self.__dict__.items() if name != "_step"}
+        return {name: value for name, value in self.__dict__.items() if name not in _BOUND}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take the state of a copy."""
@@ -281,7 +279,21 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
             self._bind()
 
     def _bind(self) -> None:
-        self._step = self._lanes.bound(self._torque, self._out).run
+        """Take the machine code of the step, and views of what it is given and leaves behind."""
+        self._call = self._lanes.bound(self._torque, self._out)
+        self._run, self._call_at = self._call.entry
+        self._sent = (c_double * self._torque.size).from_buffer(self._torque)
+        observation, vectors, scalars = self._lanes.layout.split(self._out, 1)
+        self._observation, self._scalars = observation[0], (c_double * len(scalars)).from_buffer(scalars)
+        self._vectors = vectors.reshape(len(VECTORS), -1) if self._even else vectors[:, 0]
+
+    def _refuse_nonfinite(self) -> None:
+        """Raise ValueError if it is the action that was not finite: no arm has moved, and the clock goes back."""
+        torque = self._sent[:]
+        if not all(map(isfinite, torque)):
+            self._lanes.clock[CLOCK.row] -= 1
+            limit = self._lanes.torque_limit(0)
+            raise ValueError(f"action = {torque} N m is not finite; allowed: ±{limit} N m")
 
     def render(self) -> np.ndarray | None:
         """Return the picture (H, W, 3) in mode ``rgb_array``; in mode ``human`` `step` updates the window itself."""

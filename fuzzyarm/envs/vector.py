@@ -62,7 +62,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Arguments are those of `FuzzyArmEnv`. `case`, `disturbance`, `reference`, `parameters` and `robot` may each be one
     for all lanes or a sequence of one per lane, and so may `case`, `disturbance`, `reference` and `initial_state` in
     ``reset(options=...)``, which hold for the episodes that reset begins. `threads` is how many threads share a step
-    (default: one per 256 lanes, at most one per core); results do not depend on it.
+    (default: one per 1,024 lanes, at most one per core); results do not depend on it.
 
     ``reset(seed=s)`` seeds lane i with s + i; a sequence gives each lane its own seed, None in it lets the stream of
     that lane continue. All lanes have the sub-steps that the fastest of the arms needs.
@@ -145,7 +145,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seeds is not None and not isinstance(seed, Sequence | np.ndarray):
             super().reset(seed=seeds[0])
         if which is None:
-            observation, vectors, scalars = self.lanes.layout.split(self.lanes.reset(seeds, scenarios, initial))
+            observation, vectors, scalars = self.lanes.reset(seeds, scenarios, initial)
             self._begun, self._over = True, None
             return observation, self._info(vectors, scalars)
         return self._reset_some(which, seeds, scenarios, initial)
@@ -161,8 +161,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         torque = real_numbers("actions", given)
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
-        split = self.lanes.layout.split
-        observation, vectors, scalars = split(self.lanes.step(torque))
+        observation, vectors, scalars = self.lanes.step(torque)
         reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
         ended = terminated | truncated
         if np.count_nonzero(ended) == 0:
@@ -175,7 +174,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             observation, self.lanes.layout.each(vectors), scalars, self.lanes.randomisation_info(), ended
         )
         reward = reward.copy()
-        observation[which], vectors[:, which], scalars[:, which] = split(self.lanes.restart(which))
+        observation[which], vectors[:, which], scalars[:, which] = self.lanes.restart(which)
         return observation, reward, terminated, truncated, {**self._info(vectors, scalars), **final}
 
     def get_state(self) -> dict[str, np.ndarray]:
@@ -239,7 +238,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"the episode is over in lanes {lanes}: call envs.reset(options={{{RESET_MASK!r}: terminated | "
                 "truncated}) before envs.step()"
             )
-        observation, vectors, scalars = self.lanes.layout.split(self.lanes.step_or_restart(torque, over))
+        observation, vectors, scalars = self.lanes.step_or_restart(torque, over)
         info = self._info(vectors, scalars)
         # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
         scalars = scalars.copy()
@@ -262,8 +261,8 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         theirs = None if seeds is None else [seeds[lane] for lane in which]
         results = self.lanes.reset(theirs, scenarios, None if initial is None else initial[which], which)
         layout = self.lanes.layout
-        _, vectors, scalars = layout.split(np.zeros(layout.width * self.num_envs))
-        _, vectors[:, which], scalars[:, which] = layout.split(results)
+        _, vectors, scalars = layout.split(np.zeros(layout.size(self.num_envs)), self.num_envs)
+        _, vectors[:, which], scalars[:, which] = results
         begun = np.isin(np.arange(self.num_envs), which)
         waiting = np.setdiff1d([] if self._over is None else self._over, which)
         self._begun, self._over = True, waiting if len(waiting) else None

@@ -173,7 +173,11 @@ class Program:
     """
 
     def __init__(
-        self, function: Callable[..., Sequence[Any]], ports: Sequence[Any], constants: Any = (), tables: Iterable[int] = ()
+        self,
+        function: Callable[..., Sequence[Any]],
+        ports: Sequence[Any],
+        constants: Any = (),
+        tables: Iterable[int] = (),
     ) -> None:
         """Record.
 

@@ -16,9 +16,9 @@ from torch import Tensor
 from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.batch.beginning import resting_of, varied_of
 from fuzzyarm.envs.batch.layout import Noise
-from fuzzyarm.envs.control_step import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
-from fuzzyarm.envs.physics.hold import held
+from fuzzyarm.envs.control_step import ANGLE_ROOM, VELOCITY_ROOM
+from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import flat, in_list, reader, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
@@ -131,14 +131,14 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     arm, limits = _arm(shared, nominal, now), equations.physics.limits(nominal)
     beginning, steps = shared.spans.at(now.reference.long())
     row = equations.read_row(shared.rows.at(beginning + lanes.step), 0)
-    force, bias = [now.force * part for part in (*row.force.mean, *row.force.change)], row.bias
+    (mean, change), bias = ([now.force * part for part in parts] for parts in row.force), row.bias
 
     sound = torch.isfinite(action).all(0)
     asked = PerJoint(*(torch.where(sound, part, 0.0) for part in action.unbind(0)))
     torque = PerJoint(*map(clipped, asked, limits.torque))
     both = PerJoint(*(own + beside for own, beside in zip(torque, bias, strict=True)))
     h = shared.period / shared.substeps
-    after_all = held(equations.physics, _state(shared, lanes.numbers), both, force, arm, h, shared.substeps)
+    after_all = held_of(equations.physics)(_state(shared, lanes.numbers), both, mean, change, arm, h, shared.substeps)
     numbers = _numbers(after_all, shared.rows.dtype)
     sound = sound & (equations.finite(equations.read_state(numbers, 0)) > 0.0)
     after = Lanes(_where(sound, numbers, lanes.numbers), lanes.key, lanes.step + 1)

@@ -179,7 +179,7 @@ def test_tables_of_scenarios_that_no_lane_is_in_are_dropped():
         mask = generator.random(LANES) < 0.5
         mask[generator.integers(LANES)] = True
         envs.reset(options={"reset_mask": mask, "case": "machining"})
-        sizes.append(len(envs.lanes.arrays[2]))
+        sizes.append(len(envs.lanes.table))
     assert max(sizes) <= (1 + LANES) * 51
 
 

@@ -31,8 +31,7 @@ def steps_until_the_end(env, **reset):
     env.reset(**reset)
     for step in range(1, 5000):
         info = env.unwrapped._lanes  # the reference itself is the state to be in: no policy is needed
-        row = info.arrays[1][0, 0]
-        values, table = info.arrays[0], info.arrays[2]
+        values, row, table = info.values, info.clock[0, 0], info.table
         values[0, :4, 0], values[0, 4:8, 0] = np.tile(table[row, :2], 2), 0.0
         *_, terminated, truncated, _ = env.step(HOLDING)
         if terminated or truncated:

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.two_joints import LAYOUT, WIDTH, Target, advance, assess, finite, hold, split, state_of
+from support.two_joints import LAYOUT, Target, advance, assess, finite, hold, named, state_of
 
-from fuzzyarm.envs.batch.blocks import in_blocks
+from fuzzyarm.envs.batch.blocks import by_rows, in_blocks
 from fuzzyarm.envs.batch.layout import SCALARS, VECTORS, Clock
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
@@ -18,9 +18,10 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import BLOCK, PerJoint, in_list, reader, size
+from fuzzyarm.envs.physics.records import PerJoint, in_list, reader, size
 from fuzzyarm.envs.physics.two_joints import Limits
 from fuzzyarm.envs.task import clipped
+from fuzzyarm.numbers.machine import WIDE
 
 limits_of, target_of = reader(Limits, in_list), reader(Target, in_list)
 TABLE_1 = ArmParameters()
@@ -82,19 +83,19 @@ def lanes_of(state, torque, bias, force, arm, limits, target, rows=2):
 
 def step(values, clock, table, action):
     """Advance every lane by one control step; returns observations, vectors and scalars by name."""
-    out = np.full(WIDTH * len(action), np.nan)
-    advance(values, clock, table, PERIOD, SUBSTEPS, action, out)
-    observations, vectors, scalars = split(out)
-    return observations, dict(zip(VECTORS, vectors, strict=True)), dict(zip(SCALARS, scalars, strict=True))
+    observations, vectors, scalars = advance(values, clock, table, PERIOD, SUBSTEPS, action)
+    return observations, named(vectors), dict(zip(SCALARS, scalars, strict=True))
 
 
 # --- the layout of the results -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("lanes", [1, 5])
+@pytest.mark.parametrize("lanes", [1, 5, 64])
 def test_every_result_has_its_own_place(lanes):
-    places = np.concatenate([part.ravel() for part in split(np.arange(WIDTH * lanes))])
-    assert np.array_equal(np.sort(places), np.arange(WIDTH * lanes))
+    observations, vectors, scalars = LAYOUT.split(np.arange(LAYOUT.size(lanes)), lanes)
+    places = np.concatenate([part.ravel() for part in (observations, *LAYOUT.each(vectors), scalars)])
+    assert len(set(places)) == len(places) == 38 * lanes
+    assert lanes == 1 or np.diff(scalars[:, 0])[0] // 8 % 2 == 1  # an odd number of lines of the cache
     assert len({*VECTORS, *SCALARS}) == len(VECTORS) + len(SCALARS)
 
 
@@ -211,9 +212,8 @@ def test_each_way_out_of_the_domain_is_told_by_its_number(entry, reason):
     constants = np.tile(np.array(arm_constants(TABLE_1))[:, None], 2)
     rows = lanes_of(lanes, *(np.zeros((n, 2)) for n in (2, 2, 4)), constants, np.tile(limits[:, None], 2), lanes[:7])
     values, clock, table, action = rows
-    out = np.empty(2 * WIDTH)
-    advance(values, clock, table, 1e-12, 1, action, out)  # too short a step to move
-    scalars = dict(zip(SCALARS, split(out)[2], strict=True))
+    _, _, found = advance(values, clock, table, 1e-12, 1, action)  # too short a step to move
+    scalars = dict(zip(SCALARS, found, strict=True))
     assert scalars["reason"].tolist() == [0.0, reason]
     assert scalars["truncated"].tolist() == [1.0, 0.0]  # the last row, but a lane that left is not truncated
 
@@ -289,7 +289,7 @@ def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
     hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
     known = limits_of(limits, 0), target_of(target, 0)
     expected = assess(state_of(state), PerJoint(*applied), PerJoint(*bias), Arm(*arm), *known)
-    assert np.array_equal(values[0, :8, :20], state) and np.array_equal(vectors["torque"], applied.T)
+    assert np.array_equal(by_rows(values, 20)[:8], state) and np.array_equal(vectors["torque"], applied.T)
     assert np.array_equal(vectors["tip"], np.stack(expected.tip, axis=-1))
     assert np.array_equal(vectors["friction_torque"], friction(expected).T)
     for name in SCALARS[1:7]:
@@ -311,7 +311,7 @@ def test_each_lane_is_the_lane_alone_bit_for_bit():
         observations, vectors, scalars = step(*together)
         for k, lane in enumerate(alone):
             one_observation, one_vectors, one_scalars = step(*lane)
-            assert np.array_equal(together[0][k // BLOCK, :, k % BLOCK], lane[0][0, :, 0])
+            assert np.array_equal(together[0][k // WIDE, :, k % WIDE], lane[0][0, :, 0])
             assert np.array_equal(observations[k], one_observation[0])
             assert all(np.array_equal(vectors[name][k], one_vectors[name][0]) for name in VECTORS)
             assert all(scalars[name][k] == one_scalars[name][0] for name in SCALARS)

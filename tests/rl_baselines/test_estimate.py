@@ -82,7 +82,7 @@ def test_the_network_in_torch_is_the_one_that_is_shipped():
 def tip_errors(courses, steps, adaptive=ADAPTIVE):
     """The tip errors [mm] (steps, lanes) where the teacher drives lanes whose torques are late or not."""
     lanes, teacher, told = courses.lanes, Teacher(adaptive, courses), adaptive.memory.commands
-    observation = lanes.layout.split(lanes.reset(list(range(lanes.count))))[0]
+    observation = lanes.reset(list(range(lanes.count)))[0]
     memory, aside, errors = np.zeros((lanes.count, adaptive.memory_size)), np.empty((lanes.count, 2)), []
     late = courses.delay[:, np.newaxis]
     for _ in range(steps):
@@ -90,7 +90,7 @@ def tip_errors(courses, steps, adaptive=ADAPTIVE):
         adaptive.act(observation, memory, aside)
         memory[:, told][:, :2] = wanted
         now, before = memory[:, told][:, :2], memory[:, told][:, 2:4]
-        observation, _, scalars = lanes.layout.split(lanes.step((1.0 - late) * now + late * before))
+        observation, _, scalars = lanes.step((1.0 - late) * now + late * before)
         errors.append(1e3 * scalars[1])
     return np.array(errors)
 
@@ -111,13 +111,13 @@ def test_the_teacher_is_the_adaptive_observer_that_knows():
     scenario = Scenario(Disturbance(), JointReference(Circle((0.4, 0.6), 0.17), parameters=ARM))
     lanes = Lanes([ARM], [scenario], 1, control_period=PERIOD, substeps=5, randomisation=NOTHING, threads=1)
     teacher = Teacher(ADAPTIVE, Courses(lanes, np.full((1, 8), np.nan), *np.zeros((3, 1))))
-    observation = lanes.layout.split(lanes.reset([0]))[0]
+    observation = lanes.reset([0])[0]
     memory, torque = np.zeros((1, ADAPTIVE.memory_size)), np.empty((1, 2))
     for _ in range(5):
         wanted = teacher.torque(observation, memory)
         ADAPTIVE.act(observation, memory, torque)
         np.testing.assert_allclose(wanted, torque, atol=0.05)  # N m; the lateness that it believes in is not quite 0
-        observation = lanes.layout.split(lanes.step(wanted))[0]
+        observation = lanes.step(wanted)[0]
 
 
 @pytest.fixture

@@ -20,9 +20,9 @@ from support.two_joints import PHYSICS, state_of
 from fuzzyarm import load_policy
 from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants
-from fuzzyarm.envs.physics.hold import held
+from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import flat
+from fuzzyarm.envs.physics.records import PerJoint, flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
 from fuzzyarm.envs.scenario.paths import Line
@@ -116,7 +116,8 @@ def test_the_integrator_on_tensors_equals_numpy(device):
     def tensors(rows):
         return [torch.tensor(row, device=device) for row in rows]
 
-    found = held(PHYSICS, state_of(tensors(state)), tensors(torque), tensors(force), Arm(*tensors(arm)), 2e-4, 5)
+    parts = PerJoint(*tensors(torque)), tensors(force[:2]), tensors(force[2:])
+    found = held_of(PHYSICS)(state_of(tensors(state)), *parts, Arm(*tensors(arm)), 2e-4, 5)
     assert_allclose(numbers(torch.stack(flat(found))), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
     assert (expected[4:6] == 0.0).any()  # some motors stick
 

@@ -74,9 +74,7 @@ def _drawn_of(joints: int) -> Callable[[Any, Any], Any]:
     Draw = draw_record(joints)
 
     def drawn(key: Any, ranges: Any) -> Any:
-        numbers = [
-            low + (high - low) * uniform(key, int(RANDOMISATION) + k) for k, (low, high) in enumerate(ranges)
-        ]
+        numbers = [low + (high - low) * uniform(key, int(RANDOMISATION) + k) for k, (low, high) in enumerate(ranges)]
         draws = _record(Draw, numbers)
         return draws._replace(reference=floor(draws.reference))
 
@@ -113,4 +111,3 @@ def resting_of(physics: Physics) -> Callable[..., Any]:
         return State(motor, link, still, still)
 
     return resting
-

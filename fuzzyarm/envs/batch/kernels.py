@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.batch.beginning import Given, begun_of
-from fuzzyarm.envs.batch.layout import Clock, Layout, Results, Scalars, Start, Vectors, layout_of
+from fuzzyarm.envs.batch.layout import Clock, Results, Scalars, Start, Vectors, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.control_step import Moved, assessed_of, control_step_of, reading_of
 from fuzzyarm.envs.observation import Observation

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,7 +25,10 @@ from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.numbers.machine import WIDE, Call
 
-__all__ = ["Lanes"]
+__all__ = ["Lanes", "Outcome"]
+
+Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Observations, vectors and scalars of lanes, see `Layout.split`."""
 
 
 class Lanes:
@@ -72,7 +76,7 @@ class Lanes:
         self._assigned = Assignment(self._tabulated(scenarios, np.arange(count)))
         self._workers = Workers(count, threads)
         self.threads = self._workers.threads
-        self._memory = ResultsMemory(self.layout.width * count)
+        self._memory = ResultsMemory(self.layout.size(count))
 
     def reset(
         self,
@@ -80,8 +84,8 @@ class Lanes:
         scenarios: Sequence[Scenario] | None = None,
         initial: np.ndarray | None = None,
         which: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Begin an episode in n lanes and return their results (`Layout.width` n,), see `Layout.split`.
+    ) -> Outcome:
+        """Begin an episode in n lanes and return their observations, vectors and scalars, see `Layout.split`.
 
         Args:
             seeds: of each of these lanes' random streams; None: the stream continues.
@@ -112,8 +116,8 @@ class Lanes:
         self.kernels.prepare(self.count)
         return self._begin(lanes, initial)
 
-    def restart(self, which: np.ndarray) -> np.ndarray:
-        """Begin an episode in the lanes `which` (n,), each in its own scenario; return results (`Layout.width` n,).
+    def restart(self, which: np.ndarray) -> Outcome:
+        """Begin an episode in the lanes `which` (n,), each in its own scenario; return what `reset` does.
 
         Raises:
             IndexError: there is no such lane.
@@ -129,14 +133,10 @@ class Lanes:
 
         Args:
             action: (lanes, joints) motor torques [N m], all finite.
-            out: the results (`Layout.width` lanes,), see `Layout.split`; written.
+            out: the results (`Layout.size`,), see `Layout.split`; written.
         """
-        arrays = self.values, self.clock.view(np.float64), action, *self._results_in(out)
+        arrays = self.values, self.clock.view(np.float64), action, *self.layout.arrays(out, self.count)
         return self.kernels.step.bound(arrays, self._periods, (self._assigned.tables.table,))
-
-    def _results_in(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        observed = self.layout.observed * (len(out) // self.layout.width)
-        return out[:observed].reshape(-1, self.layout.observed), out[observed:].reshape(self.layout.reported, -1)
 
     @property
     def table(self) -> np.ndarray:
@@ -162,7 +162,7 @@ class Lanes:
         """End the threads; a later step starts new ones."""
         self._workers.close()
 
-    def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
+    def _begin(self, which: np.ndarray, initial: np.ndarray | None = None) -> Outcome:
         self.drawn = self.drawn.copy()  # infos returned earlier keep the old array
         places, arrays = self._assigned.places(which), (self.values, self.clock, self.drawn)
         results = self._begin_in(which, self._assigned.tables, places, arrays, initial)
@@ -177,25 +177,25 @@ class Lanes:
         places: tuple[np.ndarray, np.ndarray],
         arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         initial: np.ndarray | None = None,
-    ) -> np.ndarray:
+    ) -> Outcome:
         """Begin episodes in these arrays, see `beginning.begun_of`; `places` are schedules and payloads' places."""
         count, all_values, clock, drawn = len(which), *arrays
-        results, given = np.empty(self.layout.width * count), np.stack([self._plant_of[which], *places], axis=1) + 0.0
+        results, given = np.empty(self.layout.size(count)), np.stack([self._plant_of[which], *places], axis=1) + 0.0
         if initial is None:
             initial = np.full((count, size(self.physics.State)), np.nan)
         values = np.empty((-(-count // WIDE), *all_values.shape[1:]))
         clocks, draws = np.ascontiguousarray(clock[:, which]), np.empty((len(drawn), count))
-        begun = values, clocks.view(np.float64), draws, given, initial, *self._results_in(results)
+        begun = values, clocks.view(np.float64), draws, given, initial, *self.layout.arrays(results, count)
         constants = np.append(self._ranges.ravel(), self.period)
         self.kernels.begin(begun, constants, (self._plants, tables.starts, tables.table))
         all_values[which // WIDE, :, which % WIDE] = values.swapaxes(1, 2).reshape(-1, values.shape[1])[:count]
         clock[:, which] = clocks
         if drawn.shape[1]:
             drawn[:, which] = draws
-        return results
+        return self.layout.split(results, count)
 
-    def step(self, action: np.ndarray) -> np.ndarray:
-        """Hold torques for one control period and return the results (`Layout.width` count,), see `Layout.split`.
+    def step(self, action: np.ndarray) -> Outcome:
+        """Hold torques for one control period and return observations, vectors and scalars, see `Layout.split`.
 
         Args:
             action: (count, joints) [N m], an array that the caller does not reuse; clipped to the plants' limits.
@@ -212,23 +212,21 @@ class Lanes:
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(f"action {found} N m of lane {bad} is not finite; allowed: ±{limit} N m")
         self._workers.run(self.bound(action, results))
-        return results
+        return self.layout.split(results, self.count)
 
-    def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> np.ndarray:
+    def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> Outcome:
         """Do what `step` does, except in the lanes `over` (n,): there the next episode begins, whatever the action."""
         action[over] = 0.0
         # The kernel moves every lane, and a lane must be before its last row for that; here it moves in vain.
         ends = self.clock[CLOCK.row, over]
         self.clock[CLOCK.row, over] = self.clock[CLOCK.first, over]
         try:
-            results = self.step(action)
+            observation, vectors, scalars = self.step(action)
         except ValueError:
             self.clock[CLOCK.row, over] = ends
             raise
-        split = self.layout.split
-        observation, vectors, scalars = split(results)
-        observation[over], vectors[:, over], scalars[:, over] = split(self.restart(over))
-        return results
+        observation[over], vectors[:, over], scalars[:, over] = self.restart(over)
+        return observation, vectors, scalars
 
     def observation(self) -> np.ndarray:
         """Return anew the observation (count, 5 joints) that the last step or reset of each lane returned."""

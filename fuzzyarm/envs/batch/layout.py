@@ -17,6 +17,7 @@ import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
+
 from fuzzyarm.envs.observation import PARTS
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, record_type
@@ -149,28 +150,39 @@ class Layout:
         """Numbers in the `Results` of one lane."""
         return int(self.parts[-1].stop) + len(SCALARS)
 
-    @functools.cached_property
-    def width(self) -> int:
-        """Numbers in observation and `Results` of one lane."""
-        return self.observed + self.reported
+    def size(self, lanes: int) -> int:
+        """Return how many numbers there are in the results of so many lanes."""
+        return -(-self.observed * lanes // _LINE) * _LINE + self.reported * _apart(lanes)
 
-    def split(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return observations (n, `observed`), vectors and scalars (10, n) of n lanes, views of one array (`width` n,).
+    def arrays(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return observations (lanes, `observed`) and `Results` (`reported`, lanes), views of one array (`size`,)."""
+        observed, apart = self.observed * lanes, _apart(lanes)
+        numbers = out[-self.reported * apart :].reshape(self.reported, apart)
+        return out[:observed].reshape(lanes, self.observed), numbers[:, :lanes]
+
+    def split(self, out: np.ndarray, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return observations (lanes, `observed`), vectors and scalars (10, lanes), views of one array (`size`,).
 
         Vectors have a row for each number of each of `Vectors`, see `each`. A plain tuple: a small batch would notice
         the time that making a record takes.
         """
-        observed, width = self.observed, self.width
-        n = len(out) // width
-        numbers = out[observed * n :].reshape(width - observed, n)
-        return out[: observed * n].reshape(n, observed), numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
+        observations, numbers = self.arrays(out, lanes)
+        return observations, numbers[:-_SCALAR_COUNT], numbers[-_SCALAR_COUNT:]
 
     def each(self, vectors: np.ndarray) -> list[np.ndarray]:
         """Return the vectors (n, numbers of it), in order, from the rows that `split` gives."""
         return [vectors[part].T for part in self.parts]
 
 
-_SCALAR_COUNT = len(SCALARS)
+_SCALAR_COUNT, _LINE = len(SCALARS), 8  # numbers of a line of the cache
+
+
+def _apart(lanes: int) -> int:
+    """Return how far the rows of `Results` lie apart: whole lines, an odd number of them.
+
+    An even number would bring many rows to the same places of the cache, most of all a power of two.
+    """
+    return lanes if lanes == 1 else _LINE * (-(-lanes // _LINE) | 1)
 
 
 @functools.cache

@@ -9,6 +9,7 @@ import numpy as np
 __all__ = ["ResultsMemory"]
 
 _KEPT = 3  # a loop holds the results of the last step while the next one is made
+_LINE = 8  # numbers
 _OWN = 3  # references to an array that nobody else holds: the list, a variable, and the argument of `getrefcount`
 
 
@@ -28,14 +29,18 @@ class ResultsMemory:
         self._size, self._arrays = size, list[np.ndarray]()
 
     def array(self) -> np.ndarray:
-        """Return an array (size,) with any content that nobody else holds."""
+        """Return an array (size,) with any content that nobody else holds; it begins where a line of the cache does."""
         for array in self._arrays:
             if sys.getrefcount(array) == _OWN:
-                return array
-        array = np.empty(self._size)
+                return self._aligned(array)
+        array = np.empty(self._size + _LINE)
         if len(self._arrays) < _KEPT:
             self._arrays.append(array)
-        return array
+        return self._aligned(array)
+
+    def _aligned(self, array: np.ndarray) -> np.ndarray:
+        first = -(array.ctypes.data // array.itemsize) % _LINE
+        return array[first : first + self._size]
 
     def __getstate__(self) -> dict[str, object]:
         """Leave the arrays behind."""

@@ -42,7 +42,7 @@ class Workers:
     def run(self, call: Call) -> None:
         """Run a kernel for all lanes."""
         if self.threads == 1 or len(self._pieces) == 1:
-            call.run(0, call.arms, 1)
+            call()
             return
         if self._pool is None or self._owner != os.getpid():  # threads do not survive a fork
             self._begin()
@@ -73,7 +73,7 @@ class Workers:
 def _work(call: Call, left: Iterator[tuple[int, int]]) -> None:
     """Do pieces until none is left; the next one of a list's iterator is one thread's alone."""
     for first, stop in left:
-        call.run(first, stop, 1)
+        call.part(first, stop)
 
 
 def _most(wanted: int) -> int:

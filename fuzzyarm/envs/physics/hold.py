@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import (
-    BLOCK,
-    in_block,
-    joint_by_joint,
-    places,
-    point,
-    reader,
-    record_type,
-    size,
-    writer,
-)
+from fuzzyarm.envs.physics.records import places, point, record_type
 from fuzzyarm.numbers.functions import repeat, zeros
 from fuzzyarm.numbers.machine import Kernel, Layout
 from fuzzyarm.numbers.symbols import Program
 
-__all__ = ["force_line", "held", "held_of", "hold_block_of", "hold_of", "hold_record"]
+__all__ = ["force_line", "held_of", "hold_of"]
 
 
 @functools.cache
@@ -53,57 +42,6 @@ def held_of(physics: Physics) -> Callable[..., Any]:
         return repeat(substeps, sub_step, (0.0, state))[1]
 
     return held
-
-
-@functools.cache
-def hold_record(physics: Physics) -> Any:
-    """Return the record of what one arm needs for a control step: state, constants, motor torques and tip force."""
-    fields = {"arm": physics.Arm, "torque": physics.PerJoint, "force": force_line(physics.axes)}
-    return record_type("Hold", state=physics.State, **fields)
-
-
-@register_jitable(forceinline=True)
-def _on_line(mean: Any, change: Any, share: Any) -> Any:
-    return mean + share * change
-
-
-def held(
-    physics: Physics, state: Any, torque: Sequence[Any], force: Sequence[Any], arm: Any, h: float, substeps: int
-) -> Any:
-    """Advance arrays or tensors of lanes over one control step; arguments in shapes and units of `hold_of`, by rows."""
-    mean, change = force[: physics.axes], force[physics.axes :]
-    for substep in range(substeps):
-        share = (substep + 0.5) / substeps - 0.5
-        now = physics.Point(*(_on_line(m, c, share) for m, c in zip(mean, change, strict=True)))
-        state = physics.step(state, physics.PerJoint(*torque), now, arm, h)
-    return state
-
-
-@functools.cache
-def hold_block_of(physics: Physics) -> Any:
-    """Return the compiled ``hold_block(work, lanes, h, substeps)`` that advances `lanes` <= BLOCK arms, in place.
-
-    The loop over lanes is the innermost one and all it touches is one small array whose row length is a constant:
-    only then does the compiler see that lanes are independent, and turn the loop into SIMD code. The arguments: `work`,
-    a block that begins with the rows of `hold_record`, see `records.in_block`; how many numbers of each row are in use;
-    sub-step [s]; number of sub-steps.
-    """
-    Hold, step = hold_record(physics), physics.step
-    read_hold = reader(Hold, in_block)
-    write_state = writer(physics.State, in_block, places(Hold).state)
-    on_line = joint_by_joint(_on_line, physics.Point, 2, shared=1)
-
-    def hold_block(work: np.ndarray, lanes: int, h: float, substeps: int) -> None:
-        for substep in range(substeps):
-            share = (substep + 0.5) / substeps - 0.5
-            for lane in range(lanes):
-                now = read_hold(work, lane)
-                force = on_line(now.force.mean, now.force.change, share)
-                write_state(work, lane, step(now.state, now.torque, force, now.arm, h))
-
-    # The name reaches the machine code: no two of them may have the same.
-    hold_block.__qualname__ = f"hold_block_{physics.digest}"
-    return register_jitable(hold_block)
 
 
 @functools.cache

@@ -112,7 +112,8 @@ class ElasticObserverPolicy(LawPolicy):
 
     def act_beside(self, observation: np.ndarray, memory: np.ndarray, extra: np.ndarray, torque: np.ndarray) -> None:
         """Do what `act` does, with `extra` (lanes, n) [N m] added to u, of which the prediction knows."""
-        self._beside((memory, observation, np.ascontiguousarray(extra, dtype=np.float64), torque), self._constants)
+        given = np.ascontiguousarray(extra, dtype=np.float64)
+        self._beside((memory, observation, given, torque), self._constants, self._tables)
 
     def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""
@@ -131,11 +132,11 @@ class ElasticObserverPolicy(LawPolicy):
 
         def beside(memory: Any, seen: Any, extra: Any, _: Any, constants: Any, *tables: Any) -> tuple[Any, ...]:
             after, torque = act(memory, seen, constants, *tables, extra=extra)
-            return after, seen, extra, torque
+            return after, seen, extra, tuple(torque)
 
         nothing = (0.0,) * self.joints
         ports = self._memory, seen_by(self.joints), nothing, nothing
-        return Kernel(Program(beside, ports, self._numbers, [table.shape for table in self._tables]))
+        return Kernel(Program(beside, ports, self._numbers, [table.shape[1] for table in self._tables]))
 
     def _act_of(self) -> Any:
         schedule = self._schedule

@@ -35,7 +35,17 @@ from fuzzyarm.numbers.functions import flat, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.symbols import Program
 
-__all__ = ["Aim", "ElasticTarget", "Past", "TargetConstants", "TargetParts", "memory_size", "past_of", "target_of", "target_parts"]
+__all__ = [
+    "Aim",
+    "ElasticTarget",
+    "Past",
+    "TargetConstants",
+    "TargetParts",
+    "memory_size",
+    "past_of",
+    "target_of",
+    "target_parts",
+]
 
 
 class Past(NamedTuple):

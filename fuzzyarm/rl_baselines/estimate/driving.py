@@ -65,9 +65,8 @@ class Drive:
         self._courses, self._lanes, self._generator = courses, courses.lanes, generator
         self._teacher = Teacher(policy.adaptive, courses)
         count, joints = self._lanes.count, policy.joints
-        self._split = self._lanes.layout.split
         seeds = generator.integers(0, 2**31, count).tolist()
-        self._observation = self._split(self._lanes.reset(seeds, None, courses.start))[0].copy()
+        self._observation = self._lanes.reset(seeds, None, courses.start)[0].copy()
         self._memory, self._begins = np.zeros((count, policy.memory_size)), np.ones(count, dtype=bool)
         self._sent = np.zeros((_LATEST, count, joints))
         self._torques = units_of(policy.parameters).torque
@@ -117,7 +116,7 @@ class Drive:
 
     def _step(self, torque: np.ndarray) -> float:
         """Advance all lanes, begin anew where an episode ended, and return the mean squared tip error [m²]."""
-        observation, _, scalars = self._split(self._lanes.step(torque))
+        observation, _, scalars = self._lanes.step(torque)
         self._observation = observation.copy()
         self._begins = (scalars[_OVER] != 0.0) | (scalars[_REASON] != 0.0)
         self.lost += int(np.count_nonzero(scalars[_REASON]))
@@ -129,4 +128,4 @@ class Drive:
         which = np.flatnonzero(self._begins)
         if len(which):
             begun = self._lanes.reset(None, None, self._courses.start[which], which)
-            self._observation[which] = self._split(begun)[0]
+            self._observation[which] = begun[0]

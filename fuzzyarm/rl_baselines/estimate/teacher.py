@@ -86,7 +86,7 @@ class Teacher:
     def _force(self, ahead: int) -> np.ndarray:
         """Return the tip force (lanes, axes) [N] so many control periods from now, within the episode."""
         clock, lanes = self._lanes.clock, self._lanes
-        rows = lanes.arrays[2][np.clip(clock[CLOCK.row] + ahead, clock[CLOCK.first], clock[CLOCK.last])]
+        rows = lanes.table[np.clip(clock[CLOCK.row] + ahead, clock[CLOCK.first], clock[CLOCK.last])]
         mean, change = np.split(rows[:, self._force_at], 2, axis=1)
         force: np.ndarray = lanes.numbers(columns(lanes.layout.Lane).force_factor).T * (mean - 0.5 * change)
         return force

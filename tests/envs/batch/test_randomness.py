@@ -5,7 +5,9 @@ import pytest
 from scipy import stats
 
 from fuzzyarm.envs.batch.randomness import GAMMA, draw, key_of, mix, normal_pair, uniform
-from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.numbers.functions import bits, whole, word
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 WORDS = 1 << 64
 # The generator's first words for the seed 1234567, as Rosetta Code prints them.
@@ -174,19 +176,17 @@ def test_keys_are_numpys_and_all_different():
     assert key_of(42) == np.random.SeedSequence(42).generate_state(1, np.uint64)[0]
 
 
-@kernel
-def _loop(key, counter, word, number, pairs):
-    for i in range(len(key)):
-        word[i], number[i] = draw(key[i], counter[i]), uniform(key[i], counter[i])
-        pairs[0, i], pairs[1, i] = normal_pair(key[i], counter[i])
-
-
-def test_compiled_code_draws_the_same_bits_as_numpy():
+def test_machine_code_draws_the_same_bits_as_numpy():
     rng = np.random.default_rng(2)
-    key, counter = rng.integers(0, WORDS, (2, 20_000), dtype=np.uint64)
-    word, number, pairs = np.empty_like(key), np.empty(len(key)), np.empty((2, len(key)))
-    _loop(key, counter, word, number, pairs)
-    assert np.array_equal(word, draw(key, counter))
-    assert np.array_equal(number, uniform(key, counter))
+    key, counter = rng.integers(0, WORDS, 20_000, dtype=np.uint64), rng.integers(0, 2**50, 20_000, dtype=np.uint64)
+
+    def drawn(given, _, __):
+        key, counter = word(given[0]), whole(given[1])
+        return given, (bits(draw(key, counter)), uniform(key, counter), *normal_pair(key, counter))
+
+    kernel, found = Kernel(Program(drawn, ((0.0, 0.0), (0.0,) * 4))), np.empty((len(key), 4))
+    kernel((np.stack([key.view(np.float64), counter.astype(np.float64)], axis=1), found), np.empty(0))
+    assert np.array_equal(found[:, 0].copy().view(np.uint64), draw(key, counter))
+    assert np.array_equal(found[:, 1], uniform(key, counter))
     # NumPy's own logarithm may differ from the C library's in the last bit.
-    np.testing.assert_allclose(pairs, normal_pair(key, counter), rtol=5e-16)
+    np.testing.assert_allclose(found[:, 2:].T, normal_pair(key, counter), rtol=5e-16)

@@ -5,78 +5,67 @@ import pickle
 import threading
 
 import gymnasium as gym
-import numba
 import numpy as np
 import pytest
 from support.randomisation import ROBUST
 
-from fuzzyarm.envs.batch import board as boards
 from fuzzyarm.envs.batch.results_memory import ResultsMemory
 from fuzzyarm.envs.batch.workers import Workers
-from fuzzyarm.envs.physics.records import BLOCK
-
-take, finish, wait = (numba.njit(nogil=True)(part) for part in (boards.take, boards.finish, boards.wait))
+from fuzzyarm.numbers.machine import WIDE
 
 
-def advance_noting(seen):
-    """A kernel's stand-in that does no physics: it notes who took which piece."""
+class Noting:
+    """A kernel's stand-in that does nothing: it notes who took which lanes."""
 
-    def advance(board, period, substeps, looks):
-        while (piece := take(board, max(looks, 1))) >= 0:
-            seen.append((threading.current_thread(), piece))
-            finish(board)
-        if looks == 0:
-            wait(board)
+    def __init__(self, lanes):
+        self.lanes, self.seen, self.may_go = lanes, [], threading.Event()
+        self.may_go.set()
 
-    return advance
+    def __call__(self):
+        self.part(0, self.lanes)
+
+    def part(self, first, stop):
+        if threading.current_thread() is not threading.main_thread():
+            self.may_go.wait(60)
+        self.seen.append((threading.current_thread(), first, stop))
 
 
-def arrays_of(lanes):
-    return np.zeros((1, 1, 1)), np.zeros((1, lanes), dtype=np.int64), np.zeros((1, 1)), 1e-3, 1
-
-
-@pytest.mark.parametrize(("lanes", "threads"), [(1, 1), (BLOCK, 2), (1000, 2), (40 * BLOCK + 1, 3)])
+@pytest.mark.parametrize(("lanes", "threads"), [(1, 1), (WIDE, 2), (1000, 2), (40 * WIDE + 1, 3)])
 def test_every_lane_is_in_one_piece_and_pieces_are_whole_blocks(lanes, threads):
-    workers, seen = Workers(lanes, threads), []
+    workers = Workers(lanes, threads)
     for _ in range(3):
-        seen.clear()
-        assert workers.step(advance_noting(seen), arrays_of(lanes), np.zeros((lanes, 2)), np.empty(1)) == -1
-        size = int(workers._board[boards.AT.size])
-        assert sorted(piece for _, piece in seen) == list(range(-(-lanes // size)))
-        assert size % BLOCK == 0
+        call = Noting(lanes)
+        workers.run(call)
+        pieces = sorted((first, stop) for _, first, stop in call.seen)
+        assert [first for first, _ in pieces] == [0, *(stop for _, stop in pieces[:-1])] and pieces[-1][1] == lanes
+        assert all(first % WIDE == 0 for first, _ in pieces)
     workers.close()
 
 
 def test_the_calling_thread_does_all_where_no_other_comes():
-    workers, release, seen = Workers(64 * BLOCK, 2), threading.Event(), []
-    step = workers.step, arrays_of(64 * BLOCK), np.zeros((64 * BLOCK, 2)), np.empty(1)
-
-    def busy(board, period, substeps, looks):
-        """Do the step in the calling thread alone; the other one is busy with something else."""
-        release.wait() if looks else advance_noting(seen)(board, period, substeps, 0)
-
-    for _ in range(2):
-        seen.clear()
-        step[0](busy, *step[1:])
-        assert len(seen) == 16 and {thread for thread, _ in seen} == {threading.current_thread()}
-    release.set()
+    """The pool's only thread is busy with something else; the step neither waits for it nor is done twice."""
+    workers, call = Workers(64 * WIDE, 2), Noting(64 * WIDE)
+    workers.run(call)
+    released = threading.Event()
+    workers._pool.submit(released.wait, 60)
+    call.seen.clear()
+    workers.run(call)
+    assert {thread for thread, _, _ in call.seen} == {threading.current_thread()}
+    assert sum(stop - first for _, first, stop in call.seen) == 64 * WIDE
+    released.set()
     workers.close()
 
 
-def test_torques_that_are_not_finite_are_not_posted():
-    workers, action, seen = Workers(8 * BLOCK, 2), np.zeros((8 * BLOCK, 2)), []
-    action[5, 1] = np.nan
-    assert workers.step(advance_noting(seen), arrays_of(8 * BLOCK), action, np.empty(1)) == 5
-    assert not seen
-
-
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda workers: pickle.loads(pickle.dumps(workers))])
-def test_a_copy_has_a_board_of_its_own(copied):
-    workers, seen = Workers(8 * BLOCK, 2), []
-    for each in (workers, copied(workers)):
-        seen.clear()
-        each.step(advance_noting(seen), arrays_of(8 * BLOCK), np.zeros((8 * BLOCK, 2)), np.empty(1))
-        assert sorted(piece for _, piece in seen) == list(range(4))
+def test_a_copy_has_threads_of_its_own(copied):
+    workers = Workers(8 * WIDE, 2)
+    workers.run(Noting(8 * WIDE))
+    twin = copied(workers)
+    assert twin._pool is None and workers._pool is not None
+    for each in (workers, twin):
+        call = Noting(8 * WIDE)
+        each.run(call)
+        assert sum(stop - first for _, first, stop in call.seen) == 8 * WIDE
         each.close()
 
 
@@ -99,6 +88,7 @@ def test_memory_is_used_again_only_where_no_view_is_left():
     first[:] = 1.0
     view = first[2:].reshape(2, 4)
     place = first.ctypes.data
+    assert place % 64 == 0
     del first
     second = memory.array()
     second[:] = 2.0

@@ -18,9 +18,9 @@ from fuzzyarm.envs.physics.dynamics import (
     tip_position,
 )
 from fuzzyarm.envs.physics.event_integrator import integrate
-from fuzzyarm.envs.physics.hold import held
+from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import flat
+from fuzzyarm.envs.physics.records import PerJoint, flat
 
 TABLE_1 = ArmParameters()
 FRICTIONLESS = dataclasses.replace(
@@ -167,7 +167,7 @@ def test_torch_is_numpy_to_the_last_digits():
     torch = pytest.importorskip("torch")
     state, torque, force, arms = random_lanes(50)
     lanes, constants = state_of(torch.tensor(state)), Arm(*torch.tensor(arms))
-    lanes = held(PHYSICS, lanes, torch.tensor(torque), torch.tensor(force), constants, 1e-4, 10)
+    lanes = held_of(PHYSICS)(lanes, PerJoint(*torch.tensor(torque)), torch.tensor(force[:2]), torch.tensor(force[2:]), constants, 1e-4, 10)
     hold(state, torque, force, arms, 1e-4, 10)
     np.testing.assert_allclose(torch.stack(flat(lanes)).numpy(), state, rtol=0.0, atol=1e-12)
 
@@ -190,7 +190,7 @@ def test_each_lane_is_the_lane_alone_bit_for_bit():
 
 def test_a_force_of_the_wrong_shape_is_refused():
     state, torque, force, arms = random_lanes(5)
-    with pytest.raises(ValueError, match="4 rows"):
+    with pytest.raises(ValueError, match="needed: 4 numbers of an arm in columns"):
         hold(state, torque, force[:2], arms, 1e-4, 10)
 
 

@@ -43,7 +43,7 @@ class Pair(NamedTuple):
     load: Load
 
 
-RECORDS = (Load, Pair, Plant, Draw, Row, Start, LAYOUT.Lane, LAYOUT.Work)
+RECORDS = (Load, Pair, Plant, Draw, Row, Start, LAYOUT.Lane)
 
 
 def test_places_and_columns_of_a_nested_record():

@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import stats
-from support.two_joints import PHYSICS, Draw, split
+from support.two_joints import PHYSICS, Draw, named
 
 from fuzzyarm.envs.batch.lanes import Lanes
-from fuzzyarm.envs.batch.layout import VECTORS
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, plant_of, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
@@ -61,7 +60,7 @@ def lanes_with(randomisation, count, *, seed=0, disturbance=NOISY, parameters=TA
     scenario = (disturbance, None if randomisation.references else REFERENCE)
     lanes = Lanes([parameters], [scenario], count, control_period=1e-3, substeps=5, randomisation=randomisation)
     results = lanes.reset(range(seed, seed + count), initial=initial)
-    return lanes, dict(zip(VECTORS, split(results)[1], strict=True))
+    return lanes, named(results[1])
 
 
 def scaled(parameters, **factors):

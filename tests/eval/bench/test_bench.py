@@ -411,13 +411,13 @@ def test_the_batch_is_made_with_its_threads_and_closed(monkeypatch):
             asked.append("close")
 
     monkeypatch.setattr(gym, "make_vec", lambda name, **fields: asked.append((name, fields)) or Batch())
-    with entries.own_batches(512, 4)[0].open() as measure:
+    with entries.own_batches(2048, 4)[0].open() as measure:
         measure(0.0)
-    fields = {"num_envs": 512, "vectorization_mode": "vector_entry_point", "threads": 2}
-    assert asked == [("FuzzyArm-v0", fields), 0, (512, 2), "close"]
+    fields = {"num_envs": 2048, "vectorization_mode": "vector_entry_point", "threads": 2}
+    assert asked == [("FuzzyArm-v0", fields), 0, (2048, 2), "close"]
 
 
-@pytest.mark.parametrize(("lanes", "used"), [(1, 1), (256, 1), (511, 1), (512, 2), (100_000, 3)])
+@pytest.mark.parametrize(("lanes", "used"), [(1, 1), (1024, 1), (2047, 1), (2048, 2), (100_000, 3)])
 def test_the_batch_uses_as_many_threads_as_help(lanes, used):
     numba, *in_torch = entries.own_batches(lanes, 3)
     assert numba.threads == used

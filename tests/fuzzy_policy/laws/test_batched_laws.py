@@ -130,13 +130,13 @@ def test_a_loop_over_lanes_would_show_in_the_count():
 @pytest.mark.parametrize("name", slow_but(["fuzzy-4"], ["fuzzy-4", "fuzzy-32", "computed-torque"]))
 def test_a_thousand_different_arms_are_tracked_to_the_end(name, monkeypatch):
     policy, calls = load(name), []
-    act = policy.act
+    command = policy.command
 
     def counted(observation, state, action):
         calls.append(observation.shape)
-        act(observation, state, action)
+        return command(observation, state, action)
 
-    monkeypatch.setattr(policy, "act", counted)
+    monkeypatch.setattr(policy, "command", counted)
     envs = gym.make_vec("FuzzyArm-v0", num_envs=LANES, randomisation="plants")
     observation, info = envs.reset(seed=0)
     assert len(np.unique(info["randomisation"]["mass"], axis=0)) == LANES

@@ -17,11 +17,11 @@ from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
-from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import flat, in_list, in_rows, places, reader, size, writer
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import Drives
+from fuzzyarm.fuzzy_policy.laws.adaptive.hold import hold_of
 
 __all__ = ["ArmFunctions", "arm_functions", "dry_friction", "numbers_of"]
 
