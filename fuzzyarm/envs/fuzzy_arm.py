@@ -282,9 +282,9 @@ class FuzzyArmEnv(gym.Env[np.ndarray, np.ndarray]):
         """Take the machine code of the step, and views of what it is given and leaves behind."""
         self._call = self._lanes.bound(self._torque, self._out)
         self._run, self._call_at = self._call.entry
-        self._sent = (c_double * self._torque.size).from_buffer(self._torque)
+        self._sent: Any = (c_double * self._torque.size).from_buffer(self._torque)  # type: ignore[arg-type]
         observation, vectors, scalars = self._lanes.layout.split(self._out, 1)
-        self._observation, self._scalars = observation[0], (c_double * len(scalars)).from_buffer(scalars)
+        self._observation, self._scalars = observation[0], (c_double * len(scalars)).from_buffer(scalars)  # type: ignore[arg-type]
         self._vectors = vectors.reshape(len(VECTORS), -1) if self._even else vectors[:, 0]
 
     def _refuse_nonfinite(self) -> None:

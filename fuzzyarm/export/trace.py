@@ -307,7 +307,8 @@ class _Values:
     @staticmethod
     def row(table: np.ndarray, place: Value) -> list[Value]:
         trace, name = place._trace, place._trace.table(table, "table")
-        within = _Values.select(place > 0.0, place, 0.0)
+        positive: Any = place > 0.0  # type: ignore[operator]
+        within: Any = _Values.select(positive, place, 0.0)
         within = _Values.select(within < len(table) - 1.0, within, len(table) - 1.0)
         whole = trace.operation("whole", within, kind=Kind.WHOLE)
         return [trace.operation("lookup", whole, k, kind=Kind.REAL, detail=name) for k in range(table.shape[1])]

@@ -6,7 +6,6 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.physics import dynamics, rigid_body
@@ -16,7 +15,7 @@ from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "Drives", "checked_arm", "constants_of", "drives_in", "drives_of", "joints_of", "numbers_of", "per_joint_of", "travel_of",
+    "Drives", "checked_arm", "constants_of", "drives_of", "joints_of", "numbers_of", "per_joint_of", "travel_of",
     "with_drives", "with_mass", "without_dry_friction",
 ]  # fmt: skip
 
@@ -112,9 +111,3 @@ def without_dry_friction(arm: AnyArm) -> AnyArm:
     """Return the same arm without static and Coulomb friction."""
     none = np.zeros(joints_of(arm))
     return with_drives(arm, static_friction=none, coulomb_friction=none)
-
-
-@register_jitable
-def drives_in(rows: np.ndarray) -> Drives:
-    """Return the parts of an array (7, n) of `drives_of`, in its units [SI], as views (n,)."""
-    return Drives(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6])

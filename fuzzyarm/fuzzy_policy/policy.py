@@ -20,7 +20,6 @@ from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
 
 if TYPE_CHECKING:
     from fuzzyarm.envs.scenario.reference import Reference
-    from fuzzyarm.fuzzy_policy.compiled_law import CompiledLaw
     from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
 __all__ = ["Policy", "Predictor", "Repeated", "checked_observation", "limit", "no_torque"]
@@ -121,10 +120,6 @@ class Policy(abc.ABC):
         before = memory if at is None else memory[:, at : at + self.joints].copy()
         self.act(observation, memory, torque)
         return bool(limit(torque, self._torque_limit, memory, before, -1 if at is None else at))
-
-    def compiled(self) -> CompiledLaw | None:
-        """Return the law for loops that are compiled with the plant, see `compiled_law`; None where there is none."""
-        return None
 
     def certificate(self, reference: Reference) -> PolicyCertificate | None:
         """Return what is proven of this policy along a reference; None where nothing is."""

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 __all__ = [
-    "KINDS", "bits", "flat", "floor", "like", "maximum", "minimum", "number", "repeat", "row", "select", "when", "whole",
-    "word", "zeros",
+    "KINDS", "bits", "flat", "floor", "like", "maximum", "minimum", "number", "repeat", "row", "select", "when",
+    "whole", "word", "zeros",
 ]  # fmt: skip
 
 KINDS: dict[type, Any] = {}

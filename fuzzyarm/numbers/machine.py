@@ -52,6 +52,7 @@ class Layout(enum.Enum):
 
 _COMPARED = {"<": "olt", "<=": "ole", ">": "ogt", ">=": "oge", "==": "oeq", "!=": "une"}
 _EIGHT = 8  # numbers that are exchanged between vectors together
+_EXCHANGED = {1: (0, 8, 2, 10, 4, 12, 6, 14), 2: (0, 1, 8, 9, 4, 5, 12, 13), 4: (0, 1, 2, 3, 8, 9, 10, 11)}
 _ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 _CALLED = {"abs": "fabs", "rint": "rint", "floor": "floor", "sqrt": "sqrt", "log": "log"}
 _OF_WORDS = {"+": "add", "*": "mul", "xor": "xor", "shift": "lshr"}
@@ -188,11 +189,7 @@ class _Writer:
 
     def transposed(self, v: Sequence[str]) -> list[str]:
         """Return the eight columns of eight rows of eight numbers, in three rounds of exchanges."""
-        for apart, low in (
-            (1, (0, 8, 2, 10, 4, 12, 6, 14)),
-            (2, (0, 1, 8, 9, 4, 5, 12, 13)),
-            (4, (0, 1, 2, 3, 8, 9, 10, 11)),
-        ):
+        for apart, low in _EXCHANGED.items():
             after = list(v)
             for k in (k for k in range(_EIGHT) if not k & apart):
                 after[k] = self.shuffle(_EIGHT, v[k], v[k + apart], low)
@@ -280,9 +277,8 @@ class _Writer:
         self.put(f"br label %{head}")
         phis = [f"  %k{head} = phi i64 [ 0, %{before} ], [ %m{head}, %{self.here} ]"]
         for inside, start, end in zip(one.inside, one.start, one.end, strict=True):
-            phis.append(
-                f"  %v{inside.number} = phi {self.real} [ {self.of(start)}, %{before} ], [ {self.of(end)}, %{self.here} ]"
-            )
+            pairs = f"[ {self.of(start)}, %{before} ], [ {self.of(end)}, %{self.here} ]"
+            phis.append(f"  %v{inside.number} = phi {self.real} {pairs}")
         self.lines[at] = "\n".join(phis)
         self.label(out)
         for inside, after in zip(one.inside, one.after, strict=True):  # another name for the same number
@@ -447,9 +443,9 @@ class _Writer:
         for place, name in enumerate(names):
             if used[place] and not in_rows[place]:
                 self.take(name, *numbers[place], place)
-        wanted = [place for place in range(len(names)) if used[place] and in_rows[place]]
-        if wanted:
-            self.take_rows([(*numbers[place], place, names[place]) for place in wanted])
+        taken = [(*numbers[place], place, name) for place, name in enumerate(names) if used[place] and in_rows[place]]
+        if taken:
+            self.take_rows(taken)
         for place, name in enumerate(names):
             if used[place] and self.repeated:
                 self.put(f"store {self.real} {name}, ptr {self.room(place, 'take')}, align 8")
@@ -625,11 +621,8 @@ class Kernel:
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
             raise ValueError(f"needed: {len(program.ports)} arrays and {len(program.tables)} tables")
-        if (
-            constants.shape != (len(program.constants),)
-            or constants.dtype != _DOUBLE
-            or not constants.flags.c_contiguous
-        ):
+        good = constants.dtype == _DOUBLE and constants.flags.c_contiguous
+        if not good or constants.shape != (len(program.constants),):
             raise ValueError(f"needed: {len(program.constants)} constants of type float64, side by side")
         first = arrays[self._counted]
         arms = (first.shape or (0,))[0 if self.layouts[self._counted] is Layout.ROWS else -1]
@@ -648,12 +641,12 @@ class Kernel:
                     f"needed: {numbers} numbers of an arm in {layout.name.lower()}, float64"
                 )
         for table, (array, numbers) in enumerate(zip(tables, program.tables, strict=True)):
-            good = array.ndim == _AXES and array.shape[1] == numbers and len(array) and array.flags.c_contiguous
+            good = array.ndim == _AXES and array.shape[1:] == (numbers,) and array.size > 0 and array.flags.c_contiguous
             if not good or array.dtype != _DOUBLE:
                 raise ValueError(f"table {table} has shape {array.shape}; needed: (rows, {numbers}) of float64")
-        apart = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
-        job = ctypes.c_int64 * (3 + len(shapes) + len(apart))
-        return _Known(shapes, arms, job, apart, self.code(arms))
+        lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
+        job = ctypes.c_int64 * (3 + len(shapes) + len(lengths))
+        return _Known(shapes, arms, job, lengths, self.code(arms))
 
     def code(self, arms: int) -> _Code:
         """Return the machine code for so many arms."""
@@ -668,7 +661,7 @@ class Kernel:
 def _address(array: np.ndarray) -> int:
     """Return where an array begins."""
     try:  # three times as fast as the other way, but not for arrays with gaps or that are read-only
-        return ctypes.addressof(_BYTE.from_buffer(array))
+        return ctypes.addressof(_BYTE.from_buffer(array))  # type: ignore[arg-type]
     except (BufferError, TypeError, ValueError):
         return int(array.__array_interface__["data"][0])
 

@@ -75,15 +75,14 @@ class Kernels:
         """Begin an episode in every lane.
 
         On values, clock, what is drawn (numbers, lanes), `Given` and the initial states (lanes, numbers), observations
-        and `Results` (numbers, lanes), with the ranges of what is drawn and the control period [s]; the tables are
-        plants, starts and schedule.
+        and `Results` (numbers, lanes), with the ranges of what is drawn; the tables are plants, starts and schedule.
         """
         physics, Row, nothing = self.layout.physics, self._row, self._nothing
         begun, assessed, reading = begun_of(self.layout), assessed_of(physics), reading_of(physics)
         Draw, no_force = draw_record(physics.joints), [0.0] * physics.axes
 
         def begin(*arguments: Any) -> tuple[Any, ...]:
-            _, clock, _, given, initial, _, _, (ranges, period), *tables = arguments
+            _, clock, _, given, initial, _, _, ranges, *tables = arguments
             lane, clock, drawn, now = begun(clock, given, initial, ranges, *tables)
             moved = assessed(
                 lane.state, lane.state, nothing, nothing, nothing, no_force, now.target, lane.arm, lane.limits
@@ -95,9 +94,10 @@ class Kernels:
 
         given, state = Given(0.0, 0.0, 0.0), zeros(places(physics.State))
         ports = self._lane, _CLOCK, places(Draw), given, state, self._seen, self._results
-        constants = ((0.0, 0.0),) * size(Draw), 0.0
         with np.errstate(over="ignore"):
-            program = Program(begin, ports, constants, [size(kind) for kind in (physics.Plant, Start, Row)])
+            program = Program(
+                begin, ports, ((0.0, 0.0),) * size(Draw), [size(kind) for kind in (physics.Plant, Start, Row)]
+            )
         return Kernel(program, (_BLOCKS, _COLUMNS, _COLUMNS, _ROWS, _ROWS, _ROWS, _COLUMNS))
 
     @functools.cached_property

@@ -186,8 +186,9 @@ class Lanes:
         values = np.empty((-(-count // WIDE), *all_values.shape[1:]))
         clocks, draws = np.ascontiguousarray(clock[:, which]), np.empty((len(drawn), count))
         begun = values, clocks.view(np.float64), draws, given, initial, *self.layout.arrays(results, count)
-        constants = np.append(self._ranges.ravel(), self.period)
-        self.kernels.begin(begun, constants, (self._plants, tables.starts, tables.table))
+        self.kernels.begin(
+            begun, np.ascontiguousarray(self._ranges).ravel(), (self._plants, tables.starts, tables.table)
+        )
         all_values[which // WIDE, :, which % WIDE] = values.swapaxes(1, 2).reshape(-1, values.shape[1])[:count]
         clock[:, which] = clocks
         if drawn.shape[1]:
@@ -296,7 +297,9 @@ class Lanes:
         begun = {"values": self.values.copy(), "clock": self.clock.copy(), "drawn": self.drawn.copy()}
         begun["clock"][CLOCK.key] = key_before(keys.view(np.uint64)).view(np.int64)
         own, start_of, place_of = self._assigned.own, *self._assigned.own_places
-        self._begin_in(np.arange(self.count), own, (start_of, place_of), (*begun.values(),))
+        self._begin_in(
+            np.arange(self.count), own, (start_of, place_of), (begun["values"], begun["clock"], begun["drawn"])
+        )
         return begun | {"values": by_rows(begun["values"], self.count)}
 
     def _digest(self) -> np.ndarray:

@@ -4,7 +4,7 @@ values (blocks, numbers of `Lane`, WIDE)  lanes through their episodes: a block 
 clock (numbers of `Clock`, lanes)         where they are in their schedules, and their random streams
 table (rows, numbers of a row)            the schedules of all episodes below each other, see `schedule`
 starts (schedules, numbers of `Start`)    where each schedule begins, and what its episode starts with
-out                                       observations and `Results` of a step, in one piece of memory, see `Layout.split`
+out                                       observations and `Results` of a step, one array, see `Layout.split`
 
 What depends on the equations, on how many joints and axes there are, is in the `Layout` of a `Physics`.
 """

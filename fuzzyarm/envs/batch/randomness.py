@@ -1,7 +1,8 @@
 """Random streams, one per episode of a lane: number k is a pure function of the stream's key and the counter k.
 
 SplitMix64 (Steele, Lea and Flood, 2014): output k of the stream with key s is mix(s + k γ), mix a bijection of the
-64-bit words. A lane needs no generator object, number k is available at once, and machine code and NumPy give the same bits.
+64-bit words. A lane needs no generator object, number k is available at once, and machine code and NumPy give the same
+bits.
 
 An episode counts like this: number 0 is the key of the lane's next episode; from 1 on there is the domain
 randomisation in the order of `randomisation.draw_record`, 17 numbers for two joints; and from `noise_counter` on every

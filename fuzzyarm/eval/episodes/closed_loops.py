@@ -60,9 +60,7 @@ class _Episode(NamedTuple):
     failed: Any
 
 
-def closed_loops(
-    lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel
-) -> TipErrors | None:
+def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law, channel: Channel) -> TipErrors | None:
     """Run the episodes that have begun in all lanes to their ends, and return their tip errors; the lanes stay there.
 
     Args:
@@ -120,10 +118,17 @@ def _kernel_of(
     control_step, reading_at = control_step_of(physics), reading_of(physics)
 
     def step(
-        remembered: Any, lane: Any, clock: Clock, reading: Any, sent: Any, episode: _Episode, given: Any, *looked_up: Any
+        remembered: Any,
+        lane: Any,
+        clock: Clock,
+        reading: Any,
+        sent: Any,
+        episode: _Episode,
+        given: Any,
+        *others: Any,
     ) -> tuple[Any, ...]:
         of_law, limit, h, substeps = given
-        *own, schedule = looked_up
+        *own, schedule = others
         at, first, last = (number(word(one)) for one in (clock.row, clock.first, clock.last))
         now, after = (like(places(Row), iter(row(schedule, place))) for place in (at, at + 1.0))
         remembered, torque = command(remembered, Observation(*reading, *now.reference), (of_law, limit), *own)

@@ -222,6 +222,6 @@ def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) 
         applied, load = within(PerJoint(*torque), c.limit), PerJoint(*x.load)
         state = State(*(PerJoint(*part) for part in x[: len(State._fields)]))
         state = repeat(c.substeps, lambda now: physics.loaded_step(now, applied, load, arm, c.h), state)
-        return _Memory(past, 1.0, Estimate(*map(tuple, state), x.load)), torque
+        return _Memory(past, 1.0, Estimate(*(tuple(part) for part in (*state, x.load)))), torque
 
     return elastic_observer

@@ -24,8 +24,8 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.numbers.functions import floor, maximum, minimum, row, select
 
 __all__ = [
-    "GRID", "MOST_KEPT", "POINTS", "GainSchedule", "corners_of", "kept_joints", "loaded_inertia", "nearest_inertia", "on_table",
-    "place_in_schedule", "random_angles", "schedule_of",
+    "GRID", "MOST_KEPT", "POINTS", "GainSchedule", "corners_of", "kept_joints", "loaded_inertia", "nearest_inertia",
+    "on_table", "place_in_schedule", "random_angles", "schedule_of",
 ]  # fmt: skip
 
 GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba.extending import register_jitable
 
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import BLOCK, in_block, in_columns, places, reader, record_type, size, writer
+from fuzzyarm.envs.physics.records import in_columns, reader, writer
 from fuzzyarm.fuzzy_policy.laws.elastic_target import target_parts
 from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, estimate_parts
 
-__all__ = ["Prediction", "act_of", "begin_of", "correct_of", "estimated_of", "predict_of", "prediction_of"]
+__all__ = ["act_of", "begin_of", "correct_of", "estimated_of", "predict_of"]
 
 STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
@@ -154,56 +154,3 @@ def predict_of(physics: Physics) -> Any:
         write_state(predicted, lane, state)
 
     return predict
-
-
-class Prediction(NamedTuple):
-    """What a compiled law needs to predict many lanes at once.
-
-    Attributes:
-        size: numbers in its room, a flat array (size,).
-        put: ``put(room, place, predicted, lane, torque)`` takes a lane's (x̂, d̂) and its torques, a record, into place
-            `place` of the room, of which there are `BLOCK`.
-        advance: ``advance(room, lanes, arm, h, substeps)`` advances x̂ in the first places over a control period,
-            d̂ held.
-        take: ``take(room, place, predicted, lane)`` takes x̂ back.
-    """
-
-    size: int
-    put: Any
-    advance: Any
-    take: Any
-
-
-@functools.cache
-def prediction_of(physics: Physics) -> Prediction:
-    """Return the prediction of the nominal arm with these equations.
-
-    The loop over lanes is the innermost one, over one small array with rows of constant length: SIMD code, as in
-    `hold.hold_block_of`, with the bits of one lane alone.
-    """
-    Room = record_type("Room", state=physics.State, torque=physics.PerJoint, load=physics.PerJoint)
-    at, loaded_step, load = places(Room), physics.loaded_step, estimate_parts(physics.joints).load.start
-    in_state = reader(physics.State, in_columns)
-    in_load = reader(physics.PerJoint, in_columns, places(physics.PerJoint, load))
-    state_in, read_state = writer(physics.State, in_columns), reader(physics.State, in_block, at.state)
-    read_room, write_room = reader(Room, in_block), writer(Room, in_block)
-    write_state = writer(physics.State, in_block, at.state)
-
-    @register_jitable
-    def put(room: np.ndarray, place: int, predicted: np.ndarray, lane: int, torque: Any) -> None:
-        write_room(room, place, Room(in_state(predicted, lane), torque, in_load(predicted, lane)))
-
-    def advance(room: np.ndarray, lanes: int, arm: Any, h: float, substeps: int) -> None:
-        for _ in range(substeps):
-            for place in range(lanes):
-                now = read_room(room, place)
-                write_state(room, place, loaded_step(now.state, now.torque, now.load, arm, h))
-
-    # The name reaches the machine code: no two of them may have the same.
-    advance.__qualname__ = f"predict_block_{physics.digest}"
-
-    @register_jitable
-    def take(room: np.ndarray, place: int, predicted: np.ndarray, lane: int) -> None:
-        state_in(predicted, lane, read_state(room, place))
-
-    return Prediction(size(Room) * BLOCK, put, register_jitable(advance), take)

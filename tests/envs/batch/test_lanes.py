@@ -9,7 +9,6 @@ import sys
 
 import numpy as np
 import pytest
-from support.two_joints import named
 
 from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.batch.layout import SCALARS, VECTORS

@@ -96,8 +96,8 @@ def test_uniform_numbers_are_multiples_of_two_to_minus_53_below_one():
     assert numbers.min() >= 0.0 and numbers.max() < 1.0
     assert np.array_equal(np.ldexp(numbers, 53), np.floor(np.ldexp(numbers, 53)))
     assert (np.ldexp(numbers, 53) % 2.0 == 1.0).mean() == pytest.approx(0.5, abs=0.01)  # all 53 bits are in use
-    for word, number in ((0, 0.0), (WORDS - 1, 1.0 - 2.0**-53), (WORDS // 2, 0.5), (1 << 11, 2.0**-53)):
-        assert uniform(key_with(word), words(0)).tolist() == [number]
+    for drawn, number in ((0, 0.0), (WORDS - 1, 1.0 - 2.0**-53), (WORDS // 2, 0.5), (1 << 11, 2.0**-53)):
+        assert uniform(key_with(drawn), words(0)).tolist() == [number]
 
 
 @pytest.mark.parametrize("key", range(5))

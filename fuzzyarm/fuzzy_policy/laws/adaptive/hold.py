@@ -1,4 +1,4 @@
-"""A control step in compiled code: its torque is held, the tip force is a line in time, the equations take sub-steps."""
+"""A control step in the compiled code of the adaptive observer, see `envs.physics.hold`."""
 
 from __future__ import annotations
 

@@ -1,0 +1,225 @@
+"""One text with every kind of number: floats, machine code of one arm and of many, and where that is kept."""
+
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from fuzzyarm.envs.physics.elementwise import gaussian, root, sign, sine_cosine
+from fuzzyarm.numbers import machine
+from fuzzyarm.numbers.functions import bits, floor, maximum, minimum, number, repeat, row, select, when, whole, word
+from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
+from fuzzyarm.numbers.symbols import Program
+
+TABLE = np.arange(15.0).reshape(5, 3) ** 2
+SHARED = (0.75, 3.0)
+SPECIAL = [0.0, -0.0, 1.0, -1.5, math.nan, math.inf, -math.inf, 1e300, 5e-324, 2.5, 1e6, -7.25]
+
+
+def text(x, seen, shared, table):
+    """All that a recorded function may do, in an order that depends on the numbers."""
+    a, (b, c) = x
+    low, steps = shared
+    sine, cosine = sine_cosine(minimum(maximum(b, -100.0), 100.0))
+    inside = (b > low) & ~((c <= -1.0) | (b == c))
+    grown = repeat(steps, lambda pair: (pair[0] + 1.0, 0.5 * pair[1] + a * pair[0]), (0.0, b))
+    looked = row(table, a)
+    rare = when(b > 2.0, lambda: (a / b, sine - c), (b, c))
+    known, other = select(sine == sine, abs(sine), 0.5), select(cosine == cosine, abs(cosine), 0.5)
+    key = word(c) ^ (whole(floor(9.0 * known)) * 5 >> 1)
+    gathered = select(inside, sine * cosine - grown[1], gaussian(b) + looked[2] * -c)
+    return (gathered, rare), (looked[0] + sign(a), root(abs(c)), bits(key), number(whole(other * 8.0) >> 1))
+
+
+def expected(x, shared=SHARED):
+    after, seen = text((x[0], (x[1], x[2])), (0.0,) * 4, shared, TABLE.tolist())
+    return np.array([after[0], *after[1]]), np.array(seen)
+
+
+def recorded(layouts=(), repeated=False):
+    return Kernel(Program(text, ((0.0, (0.0, 0.0)), (0.0,) * 4), SHARED, [3]), layouts, repeated=repeated)
+
+
+def same(a, b):
+    """Equal bits, but for the sign and content of what is not a number."""
+    return np.array_equal(a, b, equal_nan=True) and np.array_equal(np.signbit(a[a == a]), np.signbit(b[b == b]))
+
+
+def numbers(arms, seed=0):
+    generator = np.random.default_rng(seed)
+    x = generator.normal(size=(arms, 3)) * [3.0, 4.0, 2.0]
+    x[: len(SPECIAL), 1] = SPECIAL[:arms]
+    x[-len(SPECIAL) :, 2] = SPECIAL[-arms:][::-1]
+    return x
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid:RuntimeWarning")
+@pytest.mark.parametrize("arms", [1, 7, 8, WIDE, WIDE + 1, 3 * WIDE - 1, 100])
+def test_machine_code_of_any_number_of_arms_has_the_bits_of_floats(arms):
+    x = numbers(arms)
+    with np.errstate(all="ignore"):
+        wanted = [expected([np.float64(n) for n in one]) for one in x]
+    given, seen = x.copy(), np.zeros((arms, 4))
+    recorded()((given, seen), np.array(SHARED), (TABLE,))
+    assert same(given, np.array([first for first, _ in wanted]))
+    assert same(seen, np.array([second for _, second in wanted]))
+
+
+@pytest.mark.parametrize("arms", [1, 5, WIDE, 2 * WIDE + 3])
+def test_layouts_change_no_bit_and_no_neighbour(arms):
+    x, blocks = numbers(arms, seed=1), -(-arms // WIDE)
+    rows, seen = x.copy(), np.zeros((arms, 4))
+    recorded()((rows, seen), np.array(SHARED), (TABLE,))
+    wide = np.full((4, arms + 5), 7.0)
+    padded = np.zeros((blocks * WIDE, 3))
+    padded[:arms] = x
+    block = np.ascontiguousarray(padded.reshape(blocks, WIDE, 3).swapaxes(1, 2))
+    kernel = recorded([Layout.BLOCKS, Layout.COLUMNS])
+    kernel((block, wide[:, :arms]), np.array(SHARED), (TABLE,))
+    assert same(block.swapaxes(1, 2).reshape(-1, 3)[:arms], rows)
+    assert same(wide[:, :arms], seen.T) and (wide[:, arms:] == 7.0).all()
+    apart = np.full((arms, 9), 7.0)
+    apart[:, :3] = x
+    recorded()((apart[:, :3], apart[:, 4:8]), np.array(SHARED), (TABLE,))
+    assert same(apart[:, :3], rows) and same(apart[:, 4:8], seen) and (apart[:, [3, 8]] == 7.0).all()
+
+
+@pytest.mark.parametrize("arms", [3, 40])
+def test_steps_of_one_call_are_calls_of_one_step(arms):
+    once, often = numbers(arms, seed=2), numbers(arms, seed=2)
+    seen, last = np.zeros((arms, 4)), np.zeros((arms, 4))
+    for _ in range(5):
+        recorded()((once, seen), np.array(SHARED), (TABLE,))
+    recorded(repeated=True)((often, last), np.array(SHARED), (TABLE,), steps=5)
+    assert same(often, once) and same(last, seen)
+
+
+def test_parts_of_the_arms_are_the_whole():
+    whole_at_once, in_parts = numbers(70, seed=3), numbers(70, seed=3)
+    for array, parts in ((whole_at_once, [(0, 70)]), (in_parts, [(48, 70), (0, 16), (16, 48)])):
+        call = recorded().bound((array, np.zeros((70, 4))), np.array(SHARED), (TABLE,))
+        for part in parts:
+            call.part(*part)
+    assert same(in_parts, whole_at_once)
+
+
+@pytest.mark.parametrize(("place", "found"), [(-3.0, 0), (0.99, 0), (3.0, 3), (4.2, 4), (1e300, 4), (math.nan, 0)])
+@pytest.mark.parametrize("arms", [1, WIDE])
+def test_no_place_is_outside_of_a_table(place, found, arms):
+    kernel = Kernel(Program(lambda x, _, table: (row(table, x[0]),), ((0.0,) * 3,), (), [3]))
+    x = np.full((arms, 3), place)
+    kernel((x,), np.empty(0), (TABLE,))
+    assert (x == TABLE[found]).all() and row(TABLE.tolist(), place) == tuple(TABLE[found])
+
+
+def test_what_is_known_is_recorded_once_and_outside_of_loops():
+    def function(x, shared):
+        product = repeat(9.0, lambda carried: (carried[0] + x[0] * x[1],), (x[0],))
+        return ((product[0], x[0] * x[1] / (shared[0] / 3.0)),)
+
+    program = Program(function, ((0.0, 0.0),), (1.0,))
+    assert program.size() == 4  # x0 x1 before the loop, the sum in it, what is of constants alone, and the quotient
+
+
+@pytest.mark.parametrize("wrong", [lambda x: x + 1.0 if x > 0.0 else x, lambda x: max(x, 0.0), lambda x: [x][int(x)]])
+def test_a_branch_of_python_is_refused(wrong):
+    with pytest.raises(TypeError, match=r"select or when|int\(\)"):
+        Program(lambda x, _: ((wrong(x[0]),),), ((0.0,),))
+
+
+def test_a_function_that_forgets_a_port_is_refused():
+    with pytest.raises(ValueError, match=r"returns ports of \(1,\) numbers, and takes \(1, 2\)"):
+        Program(lambda x, y, _: (x,), ((0.0,), (0.0, 0.0)))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ((np.zeros((4, 3), np.float32), np.zeros((4, 4))), "float32"),
+        ((np.zeros((4, 2)), np.zeros((4, 4))), r"shape \(4, 2\)"),
+        ((np.zeros((4, 3)), np.zeros((5, 4))), r"array 1 of 4 arms has shape \(5, 4\)"),
+        ((np.zeros((4, 6))[:, ::2], np.zeros((4, 4))), "strides"),
+        ((np.zeros(3), np.zeros((4, 4))), r"shape \(3,\)"),
+        ((np.zeros((4, 3)),), "2 arrays and 1 tables"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(arrays, message):
+    kernel = recorded()
+    kernel((np.zeros((4, 3)), np.zeros((4, 4))), np.array(SHARED), (TABLE,))
+    with pytest.raises(ValueError, match=message):
+        kernel(arrays, np.array(SHARED), (TABLE,))
+
+
+@pytest.mark.parametrize(
+    "table", [np.zeros((0, 3)), np.zeros((2, 4)), np.zeros((2, 3), np.float32), np.zeros((4, 6))[::2, ::2]]
+)
+def test_tables_that_do_not_fit_are_refused(table):
+    with pytest.raises(ValueError, match=r"table 0 has shape"):
+        recorded()((np.zeros((4, 3)), np.zeros((4, 4))), np.array(SHARED), (table,))
+
+
+# --- machine code on disk -----------------------------------------------------------------------------------------
+
+PROGRAM = """
+import sys
+import numpy as np
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
+x = np.array([[3.0]])
+Kernel(Program(lambda x, _: ((x[0] / 7.0,),), ((0.0,),)))((x,), np.empty(0))
+assert x[0, 0] == 3.0 / 7.0
+"""
+
+
+def run(folder, count=1):
+    words = [sys.executable, "-c", PROGRAM]
+    environment = {**os.environ, machine.CACHE: str(folder)}
+    together = [subprocess.Popen(words, env=environment, stderr=subprocess.PIPE) for _ in range(count)]
+    for one in together:
+        _, error = one.communicate(timeout=120)
+        assert one.returncode == 0, error.decode()
+
+
+def test_a_file_that_is_damaged_or_foreign_is_made_again(tmp_path):
+    run(tmp_path)
+    (file,) = tmp_path.iterdir()
+    good = file.read_bytes()
+    changed = bytearray(good)
+    changed[-100] ^= 1
+    for damaged in (b"", good[:50], bytes(changed), b"\x7fELF" + bytes(2000)):
+        file.write_bytes(damaged)
+        run(tmp_path)
+        assert list(tmp_path.iterdir()) == [file] and file.read_bytes() == good
+
+
+def test_without_a_folder_to_write_it_works(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    run(blocked)
+    assert blocked.read_text() == "not a folder"
+
+
+@pytest.mark.slow
+def test_processes_that_start_together_leave_one_whole_file(tmp_path):
+    run(tmp_path, count=6)
+    (file,) = tmp_path.iterdir()
+    good = file.read_bytes()
+    run(tmp_path)
+    assert file.read_bytes() == good
+
+
+def test_a_processor_and_a_text_have_their_own_files(tmp_path, monkeypatch):
+    monkeypatch.setenv(machine.CACHE, str(tmp_path))
+    machine._machine_code.cache_clear()
+    one = Kernel(Program(lambda x, _: ((x[0] + 1.0,),), ((0.0,),)))
+    one((np.zeros((1, 1)),), np.empty(0))
+    one((np.zeros((20, 1)),), np.empty(0))
+    assert len(list(tmp_path.iterdir())) == 2  # of one arm, and of many
+    monkeypatch.setattr(machine.llvm, "get_host_cpu_name", lambda: "x86-64")
+    machine._machine_code.cache_clear()
+    Kernel(one.program)((np.zeros((1, 1)),), np.empty(0))
+    assert len(list(tmp_path.iterdir())) == 3
+    machine._machine_code.cache_clear()
