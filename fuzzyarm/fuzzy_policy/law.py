@@ -130,7 +130,7 @@ class LawPolicy(Policy):
 
     def _kernel(self, function: Callable[..., Any], constants: Any) -> Kernel:
         ports = (self.control_law.memory, seen_by(self.joints), (0.0,) * self.joints)
-        return Kernel(Program(function, ports, constants, [table.shape[1] for table in self.control_law.tables]))
+        return Kernel(Program(function, ports, constants, [table.shape for table in self.control_law.tables]))
 
     @functools.cached_property
     def _constants(self) -> np.ndarray:

@@ -6,12 +6,15 @@ them each function is what Python does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 __all__ = [
+    "RECORDERS", "Cells", "array", "each", "only",
     "KINDS", "bits", "flat", "floor", "like", "maximum", "minimum", "number", "repeat", "row", "select", "when",
     "whole", "word", "zeros",
 ]  # fmt: skip
@@ -95,13 +98,59 @@ def number(of: Any) -> Any:
     return kind.number(of) if kind else of * 1.0
 
 
+RECORDERS: list[Any] = []
+"""What records at this moment, the innermost last; see `symbols.Program`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """The place of an array (shape) in a tree of numbers: whoever fills the tree puts an array there."""
+
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return math.prod(self.shape)
+
+
+def array(*shape: int) -> Any:
+    """Return an array whose content is not known; what runs for many arms has one for each of them."""
+    return RECORDERS[-1].array(shape) if RECORDERS else np.full(shape, np.nan, dtype=object)
+
+
+def each(count: Any) -> Iterable[Any]:
+    """Return 0, 1, ..., count - 1, for a loop whose body reads and writes arrays.
+
+    While it is recorded, such a loop runs once, with an index that stands for all of them: what a number becomes in one
+    round is known in the next only in an array.
+    """
+    return RECORDERS[-1].each(count) if RECORDERS else range(count)
+
+
+def only(condition: Any) -> Iterable[None]:
+    """Return what a loop takes to run once where the condition holds, and else not at all; its body writes arrays."""
+    kind = KINDS.get(type(condition))
+    if kind:
+        return kind.only(condition)  # type: ignore[no-any-return]
+    return (None,) if condition else ()
+
+
 def flat(tree: Any) -> list[Any]:
-    """Return the numbers of nested tuples, in order."""
-    return [number for part in tree for number in flat(part)] if isinstance(tree, tuple) else [tree]
+    """Return the numbers of nested tuples, in order; those of an array row by row."""
+    if isinstance(tree, tuple):
+        return [number for part in tree for number in flat(part)]
+    if isinstance(tree, Cells):
+        return [0.0] * tree.size
+    return tree.ravel().tolist() if isinstance(tree, np.ndarray) else [tree]
 
 
 def like(tree: Any, numbers: Iterator[Any]) -> Any:
-    """Return nested tuples of the same kinds with other numbers."""
+    """Return nested tuples of the same kinds with other numbers; `Cells` become arrays."""
+    if isinstance(tree, Cells):
+        filled = np.empty(tree.size, dtype=object)
+        filled[:] = [next(numbers) for _ in range(tree.size)]
+        return filled.reshape(tree.shape)
     if not isinstance(tree, tuple):
         return next(numbers)
     parts = [like(part, numbers) for part in tree]
@@ -109,5 +158,10 @@ def like(tree: Any, numbers: Iterator[Any]) -> Any:
 
 
 def zeros(tree: Any) -> Any:
-    """Return nested tuples of the same kinds with zeros."""
-    return like(tree, iter(lambda: 0.0, None))
+    """Return nested tuples of the same kinds with zeros; `Cells` stay."""
+    if isinstance(tree, Cells):
+        return tree
+    if not isinstance(tree, tuple):
+        return 0.0
+    parts = [zeros(part) for part in tree]
+    return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)

@@ -18,7 +18,7 @@ import hashlib
 import itertools
 import os
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from fuzzyarm.common.files import write_atomically
-from fuzzyarm.numbers.symbols import Branch, Loop, Program, Symbol, Word
+from fuzzyarm.numbers.symbols import Branch, For, Loop, Program, Store, Symbol, Word
 
 __all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 
@@ -76,7 +76,9 @@ class _Writer:
     """Writes a program as LLVM's text."""
 
     def __init__(self, program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool) -> None:
-        self.program, self.layouts, self.width, self.repeated = program, layouts, width, repeated
+        self.program, self.layouts, self.width = program, layouts, width
+        self.repeated = repeated or bool(program.cells)  # numbers of ports lie in an array of the group's own
+        self.masks = list[str]()
         self.lines, self.here, self.blocks, self.names = list[str](), "entry", 0, 0
         wide = f"<{width} x " if width > 1 else ""
         self.kinds = {kind: f"{wide}{one}>" if wide else one for kind, one in _KINDS.items()}
@@ -123,6 +125,8 @@ class _Writer:
         if name == "shared":
             self.put(f"%p{one.number} = getelementptr double, ptr %c, i64 {one.detail}")
             self.put(f"{out} = load double, ptr %p{one.number}, align 8")
+        elif name == "load":
+            self.load(one, out)
         elif one.kind == "word" and name in _OF_WORDS:
             self.put(f"{out} = {_OF_WORDS[name]} {word} {a[0]}, {a[1]}")
         elif name in _CONVERTED:
@@ -150,6 +154,41 @@ class _Writer:
             raise ValueError(f"operation {name} has no machine code")
         if uniform and self.width > 1:
             self.spread(f"v{one.number}", _KINDS[one.kind], out)
+
+    def place(self, constant: int, terms: Iterable[tuple[int, int]]) -> str:
+        """Return the text of an index."""
+        text = str(constant)
+        for loop, factor in terms:
+            product, total = self.fresh(), self.fresh()
+            self.put(f"{product} = mul nsw i64 %i{loop}, {factor}")
+            self.put(f"{total} = add nsw i64 {product}, {text}")
+            text = total
+        return text
+
+    def memory(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
+        """Return the pointer to a number of an array, or to those of the group's arms."""
+        at, pointer, place = self.fresh(), self.fresh(), self.place(constant, terms)
+        self.put(f"{at} = mul nsw i64 {place}, {1 if memory.startswith('table') else self.width}")
+        self.put(f"{pointer} = getelementptr double, ptr %{memory}, i64 {at}")
+        return pointer
+
+    def load(self, one: Symbol, out: str) -> None:
+        pointer, spread = self.memory(*one.detail), one.detail[0].startswith("table") and not one.uniform
+        if spread and self.width > 1:
+            single = self.fresh()
+            self.put(f"{single} = load double, ptr {pointer}, align 8")
+            self.spread(out[1:], "double", single)
+        else:
+            self.put(f"{out} = load {'double' if one.uniform else self.real}, ptr {pointer}, align 8")
+
+    def store(self, one: Store) -> None:
+        pointer, value = self.memory(one.memory, one.place.constant, one.place.terms.items()), self.of(one.value)
+        if self.masks:
+            old, new = self.fresh(), self.fresh()
+            self.put(f"{old} = load {self.real}, ptr {pointer}, align 8")
+            self.put(f"{new} = select {self.truth} {self.masks[-1]}, {self.real} {value}, {self.real} {old}")
+            value = new
+        self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
 
     def rows(self, group: Sequence[Symbol]) -> None:
         """Look up numbers of a row, whose place is within the table whatever is asked for."""
@@ -256,6 +295,10 @@ class _Writer:
                 self.loop(item)
             elif isinstance(item, Branch):
                 self.branch(item)
+            elif isinstance(item, For):
+                self.rounds(item)
+            elif isinstance(item, Store):
+                self.store(item)
             elif not item.uniform:
                 self.operation(item)
 
@@ -284,6 +327,22 @@ class _Writer:
         for inside, after in zip(one.inside, one.after, strict=True):  # another name for the same number
             self.put(f"%v{after.number} = bitcast {self.real} %v{inside.number} to {self.real}")
 
+    def rounds(self, one: For) -> None:
+        head, body, out, before = self.block(), self.block(), self.block(), self.here
+        count, i = self.place(one.count.constant, one.count.terms.items()), f"%i{one.number}"
+        self.put(f"br label %{head}")
+        self.label(head)
+        at = len(self.lines)
+        self.lines.append("")
+        self.put(f"{i}.on = icmp slt i64 {i}, {count}")
+        self.put(f"br i1 {i}.on, label %{body}, label %{out}")
+        self.label(body)
+        self.items(one.region.items)
+        self.put(f"{i}.next = add nsw i64 {i}, 1")
+        self.put(f"br label %{head}")
+        self.lines[at] = f"  {i} = phi i64 [ 0, %{before} ], [ {i}.next, %{self.here} ]"
+        self.label(out)
+
     def branch(self, one: Branch) -> None:
         then, out, test = self.block(), self.block(), self.of(one.condition)
         if self.width > 1:
@@ -294,7 +353,15 @@ class _Writer:
         before = self.here
         self.put(f"br i1 {test}, label %{then}, label %{out}")
         self.label(then)
+        if self.width > 1:
+            mask = self.fresh()
+            self.put(
+                f"{mask} = and {self.truth} {self.of(one.condition)}, {self.masks[-1] if self.masks else 'splat (i1 true)'}"
+            )
+            self.masks.append(mask)
         self.items(one.region.items)
+        if self.width > 1:
+            self.masks.pop()
         for first, second, after in zip(one.then, one.otherwise, one.after, strict=True):
             pair = f"{self.real} {self.of(first)}, {self.real} {self.of(second)}"
             self.put(f"%u{after.number} = select {self.truth} {self.of(one.condition)}, {pair}")
@@ -404,10 +471,13 @@ class _Writer:
     def whole_text(self) -> str:
         p, width = self.program, self.width
         numbers = [(port, k) for port, count in enumerate(p.ports) for k in range(count)]
-        used, changed = self._used(), [out is not own for out, own in zip(p.outputs, p.inputs, strict=True)]
+        used, pairs = self._used(), zip(p.outputs, p.inputs, strict=True)
+        changed = [out is not own or place in p.cells for place, (out, own) in enumerate(pairs)]
         self.label("entry")
         if self.repeated:
             self.put(f"%room = alloca double, i64 {max(1, len(p.inputs)) * width}, align 64")
+        for k, size in enumerate(p.arrays):
+            self.put(f"%array{k} = alloca double, i64 {max(1, size) * width}, align 64")
         held = [*(f"port{k}" for k in range(len(p.ports))), "c", *(f"table{k}" for k in range(len(p.tables)))]
         apart = [name.replace("port", "stride").replace("table", "rows") for name in held if name != "c"]
         for k, name in enumerate(["first", "stop", "steps", *held, *apart]):
@@ -455,13 +525,13 @@ class _Writer:
             self.label("time")
             self.lines.append("")
             for symbol, wanted in zip(p.inputs, used, strict=True):
-                if wanted:
+                if wanted and symbol.detail not in p.cells:
                     room = self.room(symbol.detail, "now")
                     self.put(f"%v{symbol.number} = load {self.real}, ptr {room}, align 8")
         self.items(p.top.items)
         if self.repeated:
             for place, out in enumerate(p.outputs):
-                if changed[place]:
+                if changed[place] and place not in p.cells:
                     self.put(f"store {self.real} {self.of(out)}, ptr {self.room(place, 'then')}, align 8")
             self.put("%t1 = add i64 %t, 1")
             self.put("%again = icmp slt i64 %t1, %steps")
@@ -502,11 +572,15 @@ class _Writer:
                 elif isinstance(item, Branch):
                     needed.update(map(id, (item.condition, *item.then, *item.otherwise)))
                     visit(item.region.items)
+                elif isinstance(item, For):
+                    visit(item.region.items)
+                elif isinstance(item, Store):
+                    needed.add(id(item.value))
                 else:
                     needed.update(map(id, item.operands))
 
         visit(self.program.top.items)
-        return [id(own) in needed for own in self.program.inputs]
+        return [id(own) in needed or own.detail in self.program.cells for own in self.program.inputs]
 
 
 def kernel_text(program: Program, layouts: Sequence[Layout], width: int, *, repeated: bool = True) -> str:
@@ -601,7 +675,7 @@ class Kernel:
         Args:
             arrays: of each port, float64, see `Layout`.
             constants: (k,) float64.
-            tables: (rows, numbers of a row) each, float64, at least one row.
+            tables: float64, in the shapes that the program knows; any number of rows is at least one.
             steps: at least 1.
 
         Raises:
@@ -640,10 +714,10 @@ class Kernel:
                     f"array {port} of {arms} arms has shape {shape}, type {array.dtype} and strides {array.strides}; "
                     f"needed: {numbers} numbers of an arm in {layout.name.lower()}, float64"
                 )
-        for table, (array, numbers) in enumerate(zip(tables, program.tables, strict=True)):
-            good = array.ndim == _AXES and array.shape[1:] == (numbers,) and array.size > 0 and array.flags.c_contiguous
-            if not good or array.dtype != _DOUBLE:
-                raise ValueError(f"table {table} has shape {array.shape}; needed: (rows, {numbers}) of float64")
+        for table, (array, shape) in enumerate(zip(tables, program.tables, strict=True)):
+            good = array.ndim > 0 and array.shape[1:] == shape[1:] and len(array) == (shape[0] or max(len(array), 1))
+            if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
+                raise ValueError(f"table {table} has shape {array.shape}; needed: {('rows', *shape[1:])} of float64")
         lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
         job = ctypes.c_int64 * (3 + len(shapes) + len(lengths))
         return _Known(shapes, arms, job, lengths, self.code(arms))
@@ -696,7 +770,7 @@ def _machine_code(text: str, width: int) -> _Code:
     if binary is None:
         module = llvm.parse_assembly(text)
         options = llvm.create_pipeline_tuning_options(speed_level=level)
-        options.slp_vectorization, options.loop_vectorization = width == 1, False
+        options.slp_vectorization = options.loop_vectorization = width == 1
         builder = llvm.create_pass_builder(machine, options)
         builder.getModulePassManager().run(module, builder)
         binary = machine.emit_object(module)

@@ -6,13 +6,15 @@ put before the loop; one in a branch stays there. What depends on constants alon
 
 from __future__ import annotations
 
+import itertools
+import operator
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from fuzzyarm.numbers.functions import KINDS, flat, like
+from fuzzyarm.numbers.functions import KINDS, RECORDERS, Cells, flat, like
 
-__all__ = ["Branch", "Loop", "Program", "Region", "Symbol", "Table", "Word"]
+__all__ = ["Array", "Branch", "For", "Index", "Loop", "Program", "Region", "Store", "Symbol", "Table", "Word"]
 
 
 class Region:
@@ -127,11 +129,136 @@ for _name, _operation in {
     setattr(Symbol, f"__{_name}__", _recorded(_operation, kind="truth"))
 
 
-class Table(NamedTuple):
-    """A table of a program: which one it is, and the numbers of a row; how many rows there are is said to a kernel."""
+class Index:
+    """A whole number that depends on the rounds of loops: the sum of `constant` and a factor for each of them.
+
+    Attributes:
+        terms: factors by the number of the loop.
+        constant: what is added.
+    """
+
+    __slots__ = ("constant", "terms")
+
+    def __init__(self, terms: dict[int, int], constant: int) -> None:
+        """Keep them."""
+        self.terms, self.constant = terms, constant
+
+    @classmethod
+    def of(cls, number: Any) -> Index:
+        """Return a whole number as an index."""
+        if isinstance(number, Index):
+            return number
+        return cls({}, number.__index__())
+
+    def __add__(self, other: Any) -> Index:
+        other = Index.of(other)
+        loops = self.terms | other.terms
+        terms = {loop: self.terms.get(loop, 0) + other.terms.get(loop, 0) for loop in loops}
+        return Index(terms, self.constant + other.constant)
+
+    def __mul__(self, factor: int) -> Index:
+        return Index({loop: factor * own for loop, own in self.terms.items()}, factor * self.constant)
+
+    def __neg__(self) -> Index:
+        return self * -1
+
+    def __sub__(self, other: Any) -> Index:
+        return self + -Index.of(other)
+
+    def __rsub__(self, other: Any) -> Index:
+        return -self + other
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+class Array:
+    """Numbers of an arm, or of a table, that are read and written by indices while a function is recorded.
+
+    Attributes:
+        program: that it belongs to.
+        memory: where it lies: "room" (numbers of ports), "table0", ..., or "array0", ... of its own.
+        first: place of its first number there, an `Index`.
+        shape: as in NumPy.
+        steps: how far numbers lie apart along each axis.
+    """
+
+    __slots__ = ("first", "memory", "program", "shape", "steps")
+
+    def __init__(
+        self, program: Program, memory: str, first: Any, shape: tuple[int, ...], steps: tuple[int, ...] | None = None
+    ) -> None:
+        """Describe it; rows side by side, if not said otherwise."""
+        self.program, self.memory, self.first, self.shape = program, memory, Index.of(first), shape
+        if steps is None:
+            steps = tuple(itertools.accumulate((1, *shape[:0:-1]), operator.mul))[::-1]
+        self.steps = steps
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[k] for k in range(len(self)))
+
+    def __getitem__(self, key: Any) -> Any:
+        first, shape, steps = self._place(key)
+        if shape:
+            return Array(self.program, self.memory, first, shape, steps)
+        return self.program.load(self.memory, first)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        first, shape, _ = self._place(key)
+        if shape or self.memory.startswith("table"):
+            raise TypeError("numbers of an array are written one by one, and those of a table never")
+        self.program.store(self.memory, first, value)
+
+    def _place(self, key: Any) -> tuple[Index, tuple[int, ...], tuple[int, ...]]:
+        """Return where what is asked for begins, its shape, and how far its numbers lie apart."""
+        keys = key if isinstance(key, tuple) else (key,)
+        first, shape, steps = self.first, list[int](), list[int]()
+        for axis, size in enumerate(self.shape):
+            one, step = keys[axis] if axis < len(keys) else slice(None), self.steps[axis]
+            if isinstance(one, slice):
+                start, stop, _ = one.indices(size)
+                first = first + start * step
+                shape.append(stop - start)
+                steps.append(step)
+            else:
+                if not isinstance(one, Index) and not 0 <= one < size:
+                    raise IndexError(f"{one} is outside of an axis of {size}")
+                first = first + one * step
+        return first, tuple(shape), tuple(steps)
+
+
+class Table(Array):
+    """A table of a program; how many rows it has is said to a kernel where `shape` begins with 0.
+
+    Attributes:
+        number: which one.
+        columns: numbers of a row.
+    """
+
+    __slots__ = ("columns", "number")
+
+    def __init__(self, program: Program, number: int, shape: tuple[int, ...]) -> None:
+        """Describe it."""
+        super().__init__(program, f"table{number}", 0, shape)
+        self.number, self.columns = number, shape[-1]
+
+
+class For(NamedTuple):
+    """A region that is run for each round of a loop, the loop's number, and how many rounds there are."""
 
     number: int
-    columns: int
+    count: Index
+    region: Region
+
+
+class Store(NamedTuple):
+    """A number that is written into memory at a place."""
+
+    memory: str
+    place: Index
+    value: Any
 
 
 class Loop(NamedTuple):
@@ -148,7 +275,7 @@ class Loop(NamedTuple):
 class Branch(NamedTuple):
     """A region that is run if the condition holds, and what numbers are after it in either case."""
 
-    condition: Symbol
+    condition: Any
     region: Region
     then: list[Any]
     otherwise: list[Any]
@@ -164,7 +291,9 @@ class Program:
     Attributes:
         ports: how many numbers each port has.
         constants: the symbols of the constants, which are the same for all arms.
-        tables: the numbers of a row of each table.
+        tables: the shape of each table; it begins with 0 where the number of rows is said to a kernel.
+        arrays: numbers of each array of its own.
+        cells: the places among all numbers of ports that belong to arrays.
         top: the region of all operations.
         inputs: the symbols of all ports, in order.
         outputs: what becomes of them, likewise.
@@ -177,30 +306,99 @@ class Program:
         function: Callable[..., Sequence[Any]],
         ports: Sequence[Any],
         constants: Any = (),
-        tables: Iterable[int] = (),
+        tables: Iterable[tuple[int, ...]] = (),
     ) -> None:
         """Record.
 
         Args:
             function: see the class.
-            ports: trees of anything, for their shapes.
-            constants: a tree of anything, likewise.
-            tables: the numbers of a row of each table.
+            ports: trees of anything, for their shapes; `Cells` become arrays, which are changed in place.
+            constants: a tree of anything, likewise, without `Cells`.
+            tables: the shape of each table; 0 for any number of rows.
 
         Raises:
             ValueError: the function returns ports with other counts of numbers than it takes.
         """
         self.count, self.top, self.tables = 0, Region(None), tuple(tables)
         self.now, self.ports = self.top, tuple(len(flat(port)) for port in ports)
+        self.arrays, self.cells, self.loops = list[int](), set[int](), 0
         self.inputs = [Symbol(self, "input", detail=place) for place in range(sum(self.ports))]
         self.constants = [Symbol(self, "shared", uniform=True, detail=k) for k in range(len(flat(constants)))]
         given, shared = iter(self.inputs), like(constants, iter(self.constants))
-        looked_up = [Table(number, columns) for number, columns in enumerate(self.tables)]
-        results = function(*(like(port, given) for port in ports), shared, *looked_up)
-        counts = tuple(len(flat(port)) for port in results)
+        looked_up = [Table(self, number, shape) for number, shape in enumerate(self.tables)]
+        own = tuple(self._given(port, given) for port in ports)
+        RECORDERS.append(self)
+        try:
+            results = function(*own, shared, *looked_up)
+        finally:
+            RECORDERS.pop()
+        outputs = [self._outputs(port) for port in results]
+        counts = tuple(map(len, outputs))
         if counts != self.ports:
             raise ValueError(f"the function returns ports of {counts} numbers, and takes {self.ports}")
-        self.outputs = [number for port in results for number in flat(port)]
+        self.outputs = list(itertools.chain(*outputs))
+        self._reachable(self.outputs)
+
+    def _given(self, tree: Any, inputs: Iterator[Symbol]) -> Any:
+        """Return a port as the function gets it."""
+        if isinstance(tree, Cells):
+            places = [next(inputs).detail for _ in range(tree.size)]
+            self.cells.update(places)
+            return Array(self, "room", places[0] if places else 0, tree.shape)
+        if not isinstance(tree, tuple):
+            return next(inputs)
+        parts = [self._given(part, inputs) for part in tree]
+        return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+
+    def _outputs(self, tree: Any) -> list[Any]:
+        """Return what becomes of the numbers of a port."""
+        if isinstance(tree, tuple):
+            return [number for part in tree for number in self._outputs(part)]
+        if not isinstance(tree, Array):
+            return [tree]
+        if tree.memory != "room":
+            raise TypeError("an array of a port is changed in place, and returned itself")
+        size = Cells(tree.shape).size
+        return list(self.inputs[tree.first.constant : tree.first.constant + size])
+
+    def array(self, shape: tuple[int, ...]) -> Array:
+        """Return an array of its own."""
+        self.arrays.append(Cells(shape).size)
+        return Array(self, f"array{len(self.arrays) - 1}", 0, shape)
+
+    def each(self, count: Any) -> Iterator[Index]:
+        """Record a loop, see `functions.each`."""
+        self.loops += 1
+        outside, number = self.now, self.loops
+        self.now = region = Region(outside, loop=True)
+        try:
+            yield Index({number: 1}, 0)
+        finally:
+            self.now = outside
+            outside.items.append(For(number, Index.of(count), region))  # behind what was moved out of it
+
+    def load(self, memory: str, place: Index) -> Symbol:
+        """Return a number of an array."""
+        fixed = memory.startswith("table") and not place.terms
+        operation = self.operation if fixed else self._moved
+        return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
+
+    def _moved(self, operation: str, detail: Any) -> Symbol:
+        """Record what depends on what has been written before: where it stands, and each time."""
+        symbol = Symbol(self, operation, (), self.now, detail=detail)
+        self.now.items.append(symbol)
+        return symbol
+
+    def store(self, memory: str, place: Index, value: Any) -> None:
+        """Record that a number is written."""
+        value = self._real(value)
+        self._reachable((value,))
+        self.now.items.append(Store(memory, place, value))
+
+    def _reachable(self, operands: Iterable[Any]) -> None:
+        for one in operands:
+            if isinstance(one, Symbol) and not self.now.within(one.region):
+                raise TypeError("a number of a loop or a branch is used after it; keep it in an array")
 
     def operation(self, operation: str, *operands: Any, kind: str = "real", detail: Any = None) -> Symbol:
         """Return the symbol of an operation, which is recorded unless it is known where it is needed."""
@@ -213,6 +411,7 @@ class Program:
             operands = tuple(self._real(one) for one in operands)
             if operation == "*" and 1.0 in [one for one in operands if not isinstance(one, Symbol)]:
                 return next(one for one in operands if isinstance(one, Symbol))
+        self._reachable(operands)
         uniform = operation != "row" and all(not isinstance(one, Symbol) or one.uniform for one in operands)
         region = self.top if uniform else self.now
         while region.loop and not any(isinstance(one, Symbol) and one.region.within(region) for one in operands):
@@ -235,7 +434,10 @@ class Program:
         """Return how many operations there are."""
 
         def count(region: Region) -> int:
-            return sum(1 if isinstance(item, Symbol) else count(item.region) for item in region.items)
+            return sum(
+                count(item.region) if hasattr(item, "region") and not isinstance(item, Symbol) else 1
+                for item in region.items
+            )
 
         return count(self.top)
 
@@ -297,6 +499,17 @@ class _Symbols:
         after = [Symbol(program, "after", region=outside) for _ in start]
         outside.items.append(Loop(count, region, start, inside, end, after))
         return like(carried, iter(after))
+
+    @staticmethod
+    def only(condition: Symbol) -> Iterator[None]:
+        program = condition.program
+        outside = program.now
+        program.now = region = Region(outside)
+        try:
+            yield None
+        finally:
+            program.now = outside
+            outside.items.append(Branch(condition, region, [], [], []))
 
     @staticmethod
     def when(condition: Symbol, function: Callable[[], Any], otherwise: Any) -> Any:

@@ -10,7 +10,23 @@ import pytest
 
 from fuzzyarm.envs.physics.elementwise import gaussian, root, sign, sine_cosine
 from fuzzyarm.numbers import machine
-from fuzzyarm.numbers.functions import bits, floor, maximum, minimum, number, repeat, row, select, when, whole, word
+from fuzzyarm.numbers.functions import (
+    Cells,
+    array,
+    bits,
+    each,
+    floor,
+    maximum,
+    minimum,
+    number,
+    only,
+    repeat,
+    row,
+    select,
+    when,
+    whole,
+    word,
+)
 from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
 from fuzzyarm.numbers.symbols import Program
 
@@ -40,7 +56,7 @@ def expected(x, shared=SHARED):
 
 
 def recorded(layouts=(), repeated=False):
-    return Kernel(Program(text, ((0.0, (0.0, 0.0)), (0.0,) * 4), SHARED, [3]), layouts, repeated=repeated)
+    return Kernel(Program(text, ((0.0, (0.0, 0.0)), (0.0,) * 4), SHARED, [(0, 3)]), layouts, repeated=repeated)
 
 
 def same(a, b):
@@ -109,7 +125,7 @@ def test_parts_of_the_arms_are_the_whole():
 @pytest.mark.parametrize(("place", "found"), [(-3.0, 0), (0.99, 0), (3.0, 3), (4.2, 4), (1e300, 4), (math.nan, 0)])
 @pytest.mark.parametrize("arms", [1, WIDE])
 def test_no_place_is_outside_of_a_table(place, found, arms):
-    kernel = Kernel(Program(lambda x, _, table: (row(table, x[0]),), ((0.0,) * 3,), (), [3]))
+    kernel = Kernel(Program(lambda x, _, table: (row(table, x[0]),), ((0.0,) * 3,), (), [(5, 3)]))
     x = np.full((arms, 3), place)
     kernel((x,), np.empty(0), (TABLE,))
     assert (x == TABLE[found]).all() and row(TABLE.tolist(), place) == tuple(TABLE[found])
@@ -159,6 +175,68 @@ def test_arrays_that_do_not_fit_are_refused(arrays, message):
 def test_tables_that_do_not_fit_are_refused(table):
     with pytest.raises(ValueError, match=r"table 0 has shape"):
         recorded()((np.zeros((4, 3)), np.zeros((4, 4))), np.array(SHARED), (table,))
+
+
+# --- arrays -------------------------------------------------------------------------------------------------------
+
+N = 5
+WEIGHTS = np.random.default_rng(4).normal(size=(N, N, 2))
+
+
+def cholesky(memory, x, _, weights):
+    """The factor of a positive matrix, a loop in a loop, sums, and what only some arms do."""
+    (P, count), (a, b) = memory, x
+    L, total = array(N, N), array(1)
+    for i in each(N):
+        for j in each(N):
+            P[i, j] += 0.5 * a * weights[i, j, 0]
+    for i in each(N):
+        for j in each(i):
+            total[0] = P[i, j]
+            for k in each(j):
+                total[0] -= L[i, k] * L[j, k]
+            L[i, j] = total[0] / L[j, j]
+        total[0] = P[i, i]
+        for k in each(i):
+            total[0] -= L[i, k] * L[i, k]
+        L[i, i] = root(maximum(total[0], 1e-3))
+    for _ in only(b > 0.0):
+        for i in each(N):
+            P[i, N - 1 - i] = L[N - 1, i] * weights[2, 1, 1]
+            for _ in only(P[i, i] > a):
+                P[i, i] = -b
+    return (P, count + 1.0), (L[N - 1, N - 1], b)
+
+
+@pytest.mark.parametrize("arms", [1, 7, WIDE, WIDE + 5])
+def test_loops_over_arrays_have_the_bits_of_python(arms):
+    generator, size = np.random.default_rng(arms), N * N
+    memory, x = np.empty((arms, size + 1)), generator.normal(size=(arms, 2))
+    memory[:, :size] = (10.0 * np.eye(N) + generator.normal(size=(arms, N, N))).reshape(arms, size)
+    memory[:, size] = 0.0
+    wanted, found = [], []
+    for own, seen in zip(memory.copy(), x.copy(), strict=True):
+        P, state = own[:size].reshape(N, N), (0.0, tuple(seen))
+        for _ in range(3):
+            (_, count), state = cholesky((P, state[0]), state[1], (), WEIGHTS)
+            state = count, state
+        wanted.append([*P.ravel(), state[0]])
+        found.append(state[1])
+    kernel = Kernel(Program(cholesky, ((Cells((N, N)), 0.0), (0.0, 0.0)), (), [WEIGHTS.shape]))
+    for _ in range(3):
+        kernel((memory, x), np.empty(0), (WEIGHTS,))
+    assert np.array_equal(memory, wanted) and np.array_equal(x, found)
+    assert kernel.program.size() < 60  # a loop is recorded once
+
+
+def test_a_number_of_a_loop_is_known_in_it_alone():
+    def leaks(x, _):
+        for k in each(3):
+            last = x[0] * (x[1] if k is None else 2.0) + array(1)[0]
+        return ((last, last),)
+
+    with pytest.raises(TypeError, match="keep it in an array"):
+        Program(leaks, ((0.0, 0.0),))
 
 
 # --- machine code on disk -----------------------------------------------------------------------------------------

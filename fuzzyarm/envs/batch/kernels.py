@@ -67,7 +67,7 @@ class Kernels:
             return lane._replace(state=moved.state), clock, command, seen, results
 
         ports = self._lane, _CLOCK, self._nothing, self._seen, self._results
-        program = Program(step, ports, (0.0, 0.0, 0.0), [size(Row)])
+        program = Program(step, ports, (0.0, 0.0, 0.0), [(0, size(Row))])
         return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS, _ROWS, _COLUMNS))
 
     @functools.cached_property
@@ -96,7 +96,7 @@ class Kernels:
         ports = self._lane, _CLOCK, places(Draw), given, state, self._seen, self._results
         with np.errstate(over="ignore"):
             program = Program(
-                begin, ports, ((0.0, 0.0),) * size(Draw), [size(kind) for kind in (physics.Plant, Start, Row)]
+                begin, ports, ((0.0, 0.0),) * size(Draw), [(0, size(kind)) for kind in (physics.Plant, Start, Row)]
             )
         return Kernel(program, (_BLOCKS, _COLUMNS, _COLUMNS, _ROWS, _ROWS, _ROWS, _COLUMNS))
 
@@ -115,7 +115,7 @@ class Kernels:
             q, dq = reading(lane.state, lane.limits, lane.noise, word(clock.key), at - first)
             return lane, clock, Observation(q, dq, *now.reference)
 
-        program = Program(observe, (self._lane, _CLOCK, self._seen), (), [size(Row)])
+        program = Program(observe, (self._lane, _CLOCK, self._seen), (), [(0, size(Row))])
         return Kernel(program, (_BLOCKS, _COLUMNS, _ROWS))
 
     @property

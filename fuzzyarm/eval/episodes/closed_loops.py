@@ -97,7 +97,7 @@ def closed_loops(lanes: Lanes, observation: np.ndarray, policy: Policy, law: Law
 
 def _shapes(law: Law) -> tuple[Any, ...]:
     """Return memory, constants and tables of a law by their shapes alone, for a cache."""
-    return zeros(law.memory), zeros(law.constants), tuple(table.shape[1] for table in law.tables)
+    return zeros(law.memory), zeros(law.constants), tuple(table.shape for table in law.tables)
 
 
 @functools.lru_cache(maxsize=64)
@@ -169,7 +169,7 @@ def _kernel_of(
         (nothing,) * depth,
         _Episode(*[0.0] * len(_Episode._fields)),
     )
-    program = Program(step, ports, (constants, tuple(nothing), 0.0, 0.0), (*tables, size(Row)))
+    program = Program(step, ports, (constants, tuple(nothing), 0.0, 0.0), (*tables, (0, size(Row))))
     return Kernel(program, (_ROWS, _BLOCKS, _COLUMNS, _ROWS, _ROWS, _ROWS), repeated=True)
 
 

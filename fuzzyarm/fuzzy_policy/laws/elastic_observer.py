@@ -136,7 +136,7 @@ class ElasticObserverPolicy(LawPolicy):
 
         nothing = (0.0,) * self.joints
         ports = self._memory, seen_by(self.joints), nothing, nothing
-        return Kernel(Program(beside, ports, self._numbers, [table.shape[1] for table in self._tables]))
+        return Kernel(Program(beside, ports, self._numbers, [table.shape for table in self._tables]))
 
     def _act_of(self) -> Any:
         schedule = self._schedule

@@ -169,6 +169,7 @@ def test_torch_is_numpy_to_the_last_digits():
     lanes, constants = state_of(torch.tensor(state)), Arm(*torch.tensor(arms))
     parts = PerJoint(*torch.tensor(torque)), torch.tensor(force[:2]), torch.tensor(force[2:])
     lanes = held_of(PHYSICS)(lanes, *parts, constants, 1e-4, 10)
+    hold(state, torque, force, arms, 1e-4, 10)
     np.testing.assert_allclose(torch.stack(flat(lanes)).numpy(), state, rtol=0.0, atol=1e-12)
 
 
