@@ -329,7 +329,7 @@ class _Writer:
 
     def rounds(self, one: For) -> None:
         head, body, out, before = self.block(), self.block(), self.block(), self.here
-        count, i = self.place(one.count.constant, one.count.terms.items()), f"%i{one.number}"
+        count, i = self.place(one.rounds.constant, one.rounds.terms.items()), f"%i{one.number}"
         self.put(f"br label %{head}")
         self.label(head)
         at = len(self.lines)
@@ -355,9 +355,8 @@ class _Writer:
         self.label(then)
         if self.width > 1:
             mask = self.fresh()
-            self.put(
-                f"{mask} = and {self.truth} {self.of(one.condition)}, {self.masks[-1] if self.masks else 'splat (i1 true)'}"
-            )
+            outer = self.masks[-1] if self.masks else "splat (i1 true)"
+            self.put(f"{mask} = and {self.truth} {self.of(one.condition)}, {outer}")
             self.masks.append(mask)
         self.items(one.region.items)
         if self.width > 1:

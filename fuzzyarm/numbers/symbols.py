@@ -146,9 +146,9 @@ class Index:
     @classmethod
     def of(cls, number: Any) -> Index:
         """Return a whole number as an index."""
-        if isinstance(number, Index):
+        if isinstance(number, cls):
             return number
-        return cls({}, number.__index__())
+        return cls({}, int(number.__index__()))
 
     def __add__(self, other: Any) -> Index:
         other = Index.of(other)
@@ -249,7 +249,7 @@ class For(NamedTuple):
     """A region that is run for each round of a loop, the loop's number, and how many rounds there are."""
 
     number: int
-    count: Index
+    rounds: Index
     region: Region
 
 

@@ -115,8 +115,8 @@ def test_steps_of_one_call_are_calls_of_one_step(arms):
 
 def test_parts_of_the_arms_are_the_whole():
     whole_at_once, in_parts = numbers(70, seed=3), numbers(70, seed=3)
-    for array, parts in ((whole_at_once, [(0, 70)]), (in_parts, [(48, 70), (0, 16), (16, 48)])):
-        call = recorded().bound((array, np.zeros((70, 4))), np.array(SHARED), (TABLE,))
+    for own, parts in ((whole_at_once, [(0, 70)]), (in_parts, [(48, 70), (0, 16), (16, 48)])):
+        call = recorded().bound((own, np.zeros((70, 4))), np.array(SHARED), (TABLE,))
         for part in parts:
             call.part(*part)
     assert same(in_parts, whole_at_once)
