@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 
 from fuzzyarm.common.checks import finite_array, instance, shown
-from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
+from fuzzyarm.numbers.functions import array, each
 
-__all__ = ["GATES", "LARGEST_MEMORY", "Cell", "remember"]
+__all__ = ["GATES", "LARGEST_MEMORY", "Cell"]
 
 GATES = 4
 """i, r, g and o."""
@@ -75,46 +76,27 @@ class Cell:
         return 2 * self.hidden
 
     @functools.cached_property
-    def arguments(self) -> tuple[np.ndarray, ...]:
-        """What `remember` takes behind the normaliser, in double precision: the matrices transposed, and b."""
+    def tables(self) -> tuple[np.ndarray, ...]:
+        """What `advance` takes, in double precision: the matrices transposed, and b."""
         arrays = self.weight_x.T, self.weight_h.T, self.bias
         return tuple(np.array(array, dtype=np.float64, order="C") for array in arrays)
 
-
-@kernel
-def remember(
-    features: np.ndarray,
-    mean: np.ndarray,
-    std: np.ndarray,
-    clip: float,
-    of_x: np.ndarray,
-    of_h: np.ndarray,
-    bias: np.ndarray,
-    memory: np.ndarray,
-    output: np.ndarray,
-) -> None:
-    """Advance the memory (lanes, 2 hidden) by features (lanes, inputs), and fill `output` (lanes, hidden) with h⁺.
-
-    h and m are pure numbers. Lane by lane, so that nothing depends on how many lanes there are.
-    """
-    inputs, hidden = len(mean), len(of_h)
-    x, h, sums = np.empty(inputs), np.empty(hidden), np.empty(len(bias))
-    for lane in range(len(features)):
-        for k in range(inputs):
-            x[k] = min(max((features[lane, k] - mean[k]) / std[k], -clip), clip)
-        for k in range(hidden):
-            h[k] = memory[lane, k]
-        for k in range(len(bias)):  # assigned at once they compile the text of an error, for seconds
+    def advance(self, x: Any, memory: Any, of_x: Any, of_h: Any, bias: Any) -> Any:
+        """Return h⁺ (hidden,), an array, and advance the memory (2 hidden,), h and then m, by x (inputs,)."""
+        hidden, sums, output = self.hidden, array(GATES * self.hidden), array(self.hidden)
+        for k in each(len(sums)):
             sums[k] = bias[k]
         add_product(x, of_x, sums)
-        add_product(h, of_h, sums)
+        add_product(memory[:hidden], of_h, sums)
         for gate in range(GATES):
             # σ(a) = (1 + tanh(a/2))/2
             scale, shift = (1.0, 0.0) if gate == _CONTENT else (0.5, 0.5)
-            for k in range(gate * hidden, (gate + 1) * hidden):
-                sums[k] = shift + scale * hyperbolic_tangent(scale * sums[k])
-        for k in range(hidden):
-            content = sums[hidden + k] * memory[lane, hidden + k] + sums[k] * sums[2 * hidden + k]
-            memory[lane, hidden + k] = content
-            output[lane, k] = sums[3 * hidden + k] * hyperbolic_tangent(content)
-            memory[lane, k] = output[lane, k]
+            for k in each(hidden):
+                at = k + gate * hidden
+                sums[at] = shift + scale * hyperbolic_tangent(scale * sums[at])
+        for k in each(hidden):
+            content = sums[k + hidden] * memory[k + hidden] + sums[k] * sums[k + 2 * hidden]
+            memory[k + hidden] = content
+            output[k] = sums[k + 3 * hidden] * hyperbolic_tangent(content)
+            memory[k] = output[k]
+        return output

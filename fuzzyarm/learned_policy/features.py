@@ -25,25 +25,51 @@ n_(i,k) = n_(i,k-1) + α_i (ν_k - n_(i,k-1)) with α_i = 1 - exp(-T/τ_i), and 
 
 from __future__ import annotations
 
+import functools
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fuzzyarm.common.checks import real
-from fuzzyarm.envs.observation import observed, starts
-from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.envs.physics.equations import AnyArm
+from fuzzyarm.envs.observation import Observation
+from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
+from fuzzyarm.fuzzy_policy.law import seen_by
+from fuzzyarm.fuzzy_policy.laws.elastic_target import Aim, ElasticTarget, past_of, target_of
 from fuzzyarm.learned_policy.definition import FeatureDefinition
 from fuzzyarm.learned_policy.functions import area_sine
+from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
-__all__ = ["Features"]
+__all__ = ["Features", "Remembered"]
 
 COARSE = 20.0  # of the unit in which large innovations are seen
+_KERNELS = ("_filling", "_advancing", "_commanding")
 
-_OF_THE_INSTANT = 5  # features per joint: e, ė, q_d, q̇_d, q̈_d; those of the past follow them
+
+class Remembered(NamedTuple):
+    """What the features remember of a lane; each of the first two and `excess` hold a tuple an instant, newest first.
+
+    Attributes:
+        errors: e [rad].
+        actions: a.
+        integral: x [rad s].
+        excess: w [N m].
+        feedforward: u_ff [N m].
+        target: what the elastic target remembers.
+        means: n_i of the innovation, one tuple for each τ_i.
+    """
+
+    errors: Any
+    actions: Any
+    integral: Any
+    excess: Any
+    feedforward: Any
+    target: Any
+    means: Any
 
 
 class Features:
@@ -53,8 +79,8 @@ class Features:
         definition: which features.
         period: T, time between two actions [s].
         size: number of features.
-        memory_size: size of a lane's memory: past errors, past actions, integral; with an elastic target also past
-            excess torques, u_ff, and the memory of `ElasticTarget`; then the means of the innovation.
+        memory: `Remembered` with zeros; of no more than the definition asks for.
+        memory_size: how many numbers that is.
     """
 
     def __init__(
@@ -82,189 +108,165 @@ class Features:
         self.size, joints = d.size, joints_of(arm)
         if d.joints != joints:
             raise ValueError(f"the features are for {d.joints} joints, the arm has {joints}")
-        self._joints, self._reference = joints, slice(starts(joints).q_reference, None)
-        # The memory: past errors, past actions, integral, past excess torques, u_ff, memory of the elastic target.
-        self._counts = d.past_errors, d.past_actions
-        excess = joints * (d.past_errors + d.past_actions + 1)
-        self._excess = slice(excess, excess + joints * d.past_excesses)
-        self._feedforward = slice(self._excess.stop, self._excess.stop + joints)
         self._target = ElasticTarget(arm, period, friction=friction) if d.elastic_target else None
-        self.memory_size = excess if self._target is None else self._feedforward.stop + self._target.memory_size
-        self._means = slice(self.memory_size, self.memory_size + 2 * joints * len(d.innovation_times))
-        self.memory_size = self._means.stop
-        self._shares = np.array([1.0 - math.exp(-period / time) for time in d.innovation_times])
-        self._units = np.repeat([d.innovation_scale, d.innovation_rate_scale], joints)
-        self._limit = per_joint_of(arm, "torque_limit")
-        integral_scale = d.integral_scale if d.integral_time > 0.0 else 0.0
-        scales = d.error_scale, d.rate_scale, d.velocity_scale, d.acceleration_scale, integral_scale
-        # A whole number among them would make Numba compile the kernels once more, for other types.
-        self._scales = tuple(map(float, scales))
-        self._load_scale = float(d.load_scale)
+        self._aim = target_of(equations_of(arm)) if self._target else None
+        nothing, elastic = (0.0,) * joints, self._target is not None
+        self.memory = Remembered(
+            errors=(nothing,) * d.past_errors,
+            actions=(nothing,) * d.past_actions,
+            integral=nothing,
+            excess=(nothing,) * d.past_excesses,
+            feedforward=nothing if elastic else (),
+            target=past_of(joints) if elastic else (),
+            means=((0.0,) * (2 * joints),) * len(d.innovation_times),
+        )
+        self.memory_size = len(flat(self.memory))
+        self._shares = [1.0 - math.exp(-period / time) for time in d.innovation_times]
+        self._limit = tuple(map(float, per_joint_of(arm, "torque_limit")))
         self._leak = math.exp(-period / d.integral_time) if d.integral_time > 0.0 else 0.0
 
+    def told(self, memory: Remembered, seen: Observation) -> tuple[Any, Any, Aim]:
+        """Return what the elastic target remembers next, u_ff [N m], and what the motors shall do."""
+        if self._target is None or self._aim is None:
+            return memory.target, memory.feedforward, Aim(*seen[2:])
+        past, aim, feedforward = self._aim(memory.target, seen, self._target.constants)
+        return past, feedforward, aim
+
     def fill(
+        self, memory: Remembered, seen: Observation, aim: Aim, innovation: Any = (), load: Any = (), out: Any = None
+    ) -> Any:
+        """Return the features of the instant, an array (size,).
+
+        Args:
+            memory: of the lane.
+            seen: the observation, one number for each joint in each part.
+            aim: what the motors shall do, see `told`.
+            innovation: ν (2 n,) of the base, if it is among the features.
+            load: d̂ (n,) [N m] of the base, likewise.
+            out: the array to fill; None: a new one.
+        """
+        d, out = self.definition, array(self.size) if out is None else out
+        errors = [(q_d - q) / d.error_scale for q_d, q in zip(aim.q, seen.q_motor, strict=True)]
+        rates = [(dq_d - dq) / d.rate_scale for dq_d, dq in zip(aim.dq, seen.dq_motor, strict=True)]
+        at = _put(out, 0, [*errors, *rates], squashed=True)
+        asked = [*seen.q_reference, *(dq / d.velocity_scale for dq in seen.dq_reference)]
+        at = _put(out, at, [*asked, *(ddq / d.acceleration_scale for ddq in seen.ddq_reference)])
+        at = _put(out, at, [error / d.error_scale for error in flat(memory.errors)], squashed=True)
+        at = _put(out, at, flat(memory.actions))
+        if d.integral_time > 0.0:
+            at = _put(out, at, [x / d.integral_scale for x in memory.integral], squashed=True)
+        at = _put(out, at, [w / d.excess_scale for w in flat(memory.excess)])
+        if d.innovation_times and innovation:
+            units = [d.innovation_scale] * d.joints + [d.innovation_rate_scale] * d.joints
+            pairs = list(zip(innovation, units, strict=True))
+            seen_in = [v / unit for v, unit in pairs] + [v / (COARSE * unit) for v, unit in pairs]
+            for mean, share in zip(memory.means, self._shares, strict=True):
+                seen_in += [(m + share * (v - m)) / unit for m, (v, unit) in zip(mean, pairs, strict=True)]
+            at = _put(out, at, seen_in, squashed=True)
+            _put(out, at, [z / d.load_scale for z in load])
+        return out
+
+    def advance(
+        self, memory: Remembered, seen: Observation, told: tuple[Any, Any, Aim], action: Any, innovation: Any = ()
+    ) -> Remembered:
+        """Return the memory with the error of an observation and the action (n,) taken on it, in [-1, 1].
+
+        `told` is what `told` returns; the other arguments are as for `fill`.
+        """
+        (past, feedforward, aim), means = told, memory.means
+        if innovation:
+            pairs = zip(means, self._shares, strict=True)
+            means = tuple(
+                tuple(m + share * (v - m) for m, v in zip(mean, innovation, strict=True)) for mean, share in pairs
+            )
+        error = tuple(q_d - q for q_d, q in zip(aim.q, seen.q_motor, strict=True))
+        integral = (self._leak * (x + self.period * e) for x, e in zip(memory.integral, error, strict=True))
+        return Remembered(
+            errors=(error, *memory.errors[:-1]) if memory.errors else (),
+            actions=(tuple(action), *memory.actions[:-1]) if memory.actions else (),
+            integral=tuple(integral),
+            excess=(*memory.excess[:1], *memory.excess[:-1]),
+            feedforward=feedforward,
+            target=past,
+            means=means,
+        )
+
+    def command(self, memory: Remembered, torque: Any) -> Remembered:
+        """Return the memory with the excess of a commanded torque (n,) [N m], not yet clipped.
+
+        Of several calls between two `advance`, the last one counts.
+        """
+        if not memory.excess:
+            return memory
+        parts = zip(torque, self._limit, memory.feedforward, strict=True)
+        newest = tuple(minimum(maximum(u, -most), most) - u_ff for u, most, u_ff in parts)
+        return memory._replace(excess=(newest, *memory.excess[1:]))
+
+    # The same for arrays of lanes, in training -------------------------------------------------------------------
+
+    def fill_lanes(
         self,
         observation: np.ndarray,
         memory: np.ndarray,
-        features: np.ndarray,
         innovation: np.ndarray | None = None,
         load: np.ndarray | None = None,
-    ) -> None:
-        """Compute the features of the instant; the memory stays as it is.
+    ) -> np.ndarray:
+        """Return the features (lanes, size) for (lanes, 5 n), (lanes, memory_size), ν (lanes, 2 n) and d̂ (lanes, n)."""
+        features, nothing = np.empty((len(observation), self.size)), np.empty((len(observation), 0))
+        innovation, load = (nothing if part is None else part for part in (innovation, load))
+        self._filling((memory, observation, innovation, load, features), np.empty(0))
+        return features
 
-        Args:
-            observation: (lanes, 5 n).
-            memory: (lanes, memory_size).
-            features: (lanes, size), filled in place.
-            innovation: ν (lanes, 2 n) of the base, if it is among the features.
-            load: d̂ (lanes, n) [N m] of the base, likewise.
-        """
-        end = self.size - self._joints * self.definition.observed
-        if innovation is not None and load is not None and end < self.size:
-            means = memory[:, self._means]
-            _fill_observed(innovation, load, means, self._shares, self._units, self._load_scale, features[:, end:])
-        target = observation[:, self._reference]
-        if self._target is not None:
-            target, _ = self._aim(observation, memory.copy())
-            excess = memory[:, self._excess]
-            features[:, end - excess.shape[1] : end] = excess / self.definition.excess_scale
-        _fill(observation, target, memory, *self._counts, *self._scales, features)
-
-    def advance(
+    def advance_lanes(
         self, observation: np.ndarray, action: np.ndarray, memory: np.ndarray, innovation: np.ndarray | None = None
     ) -> None:
-        """Store the error of an observation and the action taken on it.
+        """Do what `advance` does, in place; `action` (lanes, n) in [-1, 1], the others as for `fill_lanes`."""
+        seen = np.empty((len(observation), 0)) if innovation is None else innovation
+        self._advancing((memory, observation, action, seen), np.empty(0))
 
-        Args:
-            observation: (lanes, 5 n).
-            action: (lanes, n), in [-1, 1].
-            memory: (lanes, memory_size), advanced in place.
-            innovation: as for `fill`.
-        """
-        if innovation is not None and len(self._shares):
-            means = memory[:, self._means].reshape(len(memory), len(self._shares), -1)
-            means += self._shares[:, np.newaxis] * (innovation[:, np.newaxis] - means)
-            memory[:, self._means] = means.reshape(len(memory), -1)
-        target = observation[:, self._reference]
-        if self._target is not None:
-            target, memory[:, self._feedforward] = self._aim(observation, memory)
-            excess = memory[:, self._excess]
-            excess[:, self._joints :] = excess[:, : -self._joints].copy()
-        _advance(observation, target, action, *self._counts, self.period, self._leak, memory)
+    def command_lanes(self, torque: np.ndarray, memory: np.ndarray) -> None:
+        """Do what `command` does, in place, for torques (lanes, n) [N m]."""
+        self._commanding((memory, torque), np.empty(0))
 
-    def command(self, torque: np.ndarray, memory: np.ndarray) -> None:
-        """Store the excess of a commanded torque; of several calls between two `advance`, the last one counts.
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the machine code."""
+        return {name: value for name, value in self.__dict__.items() if name not in _KERNELS}
 
-        Args:
-            torque: (lanes, n) [N m], not yet clipped to the limits of the robot.
-            memory: (lanes, memory_size), changed in place.
-        """
-        if self._target is not None and self.definition.past_excesses:
-            applied = np.clip(torque, -self._limit, self._limit)
-            memory[:, self._excess][:, : self._joints] = applied - memory[:, self._feedforward]
+    @functools.cached_property
+    def _filling(self) -> Kernel:
+        def fill(
+            memory: Remembered, seen: Observation, innovation: Any, load: Any, out: Any, _: Any
+        ) -> tuple[Any, ...]:
+            self.fill(memory, seen, self.told(memory, seen)[2], innovation, load, out)
+            return memory, seen, innovation, load, out
 
-    def _aim(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return θ_d with derivatives (lanes, 3 n) and u_ff (lanes, n), and advance the elastic target's memory."""
-        assert self._target is not None
-        lanes, n = len(observation), self._joints
-        target, feedforward = np.empty((lanes, 3 * n)), np.empty((lanes, n))
-        self._target.advance(observation, memory[:, self._feedforward.stop :], target, feedforward)
-        return target, feedforward
+        nothing = (0.0,) * self.definition.joints
+        observed = (2 * nothing, nothing) if self.definition.innovation_times else ((), ())
+        ports = self.memory, seen_by(self.definition.joints), *observed, Cells((self.size,))
+        return Kernel(Program(fill, ports))
 
+    @functools.cached_property
+    def _advancing(self) -> Kernel:
+        def advance(memory: Remembered, seen: Observation, action: Any, innovation: Any, _: Any) -> tuple[Any, ...]:
+            return self.advance(memory, seen, self.told(memory, seen), action, innovation), seen, action, innovation
 
-@kernel
-def _fill(
-    observation: np.ndarray,
-    target: np.ndarray,
-    memory: np.ndarray,
-    past_errors: int,
-    past_actions: int,
-    error_scale: float,
-    rate_scale: float,
-    velocity_scale: float,
-    acceleration_scale: float,
-    integral_scale: float,
-    features: np.ndarray,
-) -> None:
-    """Fill everything but the excess torques, see `Features.fill`.
+        nothing = (0.0,) * self.definition.joints
+        observed = 2 * nothing if self.definition.innovation_times else ()
+        return Kernel(Program(advance, (self.memory, seen_by(self.definition.joints), nothing, observed)))
 
-    Errors count from the `target`, (lanes, 3 n) or (lanes, 2 n): angles, then velocities. An `integral_scale` of 0
-    means that there is no integral.
-    """
-    o = observed(observation)
-    joints = o.q_motor.shape[1]
-    actions = joints * past_errors  # where the past actions begin in the memory, and then the integral
-    integral, first = actions + joints * past_actions, joints * _OF_THE_INSTANT
-    for lane in range(len(observation)):
-        aim, past, out = target[lane], memory[lane], features[lane]
-        for joint in range(joints):
-            out[joint] = area_sine((aim[joint] - o.q_motor[lane, joint]) / error_scale)
-            out[joints + joint] = area_sine((aim[joints + joint] - o.dq_motor[lane, joint]) / rate_scale)
-            out[2 * joints + joint] = o.q_reference[lane, joint]
-            out[3 * joints + joint] = o.dq_reference[lane, joint] / velocity_scale
-            out[4 * joints + joint] = o.ddq_reference[lane, joint] / acceleration_scale
-            if integral_scale > 0.0:
-                out[first + integral + joint] = area_sine(past[integral + joint] / integral_scale)
-        for k in range(actions):
-            out[first + k] = area_sine(past[k] / error_scale)
-        for k in range(actions, integral):
-            out[first + k] = past[k]
+    @functools.cached_property
+    def _commanding(self) -> Kernel:
+        def command(memory: Remembered, torque: Any, _: Any) -> tuple[Any, ...]:
+            return self.command(memory, torque), torque
+
+        return Kernel(Program(command, (self.memory, (0.0,) * self.definition.joints)))
 
 
-@kernel
-def _advance(
-    observation: np.ndarray,
-    target: np.ndarray,
-    action: np.ndarray,
-    past_errors: int,
-    past_actions: int,
-    period: float,
-    leak: float,
-    memory: np.ndarray,
-) -> None:
-    """Advance past errors, past actions and the integral, see `Features.advance`; the target as for `_fill`."""
-    o = observed(observation)
-    joints = o.q_motor.shape[1]
-    actions = joints * past_errors
-    integral = actions + joints * past_actions
-    for lane in range(len(observation)):
-        aim, past = target[lane], memory[lane]
-        # Each past value moves to the place of the next older one, the oldest first.
-        for k in range(actions - 1, joints - 1, -1):
-            past[k] = past[k - joints]
-        for k in range(integral - 1, actions + joints - 1, -1):
-            past[k] = past[k - joints]
-        for joint in range(joints):
-            error = aim[joint] - o.q_motor[lane, joint]
-            if past_errors > 0:
-                past[joint] = error
-            if past_actions > 0:
-                past[actions + joint] = action[lane, joint]
-            past[integral + joint] = leak * (past[integral + joint] + period * error)
-
-
-@kernel
-def _fill_observed(
-    innovation: np.ndarray,
-    load: np.ndarray,
-    means: np.ndarray,
-    shares: np.ndarray,
-    units: np.ndarray,
-    load_scale: float,
-    features: np.ndarray,
-) -> None:
-    """Fill the features of the observer, see `Features.fill`; `means` (lanes, times · 2 n) as they were before."""
-    count = innovation.shape[1]
-    for lane in range(len(innovation)):
-        out = features[lane]
-        for number in range(2 + len(shares)):
-            for k in range(count):
-                value, unit = innovation[lane, k], units[k]
-                if number == 1:
-                    unit = COARSE * unit
-                elif number > 1:
-                    mean = means[lane, (number - 2) * count + k]
-                    value = mean + shares[number - 2] * (value - mean)
-                out[number * count + k] = area_sine(value / unit)
-        for k in range(load.shape[1]):
-            out[(2 + len(shares)) * count + k] = load[lane, k] / load_scale
+def _put(out: Any, at: int, numbers: list[Any], *, squashed: bool = False) -> int:
+    """Write numbers, or their asinh, into an array from a place on, and return the place behind them."""
+    for k, number in enumerate(numbers):
+        out[at + k] = number
+    if squashed:
+        for k in each(len(numbers)):
+            out[k + at] = area_sine(out[k + at])
+    return at + len(numbers)

@@ -14,6 +14,7 @@ import numpy as np
 from numba.extending import overload, register_jitable
 
 from fuzzyarm.envs.physics.elementwise import select
+from fuzzyarm.numbers.functions import each
 
 __all__ = ["add_product", "area_sine", "hyperbolic_tangent", "logistic"]
 
@@ -78,11 +79,17 @@ def area_sine(x: Any) -> Any:
     return select(x < 0.0, -result, result)
 
 
-def add_product(x: np.ndarray, transposed: np.ndarray, y: np.ndarray) -> None:
-    """Add G x to y (rows,), G given as `transposed` (columns, rows): no sum runs over j, so this loop is SIMD code."""
-    for k in range(len(x)):
-        for j in range(len(y)):
-            y[j] += transposed[k, j] * x[k]
+def add_product(x: Any, transposed: Any, y: Any) -> None:
+    """Add G x to y (rows,), G given as `transposed` (columns, rows): four terms while y_j is at hand, in their order."""
+    columns, rows = len(x), len(y)
+    for block in each(columns // 4):
+        k = 4 * block
+        for j in each(rows):
+            two = (y[j] + transposed[k, j] * x[k]) + transposed[k + 1, j] * x[k + 1]
+            y[j] = (two + transposed[k + 2, j] * x[k + 2]) + transposed[k + 3, j] * x[k + 3]
+    for k in range(columns - columns % 4, columns):
+        for j in each(rows):
+            y[j] = y[j] + transposed[k, j] * x[k]
 
 
 @overload(add_product, strict=False)

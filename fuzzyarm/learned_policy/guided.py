@@ -2,68 +2,121 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from fuzzyarm.envs.observation import starts
-from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.fuzzy_policy.law import Law, constants_array, law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
+from fuzzyarm.numbers.functions import flat, select
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
-__all__ = ["guided", "seen_by"]
+__all__ = ["Base", "gate"]
 
 
-def guided(
-    base: Policy, action: ActionDefinition, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray
-) -> None:
-    """Replace `torque`, which holds scale · a (lanes, n), by that of the guided base [N m], and advance its memory.
+class Base:
+    """A base that acts under the guidance of actions.
 
     With a gate the torque is not clipped yet; the prediction of the base knows the limits.
 
-    Args:
-        base: the policy that ``action.base`` names.
-        action: what the action means; [rad], or with a gate [N m].
-        observation: (lanes, 5 n).
-        memory: (lanes, memory_size) of the base, advanced in place.
-        torque: (lanes, n), changed in place.
+    Attributes:
+        policy: the one that the definition of the action names.
+        law: its law.
+        memory_size: numbers that it remembers.
     """
-    if action.gate > 0.0:
-        assert isinstance(base, ElasticObserverPolicy)
-        extra = gate(base.innovation(observation, memory), action.gate)[:, np.newaxis] * torque
-        base.act_beside(observation, memory, extra, torque)
-        return
-    shifted, motors = observation.copy(), slice(starts(base.joints).q_motor, base.joints)
-    shifted[:, motors] -= torque
-    base.command(shifted, memory, torque)
+
+    def __init__(self, policy: Policy, action: ActionDefinition) -> None:
+        """Take the law of a policy.
+
+        Args:
+            policy: the base.
+            action: what an action means; [rad], or with a gate [N m].
+
+        Raises:
+            ValueError: the policy is no law.
+        """
+        found = law_of(policy)
+        if found is None:
+            raise ValueError(
+                f"the base {action.base} is a {type(policy).__name__}, which has no law; allowed: a fuzzy policy, "
+                "computed-torque, their -tip forms, or elastic-observer"
+            )
+        self.policy, self.law, self._action = policy, found, action
+        self.memory_size = policy.memory_size
+
+    @property
+    def constants(self) -> Any:
+        """What the law takes: its constants, and the limits of the torques [N m]."""
+        return self.law.constants, tuple(map(float, self.policy.torque_limit))
+
+    def guided(self, memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
+        """Return memory and torque (n,) of the guided base [N m].
+
+        Args:
+            memory: of the law.
+            seen: the observation, one number for each joint in each part.
+            told: scale · a (n,).
+            given: `constants`.
+            *tables: of the law.
+        """
+        if self._action.gate > 0.0:
+            share = gate(self.innovation(memory, seen), self._action.gate)
+            extra = [share * u for u in told]
+            return self.law.act(memory, seen, given[0], *tables, extra=extra)  # type: ignore[call-arg]
+        command = within_limits(self.law, self.policy.joints, self.policy.integral_at)
+        motors = type(seen.q_motor)(*(q - shift for q, shift in zip(seen.q_motor, told, strict=True)))
+        return command(memory, seen._replace(q_motor=motors), given, *tables)
+
+    def innovation(self, memory: Any, seen: Any) -> tuple[Any, ...]:
+        """Return ν (2 n,) of an observer before it acts [rad, rad/s]; 0 where an episode begins."""
+        x, measured = memory.predicted, (*seen.q_motor, *seen.dq_motor)
+        pairs = zip(measured, (*x.q_motor, *x.dq_motor), strict=True)
+        return tuple(select(memory.started == 0.0, 0.0, y - predicted) for y, predicted in pairs)
+
+    def observed(self, features: FeatureDefinition, memory: Any, seen: Any) -> tuple[Any, Any]:
+        """Return ν (2 n,) and d̂ (n,) of the base before it acts; nothing where no feature needs them."""
+        if not features.innovation_times:
+            return (), ()
+        return self.innovation(memory, seen), tuple(memory.predicted.load)
+
+    # The same for arrays of lanes, in training -------------------------------------------------------------------
+
+    def guide_lanes(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
+        """Replace `torque` (lanes, n), which holds scale · a, by that of the guided base, and advance its memory."""
+        self._guiding((memory, observation, torque), constants_array(self.law, self.constants[1]), self.law.tables)
+
+    def observed_lanes(
+        self, features: FeatureDefinition, observation: np.ndarray, memory: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return ν (lanes, 2 n) and d̂ (lanes, n), without columns where no feature needs them."""
+        if not features.innovation_times:
+            return np.empty((len(observation), 0)), np.empty((len(observation), 0))
+        assert isinstance(self.policy, ElasticObserverPolicy)
+        return self.policy.innovation(observation, memory), memory[:, self.policy.load].copy()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the machine code."""
+        return {name: value for name, value in self.__dict__.items() if name != "_guiding"}
+
+    @functools.cached_property
+    def _guiding(self) -> Kernel:
+        def guide(memory: Any, seen: Any, told: Any, given: Any, *tables: Any) -> tuple[Any, ...]:
+            memory, torque = self.guided(memory, seen, told, given, *tables)
+            return memory, seen, tuple(torque)
+
+        joints, tables = self.policy.joints, [table.shape for table in self.law.tables]
+        return Kernel(Program(guide, (self.law.memory, seen_by(joints), (0.0,) * joints), self.constants, tables))
 
 
-def gate(innovation: np.ndarray, width: float) -> np.ndarray:
-    """Return γ (lanes,) of `ActionDefinition` for ν (lanes, 2 n) [rad, rad/s] and G."""
-    share = np.empty(len(innovation))
-    _gate(innovation, width * INNOVATION_UNITS[0], width * INNOVATION_UNITS[1], share)
-    return share
-
-
-@kernel
-def _gate(innovation: np.ndarray, angle: float, velocity: float, share: np.ndarray) -> None:
-    """Fill γ (lanes,), see `gate`, for the units of angles [rad] and of velocities [rad/s]."""
-    count = innovation.shape[1]
-    for lane in range(len(innovation)):
-        total = 0.0
-        for k in range(count):
-            ratio = innovation[lane, k] / (angle if k < count // 2 else velocity)
-            total += ratio * ratio
-        share[lane] = total / (count + total)
-
-
-def seen_by(
-    base: Policy | None, features: FeatureDefinition, observation: np.ndarray, memory: np.ndarray
-) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return ν (lanes, 2 n) and d̂ (lanes, n) of the base before it acts; None where no feature needs them.
-
-    For observations (lanes, 5 n) and the memory (lanes, memory_size) of the base.
-    """
-    if not features.innovation_times:
-        return None, None
-    assert isinstance(base, ElasticObserverPolicy)
-    return base.innovation(observation, memory), memory[:, base.load]
+def gate(innovation: Any, width: float) -> Any:
+    """Return γ of `ActionDefinition` for ν (2 n,) [rad, rad/s] and G."""
+    count, total = len(innovation), 0.0
+    for k, number in enumerate(innovation):
+        ratio = number / (width * INNOVATION_UNITS[0 if k < count // 2 else 1])
+        total = total + ratio * ratio
+    return total / (count + total)

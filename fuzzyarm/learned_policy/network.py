@@ -11,14 +11,17 @@ A recurrent network has a long short-term memory in front of these layers (`cell
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
 
 from fuzzyarm.common.checks import choice, instance, real, shown
-from fuzzyarm.envs.physics.compiled import kernel
-from fuzzyarm.learned_policy.cell import Cell, remember
+from fuzzyarm.learned_policy.cell import Cell
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
+from fuzzyarm.numbers.functions import Cells, array, each, maximum, minimum
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 __all__ = ["ACTIVATIONS", "OUTPUTS", "Network"]
 
@@ -59,7 +62,7 @@ class Network:
     cell: Cell | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and numbers, and store the layers one after the other for the kernel."""
+        """Check shapes and numbers."""
         object.__setattr__(self, "clip", real("clip", self.clip, above=0.0))
         choice("activation", self.activation, ACTIVATIONS)
         choice("output", self.output, OUTPUTS)
@@ -94,12 +97,6 @@ class Network:
             raise ValueError("a mean, std, weight or bias is not finite")
         if not (np.all(self.std > 0.0) and self.clip > 0.0):
             raise ValueError("std and clip must be positive")
-        layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
-        flat = np.concatenate([np.ravel(part) for part in layers]).astype(np.float64)
-        normaliser = np.array(self.mean, dtype=np.float64), np.array(self.std, dtype=np.float64), float(self.clip)
-        layers_of = np.array(self.sizes if self.cell is None else self.sizes[1:]), flat, *self._kinds
-        object.__setattr__(self, "_normaliser", normaliser)
-        object.__setattr__(self, "_layers", layers_of)
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -111,64 +108,60 @@ class Network:
         """Numbers that a lane remembers from one action to the next, all zero when an episode begins."""
         return 0 if self.cell is None else self.cell.memory_size
 
+    @functools.cached_property
+    def tables(self) -> tuple[np.ndarray, ...]:
+        """What `output` takes, in double precision: mean, std, the arrays of the cell, W_i^T and b_i of each layer."""
+        layers = [part for pair in zip(self.weights, self.biases, strict=True) for part in (pair[0].T, pair[1])]
+        cell = () if self.cell is None else self.cell.tables
+        return tuple(np.array(part, dtype=np.float64, order="C") for part in (self.mean, self.std, *cell, *layers))
+
     @property
-    def _kinds(self) -> tuple[bool, bool]:
-        """Whether s is max(x, 0), and whether o is tanh."""
-        return self.activation == "relu", self.output == "tanh"
+    def memory(self) -> Any:
+        """The place of what is remembered."""
+        return Cells((self.memory_size,)) if self.cell is not None else ()
+
+    def outputs(self, features: Any, memory: Any, *tables: Any) -> tuple[Any, ...]:
+        """Return the action from features, an array (inputs,); `memory` of a recurrent network changes in place."""
+        mean, std, *layers = tables
+        before, sizes = array(len(mean)), self.sizes
+        for k in each(len(mean)):
+            before[k] = minimum(maximum((features[k] - mean[k]) / std[k], -self.clip), self.clip)
+        if self.cell is not None:
+            before, layers = self.cell.advance(before, memory, *layers[: len(self.cell.tables)]), layers[3:]
+            sizes = sizes[1:]
+        last = len(sizes) - 2
+        for layer, outputs in enumerate(sizes[1:]):
+            sums, (transposed, bias) = array(outputs), layers[2 * layer : 2 * layer + 2]
+            for j in each(outputs):
+                sums[j] = bias[j]
+            add_product(before, transposed, sums)
+            if layer < last:
+                for j in each(outputs):
+                    sums[j] = maximum(sums[j], 0.0) if self.activation == "relu" else hyperbolic_tangent(sums[j])
+            before = sums
+        if self.output == "tanh":
+            return tuple(map(hyperbolic_tangent, before))
+        return tuple(minimum(maximum(number, -1.0), 1.0) for number in before)
 
     def act(self, features: np.ndarray, action: np.ndarray, memory: np.ndarray | None = None) -> None:
         """Fill `action` (lanes, outputs) from `features` (lanes, inputs).
 
         A recurrent network advances its `memory` (lanes, memory_size) in place.
         """
-        normaliser, layers = self._normaliser, self._layers  # type: ignore[attr-defined]
-        if self.cell is None:
-            _forward(features, *normaliser, *layers, action)
-        else:
-            seen, hidden = np.empty((len(features), self.cell.hidden)), self.cell.hidden
-            remember(features, *normaliser, *self.cell.arguments, memory, seen)
-            # What the cell gives lies within ±1, so that nothing is changed here.
-            _forward(seen, np.zeros(hidden), np.ones(hidden), 1.0, *layers, action)
+        held = np.empty((len(features), 0)) if memory is None else memory
+        self._kernel((features, held, action), np.empty(0), self.tables)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the machine code."""
+        return {name: value for name, value in self.__dict__.items() if name != "_kernel"}
 
-@kernel
-def _forward(
-    features: np.ndarray,
-    mean: np.ndarray,
-    std: np.ndarray,
-    clip: float,
-    sizes: np.ndarray,
-    flat: np.ndarray,
-    rectified: bool,
-    squashed: bool,
-    action: np.ndarray,
-) -> None:
-    """See the module; `flat` holds W_i^T, row by row, and b_i of each layer, one after the other.
+    @functools.cached_property
+    def _kernel(self) -> Kernel:
+        def act(features: Any, memory: Any, _: Any, __: Any, *tables: Any) -> tuple[Any, ...]:
+            return features, memory, self.outputs(features, memory, *tables)
 
-    Lane by lane, so that an action does not depend on how many lanes there are.
-    """
-    before, after, layers = np.empty(sizes.max()), np.empty(sizes.max()), len(sizes) - 1
-    for lane in range(len(features)):
-        for k in range(sizes[0]):
-            before[k] = min(max((features[lane, k] - mean[k]) / std[k], -clip), clip)
-        place = 0
-        for layer in range(layers):
-            inputs, outputs = sizes[layer], sizes[layer + 1]
-            bias = place + inputs * outputs
-            sums = after[:outputs]
-            for j in range(outputs):  # assigned at once they compile the text of an error, for seconds
-                sums[j] = flat[bias + j]
-            add_product(before[:inputs], flat[place:bias].reshape((inputs, outputs)), sums)
-            place = bias + outputs
-            if layer == layers - 1:
-                for j in range(outputs):
-                    action[lane, j] = hyperbolic_tangent(sums[j]) if squashed else min(max(sums[j], -1.0), 1.0)
-            elif rectified:
-                for j in range(outputs):
-                    before[j] = max(sums[j], 0.0)
-            else:
-                for j in range(outputs):
-                    before[j] = hyperbolic_tangent(sums[j])
+        ports = Cells((len(self.mean),)), self.memory, (0.0,) * self.sizes[-1]
+        return Kernel(Program(act, ports, (), [table.shape for table in self.tables]))
 
 
 def _numbers(name: str, array: Any) -> None:

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import numpy as np
+import functools
+from typing import Any, NamedTuple
 
-from fuzzyarm.envs.physics.compiled import kernel
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.fuzzy_policy.lanes import in_lanes
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.bundle import PolicyBundle
 from fuzzyarm.learned_policy.features import Features
-from fuzzyarm.learned_policy.guided import guided, seen_by
+from fuzzyarm.learned_policy.guided import Base
+from fuzzyarm.numbers.functions import flat, select, when
 
 __all__ = ["LearnedPolicy"]
 
-# The memory of a lane: the number of calls since its last action, 0 if the next action is due; that action; then the
-# memories of the features, of the base and of the network.
-_PHASE = 0
-_ACTION = 1
 
-
-class LearnedPolicy(Policy):
+class LearnedPolicy(LawPolicy):
     """The mean action of a trained network, held for its action period; see `features` and `network`.
 
     From action instant k to the next the torque is u(t) = scale · a_k, with a_k smoothed as the definition says. With a
@@ -68,49 +65,52 @@ class LearnedPolicy(Policy):
         if base is not None and base.control_period != control_period:
             raise ValueError(f"the base is for a control period of {base.control_period} s, not {control_period} s")
         self._features = Features(bundle.features, bundle.action.period, self._arm, friction=friction)
-        self._past = _ACTION + self.joints
-        self._base_memory = self._past + self._features.memory_size
-        self._smoothing = bundle.action.smoothing
-        self._scale = np.array(bundle.action.scale)
-        self._base = slice(self._base_memory, self._base_memory + (0 if base is None else base.memory_size))
-        self.memory_size = self._base.stop + bundle.network.memory_size
+        self._base = None if base is None else Base(base, bundle.action)
+        self._smoothing, self._scale = bundle.action.smoothing, tuple(map(float, bundle.action.scale))
+        self.memory_size = len(flat(self.control_law.memory))
 
     def without_dry_friction(self) -> LearnedPolicy:
         """Return this policy for an arm without dry friction: base and features omit it, the network stays."""
         base = None if self.base is None else self.base.without_dry_friction()
         return LearnedPolicy(self.bundle, self.control_period, self._arm, base, friction=False)
 
-    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy.act`.
+    @functools.cached_property
+    def control_law(self) -> Law:
+        """The law of the class."""
+        features, network, base, joints = self._features, self.bundle.network, self._base, self.joints
+        held = _Memory(0.0, (0.0,) * joints, features.memory, () if base is None else base.law.memory, network.memory)
+        own = () if base is None else base.law.tables
 
-        Args:
-            observation: (lanes, 5 n).
-            memory: (lanes, memory_size), advanced in place.
-            torque: (lanes, n) [N m], filled in place.
-        """
-        in_lanes(memory[:, _PHASE], 0.0, self._choose, observation, memory)
-        _hold(memory, self._scale, self.calls_per_action, torque)
-        if self.base is not None:
-            guided(self.base, self.bundle.action, observation, memory[:, self._base], torque)
-        self._features.command(torque, memory[:, self._past : self._base_memory])
+        def act(memory: _Memory, seen: Observation, given: Any, *tables: Any) -> tuple[_Memory, Any]:
+            of_base, of_network = tables[: len(own)], tables[len(own) :]
 
-    def _choose(self, observation: np.ndarray, memory: np.ndarray) -> None:
-        """Compute the next action of every lane and store it in the memory."""
-        features, output = np.empty((len(memory), self._features.size)), np.empty((len(memory), self.joints))
-        action, past = memory[:, _ACTION : self._past], memory[:, self._past : self._base_memory]
-        innovation, load = seen_by(self.base, self.bundle.features, observation, memory[:, self._base])
-        self._features.fill(observation, past, features, innovation, load)
-        self.bundle.network.act(features, output, memory[:, self._base.stop :])
-        action[:] = self._smoothing * action + (1.0 - self._smoothing) * output
-        self._features.advance(observation, action, past, innovation)
+            def chosen() -> tuple[Any, Any]:
+                told, observed = features.told(memory.features, seen), ((), ())
+                if base is not None:
+                    observed = base.observed(self.bundle.features, memory.base, seen)
+                found = features.fill(memory.features, seen, told[2], *observed)
+                output = network.outputs(found, memory.network, *of_network)
+                pairs = zip(memory.action, output, strict=True)
+                action = tuple(self._smoothing * old + (1.0 - self._smoothing) * new for old, new in pairs)
+                return action, features.advance(memory.features, seen, told, action, observed[0])
+
+            action, past = when(memory.phase == 0.0, chosen, (memory.action, memory.features))
+            phase = memory.phase + 1.0
+            phase = select(phase >= self.calls_per_action, 0.0, phase)
+            torque, remembered = [scale * a for scale, a in zip(self._scale, action, strict=True)], memory.base
+            if base is not None:
+                remembered, torque = base.guided(memory.base, seen, torque, given, *of_base)
+            past = features.command(past, torque)
+            return _Memory(phase, action, past, remembered, memory.network), tuple(torque)
+
+        return Law(act, held, () if base is None else base.constants, (*own, *network.tables))
 
 
-@kernel
-def _hold(memory: np.ndarray, scale: np.ndarray, calls: int, output: np.ndarray) -> None:
-    """Fill `output` (lanes, n) with scale times action, and count the calls for which the action is held."""
-    for lane in range(len(memory)):
-        for joint in range(len(scale)):
-            output[lane, joint] = scale[joint] * memory[lane, _ACTION + joint]
-        memory[lane, _PHASE] += 1.0
-        if memory[lane, _PHASE] >= calls:
-            memory[lane, _PHASE] = 0.0
+class _Memory(NamedTuple):
+    """Of a lane: the calls since its last action, 0 if the next one is due; that action, and what the parts remember."""
+
+    phase: Any
+    action: Any
+    features: Any
+    base: Any
+    network: Any

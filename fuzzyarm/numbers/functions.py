@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 __all__ = [
-    "KINDS", "RECORDERS", "Cells", "array", "bits", "each", "flat", "floor", "like", "maximum", "minimum", "number", "only",
-    "repeat", "row", "select", "when", "whole", "word", "zeros",
+    "KINDS", "RECORDERS", "Cells", "array", "bits", "each", "flat", "floor", "like", "maximum", "minimum", "number",
+    "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
 KINDS: dict[type, Any] = {}

@@ -146,9 +146,7 @@ class Index:
     @classmethod
     def of(cls, number: Any) -> Index:
         """Return a whole number as an index."""
-        if isinstance(number, cls):
-            return number
-        return cls({}, int(number.__index__()))
+        return number if isinstance(number, cls) else cls({}, int(number.__index__()))
 
     def __add__(self, other: Any) -> Index:
         other = Index.of(other)

@@ -26,7 +26,7 @@ from fuzzyarm.fuzzy_policy.known_arm import joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.features import Features
-from fuzzyarm.learned_policy.guided import guided, seen_by
+from fuzzyarm.learned_policy.guided import Base
 from fuzzyarm.policies.registry import known_names
 from fuzzyarm.policies.spec import load_policy, resolve
 from fuzzyarm.rl_baselines.checkpoint import CheckpointError
@@ -143,8 +143,9 @@ class LearningEnvs(VecEnvWrapper):
     ) -> None:
         """Make the memory of every lane."""
         joints = len(config.scale)
-        self._features, self._base = Features(config.features, config.action_period, arm), base
-        self._meant, self._smoothing = config.action, config.action.smoothing
+        self._features = Features(config.features, config.action_period, arm)
+        self._base = None if base is None else Base(base, config.action)
+        self._smoothing = config.action.smoothing
         self._scale, self._reward_length = np.array(config.scale), 1e-3 * config.tip_error_scale
         self.tip_errors = np.zeros(venv.num_envs)
         self._tip_error_sum, self._steps = 0.0, 0  # since `take_mean_tip_error`
@@ -171,12 +172,12 @@ class LearningEnvs(VecEnvWrapper):
         """Turn actions (lanes, n) in [-1, 1] into torques, and store action and observation in the memory."""
         clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         self._action = self._smoothing * self._action + (1.0 - self._smoothing) * clipped
-        innovation, _ = seen_by(self._base, self._features.definition, self._observation, self._base_memory)
-        self._features.advance(self._observation, self._action, self._memory, innovation)
+        innovation, _ = self._observed(self._observation, self._base_memory)
+        self._features.advance_lanes(self._observation, self._action, self._memory, innovation)
         torque = self._scale * self._action
         if self._base is not None:
-            guided(self._base, self._meant, self._observation, self._base_memory, torque)
-        self._features.command(torque, self._memory)
+            self._base.guide_lanes(self._observation, self._base_memory, torque)
+        self._features.command_lanes(torque, self._memory)
         self.venv.step_async(torque)
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -228,10 +229,16 @@ class LearningEnvs(VecEnvWrapper):
 
     def _features_of(self, observation: np.ndarray, which: Any) -> np.ndarray:
         """Return the features of some lanes (rows, size) for their observations (rows, 5 n)."""
-        features, base_memory = np.empty((len(observation), self._features.size)), self._base_memory[which]
-        innovation, load = seen_by(self._base, self._features.definition, observation, base_memory)
-        self._features.fill(observation, self._memory[which], features, innovation, load)
-        return features
+        observed = self._observed(observation, self._base_memory[which])
+        return self._features.fill_lanes(observation, self._memory[which], *observed)
+
+    def _observed(
+        self, observation: np.ndarray, base_memory: np.ndarray
+    ) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Return ν (lanes, 2 n) and d̂ (lanes, n) of the base; None without one."""
+        if self._base is None:
+            return None, None
+        return self._base.observed_lanes(self._features.definition, observation, base_memory)
 
     def _end(self, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
         """Put the last features of the episodes that ended into the infos, and empty the memory of their lanes."""

@@ -78,12 +78,12 @@ def test_features_are_those_of_the_equations(definition):
     memory = np.zeros((3, features.memory_size))
     for k in range(len(observations)):
         shown = np.full((3, definition.size), np.nan)
-        features.fill(observations[k], memory, shown)
+        shown[:] = features.fill_lanes(observations[k], memory)
         wanted = expected(definition, observations, actions, torques, k)
         np.testing.assert_allclose(shown, wanted, rtol=1e-12, atol=1e-14)
-        features.advance(observations[k], actions[k], memory)
-        features.command(torques[k] + 1.0, memory)  # within a hold the last command counts
-        features.command(torques[k], memory)
+        features.advance_lanes(observations[k], actions[k], memory)
+        features.command_lanes(torques[k] + 1.0, memory)  # within a hold the last command counts
+        features.command_lanes(torques[k], memory)
 
 
 def test_a_constant_error_fills_the_leaky_integral_to_its_limit():
@@ -93,7 +93,7 @@ def test_a_constant_error_fills_the_leaky_integral_to_its_limit():
     observation = np.zeros((1, 10))
     observation[0, 4] = 0.003
     for _ in range(2000):
-        features.advance(observation, np.zeros((1, 2)), memory)
+        features.advance_lanes(observation, np.zeros((1, 2)), memory)
     leak = math.exp(-PERIOD / 0.02)
     assert memory[0, -2] == pytest.approx(0.003 * PERIOD * leak / (1.0 - leak), rel=1e-12)
     assert memory[0, -1] == 0.0

@@ -35,7 +35,7 @@ def observations(calls=5, lanes=3):
 
 def test_the_gate_is_the_mean_square_of_the_innovation_in_its_units_over_one_more():
     innovation = np.array([[0.0, 0.0, 0.0, 0.0], [2e-6, -2e-6, 4e-3, -4e-3], [4e-9, 0.0, 0.0, 0.0]])
-    np.testing.assert_allclose(gate(innovation, 2.0), [0.0, 0.5, 1e-6], rtol=1e-5)
+    np.testing.assert_allclose(gate(innovation.T, 2.0), [0.0, 0.5, 1e-6], rtol=1e-5)
 
 
 @pytest.mark.slow
@@ -58,8 +58,7 @@ def test_the_action_is_a_torque_of_which_the_observer_knows():
     means = np.zeros((2, 3, 4))
     for observation in observations():
         innovation, load = base.innovation(observation, memory), base.estimate(memory)[1]
-        features = np.empty((3, own.size))
-        own.fill(observation, past, features, innovation, load)
+        features = own.fill_lanes(observation, past, innovation, load)
         shares = 1.0 - np.exp(-1e-3 / np.array(TIMES))
         means += shares[:, np.newaxis, np.newaxis] * (innovation - means)
         units = np.array([1e-6, 1e-6, 2e-3, 2e-3])
@@ -69,8 +68,8 @@ def test_the_action_is_a_torque_of_which_the_observer_knows():
         np.testing.assert_allclose(features[:, -18:-2], expected, rtol=1e-12, atol=1e-13)
         assert np.array_equal(features[:, -2:], load / 100.0)
         policy.bundle.network.act(features, action)
-        own.advance(observation, action, past, innovation)
-        extra = gate(innovation, 2.0)[:, np.newaxis] * [30.0, 20.0] * action
+        own.advance_lanes(observation, action, past, innovation)
+        extra = gate(innovation.T, 2.0)[:, np.newaxis] * [30.0, 20.0] * action
         alone, silent = memory.copy(), np.empty((3, 2))
         base.command(observation, alone, silent)
         base.act_beside(observation, memory, extra, torque)

@@ -41,9 +41,9 @@ def test_it_is_the_network_on_the_features_times_the_torque():
     features, memory = Features(made.features, 1e-3), np.zeros((LANES, Features(made.features, 1e-3).memory_size))
     for answer, observation in zip(torques(LearnedPolicy(made), shown), shown, strict=True):
         seen, action = np.empty((LANES, made.features.size)), np.empty((LANES, 2))
-        features.fill(observation, memory, seen)
+        seen[:] = features.fill_lanes(observation, memory)
         made.network.act(seen, action)
-        features.advance(observation, action, memory)
+        features.advance_lanes(observation, action, memory)
         assert np.array_equal(answer, [30.0, 20.0] * action)
     assert np.ptp(answer) > 1.0
 

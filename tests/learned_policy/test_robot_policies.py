@@ -38,7 +38,7 @@ def test_features_of_three_joints_are_those_of_the_equations():
     for _ in range(5):
         observation, action = rng.normal(size=(4, 5 * n)), rng.uniform(-1.0, 1.0, (4, n))
         q, dq, q_d, dq_d, ddq_d = np.split(observation, 5, axis=1)
-        features.fill(observation, memory, seen)
+        seen[:] = features.fill_lanes(observation, memory)
         expected = [
             np.arcsinh((q_d - q) / d.error_scale),
             np.arcsinh((dq_d - dq) / d.rate_scale),
@@ -51,7 +51,7 @@ def test_features_of_three_joints_are_those_of_the_equations():
             np.arcsinh(integral / d.integral_scale),
         ]
         np.testing.assert_allclose(seen, np.concatenate(expected, axis=1), rtol=1e-12, atol=1e-15)
-        features.advance(observation, action, memory)
+        features.advance_lanes(observation, action, memory)
         errors, actions = [*errors, q_d - q], [*actions, action]
         integral = (integral + PERIOD * (q_d - q)) * np.exp(-PERIOD / d.integral_time)
     with pytest.raises(ValueError, match="the features are for 3 joints, the arm has 2"):

@@ -17,7 +17,8 @@ import numpy as np
 from flint import arb, arb_mat
 
 from fuzzyarm.common.slices import consecutive
-from fuzzyarm.envs.observation import JOINTS, REFERENCE, SIZE
+from fuzzyarm.envs.observation import JOINTS, Observation
+from fuzzyarm.envs.physics.records import PerJoint
 from fuzzyarm.eval.certified.tip.bends import ASINH, STRAIGHT, TANH, Clip, append_bent
 from fuzzyarm.eval.certified.tip.enclosures import ball
 from fuzzyarm.eval.certified.tip.forms import Forms
@@ -253,9 +254,10 @@ def _told(features: Features, references: np.ndarray, calls: int) -> tuple[np.nd
     if features._target is None:
         aims = references[::calls, : 2 * JOINTS]
         return aims, np.zeros((len(aims), JOINTS))
-    memory, observation, found = np.zeros((1, features.memory_size)), np.zeros((1, SIZE)), []
+    memory, found = features.memory, []
     for row in references[::calls]:
-        observation[:, REFERENCE] = row
-        aim, feedforward = features._aim(observation, memory)
-        found.append(np.concatenate([aim[0, : 2 * JOINTS], feedforward[0]]))
+        q, dq, ddq = (PerJoint(*part) for part in row.reshape(3, JOINTS).tolist())
+        past, feedforward, aim = features.told(memory, Observation(q, dq, q, dq, ddq))
+        memory = memory._replace(target=past)
+        found.append([*aim.q, *aim.dq, *feedforward])
     return np.array(found)[:, : 2 * JOINTS], np.array(found)[:, 2 * JOINTS :]

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import functools
+import math
 from typing import Any
 
-import numpy as np
-from numba.extending import register_jitable
-
-from fuzzyarm.envs.physics.elementwise import select
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, dry_friction
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import numbers_at
@@ -16,6 +13,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATEN
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at, gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.numbers.functions import each, floor, maximum, minimum, only, select
 
 __all__ = ["act_of", "mean_torque"]
 
@@ -29,11 +27,10 @@ def act_of(physics: Physics) -> Any:
     """
     desire, advance, command = _desire_of(physics), _advance_of(physics), _command_of(physics)
 
-    @register_jitable
-    def act(z: np.ndarray, m: Memory, s: Settings, room: Room, known: np.ndarray, torque: np.ndarray) -> None:
-        for j in range(len(torque)):
-            torque[j] = np.nan
-        if m.flags[FLAG.lost] == 0.0:
+    def act(z: Any, m: Memory, s: Settings, room: Room, known: Any, torque: Any) -> None:
+        for j in each(len(torque)):
+            torque[j] = math.nan
+        for _ in only(m.flags[FLAG.lost] == 0.0):
             desire(z, m, s, room, known)
             advance(z, m, s, room)
             command(z, m, s, room, torque)
@@ -44,25 +41,27 @@ def act_of(physics: Physics) -> Any:
 @functools.cache
 def _desire_of(physics: Physics) -> Any:
     """Return what fills the numbers of p, the directions of travel, their force lines, and τ_d of the references."""
-    _, link_torque, tip_direction, _ = arm_functions(physics)
+    _, link_torque, tip_direction, _, constants_in = arm_functions(physics)
 
-    @register_jitable
-    def desire(z: np.ndarray, m: Memory, s: Settings, room: Room, known: np.ndarray) -> None:
+    def desire(z: Any, m: Memory, s: Settings, room: Room, known: Any) -> None:
         joints, axes, period = len(m.noise), known.shape[1], s.substep * s.substeps
         p = z[4 * joints :]
         numbers_at(p, s.guess, s.base, s.slopes, room.numbers)
-        force, next_q, next_dq = room.column[:axes], room.joints[0], room.joints[1]
-        for k in range(KEPT):
+        next_q, next_dq, arm = room.joints[0], room.joints[1], constants_in(room.numbers)
+        for k in each(KEPT):
             q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
-            tip_direction(q, dq, room.numbers, room.travel[k])
-            for i in range(axes):
-                force[i] = known[k, i] + p[0] * room.travel[k, i] + p[1 + i]
-            link_torque(q, dq, ddq, force, room.numbers, room.link_torque[k])
-        for j in range(joints):
+            travel = tip_direction(q, dq, arm)
+            force = [known[k, i] + p[0] * travel[i] + p[1 + i] for i in range(axes)]
+            for i, number in enumerate(travel):
+                room.travel[k, i] = number
+            for j, number in enumerate(link_torque(q, dq, ddq, force, arm)):
+                room.link_torque[k, j] = number
+        for j in each(joints):
             dq, ddq = m.references[0, 1, j], m.references[0, 2, j]
             next_q[j] = m.references[0, 0, j] + period * (dq + 0.5 * period * ddq)
             next_dq[j] = dq + period * ddq
-        tip_direction(next_q, next_dq, room.numbers, room.travel[KEPT])
+        for i, number in enumerate(tip_direction(next_q, next_dq, arm)):
+            room.travel[KEPT, i] = number
         for i in range(axes):
             now, then = room.travel[0, i], room.travel[KEPT, i]
             room.directions[i, 0], room.directions[axes + i, 0] = 0.5 * (now + then), then - now
@@ -76,8 +75,7 @@ def _command_of(physics: Physics) -> Any:
     """Return what fills the torque that the motors shall apply when it reaches them."""
     drive = arm_functions(physics).drive
 
-    @register_jitable
-    def command(z: np.ndarray, m: Memory, s: Settings, room: Room, torque: np.ndarray) -> None:
+    def command(z: Any, m: Memory, s: Settings, room: Room, torque: Any) -> None:
         joints, period = len(m.noise), s.substep * s.substeps
         p, state = z[4 * joints :], room.one[0]
         lateness = p[len(p) - 1]
@@ -94,23 +92,20 @@ def _command_of(physics: Physics) -> Any:
             error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
             error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
             error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
-        payload, angles = p[len(s.reopening)] / s.mass, m.references[0, 0]
-        feedback_at(s.feedback, s.kept, s.cosine, s.points, angles, payload, room.index, room.weight, room.gain)
+        for place, gain in enumerate(feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass)):
+            room.gain[place // len(error), place % len(error)] = gain
         share = gain_share(m, s)
-        for j in range(joints):
-            for i in range(len(error)):
+        for j in each(joints):
+            for i in each(len(error)):
                 torque[j] -= share * room.gain[j, i] * error[i]
             for k in range(LONGEST_LATENESS + 1, 0, -1):
                 m.commands[k, j] = m.commands[k - 1, j]
-            m.commands[0, j] = min(max(torque[j], -s.limit[j]), s.limit[j])
+            m.commands[0, j] = minimum(maximum(torque[j], -s.limit[j]), s.limit[j])
 
     return command
 
 
-@register_jitable
-def _target(
-    m: Memory, room: Room, period: float, back: int, joint: int, drive: Any
-) -> tuple[float, float, float, float]:
+def _target(m: Memory, room: Room, period: float, back: int, joint: int, drive: Any) -> tuple[Any, Any, Any, Any]:
     """Return θ_d, θ̇_d, θ̈_d and u_ff without dry friction, `back` samples ago with today's p; see `elastic_target`."""
     now, last = room.link_torque[back, joint], room.link_torque[back + 1, joint]
     second, third = room.link_torque[back + 2, joint], room.link_torque[back + 3, joint]
@@ -132,51 +127,47 @@ def _advance_of(physics: Physics) -> Any:
     """
     hold = arm_functions(physics).hold
 
-    @register_jitable
-    def advance(z: np.ndarray, m: Memory, s: Settings, room: Room) -> None:
+    def advance(z: Any, m: Memory, s: Settings, room: Room) -> None:
         state, torque, line, numbers = room.one
         joints, offset, lateness = len(torque), len(z) - 1 - len(torque), z[len(z) - 1]
-        for i in range(len(state)):
+        for i in each(len(state)):
             state[i, 0] = z[i]
-        for i in range(len(numbers)):
+        for i in each(len(numbers)):
             numbers[i, 0] = room.numbers[i]
-        for i in range(len(line)):
+        for i in each(len(line)):
             line[i, 0] = room.line[i]
-            for j in range(len(s.reopening)):
+            for j in each(len(s.reopening)):
                 line[i, 0] += room.directions[i, j] * z[len(state) + j]
-        whole = int(lateness)
+        whole = floor(lateness)
         rest = lateness - whole
         for step in range(LONGEST_LATENESS):
-            if step < whole:
-                for j in range(joints):
-                    sent = (1.0 - rest) * _sent(m.commands, whole - step - 1, j)
-                    sent += rest * _sent(m.commands, whole - step, j)
+            for _ in only(whole > float(step)):
+                for j in each(joints):
+                    sent: Any = (1.0 - rest) * _sent(m.commands, whole - (step + 1.0), j)
+                    sent = sent + rest * _sent(m.commands, whole - float(step), j)
                     torque[j, 0] = sent + z[offset + j]
                 hold(state, torque, line, numbers, s.substep, s.substeps)
-        if rest > 0.0:
-            for j in range(joints):
+        for _ in only(rest > 0.0):
+            for j in each(joints):
                 torque[j, 0] = m.commands[0, j] + z[offset + j]
             hold(state, torque, line, numbers, rest * s.substep, s.substeps)
 
     return advance
 
 
-@register_jitable
-def mean_torque(commands: np.ndarray, lateness: float, joint: int) -> float:
+def mean_torque(commands: Any, lateness: Any, joint: Any) -> Any:
     """Return the mean torque [N m] of a joint over the coming period if commands act `lateness` periods late.
 
     `commands` (`LONGEST_LATENESS` + 2, n) [N m], newest first.
     """
-    whole = int(lateness)
+    whole = floor(lateness)
     rest = lateness - whole
-    torque: float = (1.0 - rest) * _sent(commands, whole, joint) + rest * _sent(commands, whole + 1, joint)
-    return torque
+    return (1.0 - rest) * _sent(commands, whole, joint) + rest * _sent(commands, whole + 1.0, joint)
 
 
-@register_jitable
-def _sent(commands: np.ndarray, place: int, joint: int) -> float:
+def _sent(commands: Any, place: Any, joint: Any) -> Any:
     """Return the torque [N m] at a place of the commands, without an index that depends on data."""
-    torque: float = commands[0, joint]
+    torque = commands[0, joint]
     for k in range(1, len(commands)):
-        torque = select(place == k, commands[k, joint], torque)
+        torque = select(place == float(k), commands[k, joint], torque)
     return torque

@@ -1,4 +1,4 @@
-"""What the adaptive observer needs of the arm: compiled functions of the numbers that its beliefs change.
+"""What the adaptive observer needs of the arm: functions of the numbers that its beliefs change.
 
 These numbers are affine in the beliefs, see `belief.affine_numbers`. For the two-joint arm they are the constants of
 its equations. The constants of a robot are not affine in its masses; its numbers are those of the `Plant`, then a mass
@@ -13,15 +13,16 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
+from fuzzyarm.envs.physics.elementwise import root, select, sign
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import flat, in_list, in_rows, places, reader, size, writer
+from fuzzyarm.envs.physics.records import places, size
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import Drives
-from fuzzyarm.fuzzy_policy.laws.adaptive.hold import hold_of
+from fuzzyarm.numbers.functions import each, flat, like
 
 __all__ = ["ArmFunctions", "arm_functions", "dry_friction", "numbers_of"]
 
@@ -40,22 +41,25 @@ _DRAWN = {
 
 
 class ArmFunctions(NamedTuple):
-    """Compiled functions of the numbers (k,) of an arm of n joints whose tip moves in a space of some axes.
+    """Functions of the numbers (k,) of an arm of n joints whose tip moves in a space of some axes.
 
     Attributes:
-        hold: ``hold(state, torque, force, numbers, h, substeps)``, that of `hold_of` with the numbers of each copy of
-            the arm (k, copies) in place of its constants.
-        link_torque: ``link_torque(q, dq, ddq, force, numbers, torque)`` fills `torque` (n,) with M q̈ + C q̇ + g - Jᵀ F
-            [N m], the torque of the joints under a tip force F (axes,) [N].
-        tip_direction: ``tip_direction(q, dq, numbers, direction)`` fills `direction` (axes,) with v/|v| of the tip at
-            q (n,) [rad] and q̇ (n,) [rad/s], zeros at rest.
+        hold: ``hold(state, torque, force, numbers, h, substeps)`` advances copies of the arm over a control step, see
+            `held_of`: state (4 n, copies) changes in place, the others are torques [N m], force lines [N] and numbers
+            of each copy, by columns.
+        link_torque: ``link_torque(q, dq, ddq, force, constants)`` returns M q̈ + C q̇ + g - Jᵀ F (n,) [N m], the torque
+            of the joints under a tip force F (axes,) [N].
+        tip_direction: ``tip_direction(q, dq, constants)`` returns v/|v| (axes,) of the tip at q (n,) [rad] and q̇ (n,)
+            [rad/s], zeros at rest.
         drive: ``drive(numbers, joint)``, the `Drives` of one joint.
+        constants_in: ``constants_in(numbers)``, the constants of the equations.
     """
 
     hold: Any
     link_torque: Any
     tip_direction: Any
     drive: Any
+    constants_in: Any
 
 
 def numbers_of(
@@ -78,81 +82,54 @@ def numbers_of(
     return np.array(flat(numbers), dtype=np.float64)
 
 
-@register_jitable
-def dry_friction(velocity: float, drive: Drives) -> float:
+def dry_friction(velocity: Any, drive: Drives) -> Any:
     """Return the torque [N m] that overcomes a motor's dry friction at a velocity [rad/s], 0 at rest."""
     slip = stribeck_magnitude(velocity, drive.coulomb_friction, drive.static_friction, drive.stribeck_velocity)
-    torque: float = slip * np.sign(velocity)
-    return torque
+    return slip * sign(velocity)
 
 
 @functools.cache
 def arm_functions(physics: Physics) -> ArmFunctions:
     """Return the functions of arms with these equations."""
-    joints, axes, Point = physics.joints, physics.axes, physics.Point
-    inverse_dynamics, tip_load, tip_velocity = physics.inverse_dynamics, physics.tip_load, physics.tip_velocity
-    per_joint, point, constants_in = reader(physics.PerJoint, in_list), reader(Point, in_list), _constants_in(physics)
+    PerJoint, Point, advance = physics.PerJoint, physics.Point, held_of(physics)
+    constants_in, axes = _constants_in(physics), physics.axes
 
-    @register_jitable
-    def link_torque(
-        q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, force: np.ndarray, numbers: np.ndarray, torque: np.ndarray
-    ) -> None:
-        arm, angles = constants_in(numbers), per_joint(q, 0)
-        inner = inverse_dynamics(angles, per_joint(dq, 0), per_joint(ddq, 0), arm)
-        outer = tip_load(angles, point(force, 0), arm)
-        for j in range(joints):
-            torque[j] = inner[j] - outer[j]
+    def hold(state: Any, torque: Any, force: Any, numbers: Any, h: Any, substeps: int) -> None:
+        for copy in each(state.shape[1]):
+            now = like(places(physics.State), (state[i, copy] for i in range(len(state))))
+            held = PerJoint(*(torque[j, copy] for j in range(physics.joints)))
+            mean, change = ([force[first + i, copy] for i in range(axes)] for first in (0, axes))
+            arm = constants_in([numbers[i, copy] for i in range(len(numbers))])
+            for i, number in enumerate(flat(advance(now, held, mean, change, arm, h, substeps))):
+                state[i, copy] = number
 
-    @register_jitable
-    def tip_direction(q: np.ndarray, dq: np.ndarray, numbers: np.ndarray, direction: np.ndarray) -> None:
-        velocity = tip_velocity(per_joint(q, 0), per_joint(dq, 0), constants_in(numbers))
-        square = 0.0
-        for i in range(axes):
-            square += velocity[i] * velocity[i]
-        speed = np.sqrt(square)
-        scale = 1.0 / speed if speed > REST else 0.0
-        for i in range(axes):
-            direction[i] = velocity[i] * scale
+    def link_torque(q: Any, dq: Any, ddq: Any, force: Any, arm: Any) -> Any:
+        angles = PerJoint(*q)
+        inner = physics.inverse_dynamics(angles, PerJoint(*dq), PerJoint(*ddq), arm)
+        return [a - b for a, b in zip(inner, physics.tip_load(angles, Point(*force), arm), strict=True)]
 
-    return ArmFunctions(_hold_of(physics), link_torque, tip_direction, _drive_of(physics))
+    def tip_direction(q: Any, dq: Any, arm: Any) -> Any:
+        velocity, square = physics.tip_velocity(PerJoint(*q), PerJoint(*dq), arm), 0.0
+        for v in velocity:
+            square = square + v * v
+        speed = root(square)
+        scale = select(speed > REST, 1.0 / speed, 0.0)
+        return [v * scale for v in velocity]
+
+    return ArmFunctions(hold, link_torque, tip_direction, _drive_of(physics), constants_in)
 
 
 def _constants_in(physics: Physics) -> Any:
-    """Return the compiled function that gives the `Arm` of numbers (k,)."""
+    """Return the function that gives the `Arm` of numbers (k,)."""
     if physics is two_joints():
-        arm_in = reader(physics.Arm, in_list)
+        return lambda numbers: like(places(physics.Arm), iter(numbers))
+    count = size(physics.Plant)
 
-        @register_jitable
-        def constants_in(numbers: np.ndarray) -> Any:
-            return arm_in(numbers, 0)
-
-    else:
-        plant_in, constants, payload = reader(physics.Plant, in_list), physics.constants, size(physics.Plant)
-
-        @register_jitable
-        def constants_in(numbers: np.ndarray) -> Any:
-            return constants(plant_in(numbers, 0), 0.0, 0.0, numbers[payload])
+    def constants_in(numbers: Any) -> Any:
+        given = list(numbers)
+        return physics.constants(like(places(physics.Plant), iter(given[:count])), 0.0, 0.0, given[count])
 
     return constants_in
-
-
-def _hold_of(physics: Physics) -> Any:
-    """Return `ArmFunctions.hold`."""
-    plain = hold_of(physics)
-    if physics is two_joints():
-        return plain
-    constants_in, write, count = _constants_in(physics), writer(physics.Arm, in_rows), size(physics.Arm)
-
-    @register_jitable
-    def hold(
-        state: np.ndarray, torque: np.ndarray, force: np.ndarray, numbers: np.ndarray, h: float, substeps: int
-    ) -> None:
-        constants = np.empty((count, numbers.shape[1]))
-        for copy in range(numbers.shape[1]):
-            write(constants, copy, constants_in(numbers[:, copy]))
-        plain(state, torque, force, constants, h, substeps)
-
-    return hold
 
 
 def _drive_of(physics: Physics) -> Any:
@@ -160,22 +137,12 @@ def _drive_of(physics: Physics) -> Any:
     short = physics is two_joints()
     at = places(physics.Arm if short else physics.Plant)
 
-    def name(part: str, joint: int) -> str:
-        return part if short and part == _SHARED else f"{_SHORT.get(part, part) if short else part}{joint}"
+    def name(part: str, joint: int) -> Any:
+        if short:
+            return getattr(at, part if part == _SHARED else f"{_SHORT.get(part, part)}{1 + joint}")
+        return getattr(at, f"{part}{1 + joint}")
 
-    where = np.array([[getattr(at, name(part, 1 + j)) for j in range(physics.joints)] for part in Drives._fields])
-    inertia, viscous, stiffness, damping, coulomb, static, stribeck = where
-
-    @register_jitable
-    def drive(numbers: np.ndarray, joint: int) -> Drives:
-        return Drives(
-            numbers[inertia[joint]],
-            numbers[viscous[joint]],
-            numbers[stiffness[joint]],
-            numbers[damping[joint]],
-            numbers[coulomb[joint]],
-            numbers[static[joint]],
-            numbers[stribeck[joint]],
-        )
+    def drive(numbers: Any, joint: int) -> Drives:
+        return Drives(*(numbers[name(part, joint)] for part in Drives._fields))
 
     return drive

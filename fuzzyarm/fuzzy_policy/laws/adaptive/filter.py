@@ -1,7 +1,7 @@
 """The extended Kalman filter of the adaptive observer: its correction by a sample and its step over a control period.
 
 z = (x, p) with x = (θ, q, θ̇, q̇) of the elastic arm and p of `belief`; P is the covariance of its error. Everything is
-compiled and works in place on one lane's arrays; the sizes follow from the arrays.
+recorded and works in place on one lane's arrays; the sizes follow from the arrays.
 
     correct   for each measured number y with variance r:  ν = y - z_y,  s = max(P_yy + r, ν²/gate),
               z ← z + P_y ν/s,   P ← P - P_y P_yᵀ/s,
@@ -21,8 +21,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-from numba.extending import register_jitable
+from fuzzyarm.envs.physics.elementwise import root
+from fuzzyarm.numbers.functions import array, each, maximum, minimum, only, select
 
 __all__ = ["Lanes", "confine", "correct", "fill_lanes", "lanes_of", "numbers_at", "read_noise", "step"]
 
@@ -52,33 +52,29 @@ class Lanes(NamedTuple):
     wide: Any
 
 
-@register_jitable
 def lanes_of(joints: int, size: int, numbers: int, rows: int) -> Lanes:
     """Return room for an arm of n joints and so many numbers, `size` numbers of z and force lines of so many rows."""
     copies = 1 + size + joints
     return Lanes(
-        np.empty((4 * joints, copies)),
-        np.empty((joints, copies)),
-        np.empty((rows, copies)),
-        np.empty((numbers, copies)),
-        np.empty((4 * joints, size)),
-        np.empty((4 * joints, size)),
-        np.empty(joints),
+        array(4 * joints, copies),
+        array(joints, copies),
+        array(rows, copies),
+        array(numbers, copies),
+        array(4 * joints, size),
+        array(4 * joints, size),
+        array(joints),
     )
 
 
-@register_jitable
-def numbers_at(p: np.ndarray, first: np.ndarray, base: np.ndarray, slopes: np.ndarray, numbers: np.ndarray) -> None:
+def numbers_at(p: Any, first: Any, base: Any, slopes: Any, numbers: Any) -> None:
     """Fill the numbers of the arm of p, a = a_0 + S (p - p_0)."""
-    for i in range(len(base)):
-        total = base[i]
-        for j in range(len(p)):
-            total += slopes[i, j] * (p[j] - first[j])
-        numbers[i] = total
+    for i in each(len(base)):
+        numbers[i] = base[i]
+        for j in each(len(p)):
+            numbers[i] += slopes[i, j] * (p[j] - first[j])
 
 
-@register_jitable
-def read_noise(measured: np.ndarray, read: np.ndarray, noise: np.ndarray, share: float, period: float) -> None:
+def read_noise(measured: Any, read: Any, noise: Any, share: float, period: float) -> None:
     """Let `noise` (n,) follow the variance of the measured angles, from what velocities do not explain of their steps.
 
         e = θ - θ_last - T (θ̇ + θ̇_last)/2,    σ² ← σ² + share ((e - e_last)²/6 - σ²).
@@ -94,78 +90,75 @@ def read_noise(measured: np.ndarray, read: np.ndarray, noise: np.ndarray, share:
         period: T [s].
     """
     joints = len(noise)
-    for j in range(joints):
+    for j in each(joints):
         rest = measured[j] - read[0, j] - 0.5 * period * (measured[joints + j] + read[1, j])
         change = rest - read[2, j]
         noise[j] += share * (change * change / CHANGE - noise[j])
         read[0, j], read[1, j], read[2, j] = measured[j], measured[joints + j], rest
 
 
-@register_jitable
 def correct(
-    z: np.ndarray,
-    P: np.ndarray,
-    measured: np.ndarray,
-    variances: np.ndarray,
-    silent: np.ndarray,
-    cautious: np.ndarray,
+    z: Any,
+    P: Any,
+    measured: Any,
+    variances: Any,
+    silent: Any,
+    cautious: Any,
     gate: float,
-    column: np.ndarray,
+    column: Any,
 ) -> float:
     """Correct z and P by motor angles and velocities; return the mean of ν²/(P_yy + r).
 
     `silent` (2 n,) are the a of the module's docstring; `cautious` says which numbers of z learn only a share.
     """
-    size, joints, surprise = len(z), len(measured) // 2, 0.0
-    for k in range(2 * joints):
-        at = k if k < joints else joints + k  # θ and θ̇ in x
-        innovation = measured[k] - z[at]
-        square, spread = innovation * innovation, P[at, at] + variances[k]
-        surprise += square / spread
-        spread = max(spread, square / gate)
-        learned = max(0.0, 1.0 - silent[k] / (square + TINY))
-        kept = 1.0 - (1.0 - learned) * (1.0 - learned)
-        for i in range(size):
-            column[i] = P[at, i]
-        for i in range(size):
-            factor = column[i] / spread
-            z[i] += factor * innovation * (learned if cautious[i] else 1.0)
-            if cautious[i]:
-                for j in range(size):
-                    P[i, j] -= factor * column[j] * (kept if cautious[j] else 1.0)
-            else:
-                for j in range(size):
-                    P[i, j] -= factor * column[j]
-    return surprise / (2 * joints)
+    size, joints, surprise = len(z), len(measured) // 2, array(1)
+    surprise[0] = 0.0
+    for half in range(2):
+        for joint in each(joints):
+            k, at = half * joints + joint, 2 * half * joints + joint  # θ and θ̇ in x
+            innovation = measured[k] - z[at]
+            square, spread = innovation * innovation, P[at, at] + variances[k]
+            surprise[0] += square / spread
+            spread = maximum(spread, square / gate)
+            learned = maximum(0.0, 1.0 - silent[k] / (square + TINY))
+            kept = 1.0 - (1.0 - learned) * (1.0 - learned)
+            for i in each(size):
+                column[i] = P[at, i]
+            for i in each(size):
+                factor, shy = column[i] / spread, cautious[i] > 0.0
+                z[i] += factor * innovation * select(shy, learned, 1.0)
+                share = select(shy, kept, 1.0)
+                for j in each(size):
+                    P[i, j] -= factor * column[j] * select(cautious[j] > 0.0, share, 1.0)
+    return surprise[0] / (2.0 * joints)
 
 
-@register_jitable
-def confine(z: np.ndarray, P: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+def confine(z: Any, P: Any, low: Any, high: Any) -> None:
     """Bring p into its range; what else is in z moves with it as P says."""
     first = len(z) - len(low)
-    for j in range(len(low)):
+    for j in each(len(low)):
         at = first + j
-        inside = min(max(z[at], low[j]), high[j])
-        if inside != z[at]:
-            share = (inside - z[at]) / max(P[at, at], TINY)
-            for i in range(len(z)):
+        found = z[at]
+        inside = minimum(maximum(found, low[j]), high[j])
+        for _ in only(inside != found):
+            share = (inside - found) / maximum(P[at, at], TINY)
+            for i in each(len(z)):
                 z[i] += P[i, at] * share
             z[at] = inside
-    for j in range(len(low)):
-        z[first + j] = min(max(z[first + j], low[j]), high[j])
+    for j in each(len(low)):
+        z[first + j] = minimum(maximum(z[first + j], low[j]), high[j])
 
 
-@register_jitable
 def fill_lanes(
-    z: np.ndarray,
-    P: np.ndarray,
-    torque: np.ndarray,
-    torque_slope: np.ndarray,
-    line: np.ndarray,
-    directions: np.ndarray,
-    numbers: np.ndarray,
-    slopes: np.ndarray,
-    steps: np.ndarray,
+    z: Any,
+    P: Any,
+    torque: Any,
+    torque_slope: Any,
+    line: Any,
+    directions: Any,
+    numbers: Any,
+    slopes: Any,
+    steps: Any,
     lanes: Lanes,
 ) -> None:
     """Fill the lanes: 0 the estimate, 1 + j with number j of z a step ahead, then motor velocities a step behind.
@@ -186,64 +179,62 @@ def fill_lanes(
     """
     joints, states, size, forces = len(torque), len(lanes.state), len(z), directions.shape[1]
     offset = size - 1 - joints
-    for lane in range(lanes.state.shape[1]):
-        for i in range(states):
+    for lane in each(lanes.state.shape[1]):
+        for i in each(states):
             lanes.state[i, lane] = z[i]
-        for j in range(joints):
+        for j in each(joints):
             lanes.torque[j, lane] = torque[j] + z[offset + j]
-        for i in range(len(numbers)):
+        for i in each(len(numbers)):
             lanes.numbers[i, lane] = numbers[i]
-        for i in range(len(lanes.force)):
-            total = line[i]
-            for j in range(forces):
-                total += directions[i, j] * z[states + j]
-            lanes.force[i, lane] = total
-    for j in range(states):
+        for i in each(len(lanes.force)):
+            lanes.force[i, lane] = line[i]
+            for j in each(forces):
+                lanes.force[i, lane] += directions[i, j] * z[states + j]
+    for j in each(states):
         lanes.state[j, 1 + j] += steps[j]
-    for j in range(joints):
+    for j in each(joints):
         at = 2 * joints + j
-        lanes.wide[j] = max(np.sqrt(max(P[at, at], 0.0)), steps[at])
+        lanes.wide[j] = maximum(root(maximum(P[at, at], 0.0)), steps[at])
         lanes.state[at, 1 + at] = z[at] + lanes.wide[j]
         lanes.state[at, 1 + size + j] = z[at] - lanes.wide[j]
-    for j in range(size - states - 1):
-        lane, step = 1 + states + j, steps[states + j]
-        if j < forces:
-            for i in range(len(lanes.force)):
-                lanes.force[i, lane] += directions[i, j] * step
-        else:
-            for i in range(len(numbers)):
-                lanes.numbers[i, lane] += slopes[i, j] * step
-    for j in range(joints):
+    for j in each(forces):
+        for i in each(len(lanes.force)):
+            lanes.force[i, 1 + states + j] += directions[i, j] * steps[states + j]
+    for other in each(size - states - 1 - forces):
+        j = forces + other
+        for i in each(len(numbers)):
+            lanes.numbers[i, 1 + states + j] += slopes[i, j] * steps[states + j]
+    for j in each(joints):
         lanes.torque[j, size] += torque_slope[j]
         lanes.torque[j, 1 + offset + j] += steps[offset + j]
 
 
-@register_jitable
-def step(z: np.ndarray, P: np.ndarray, steps: np.ndarray, noise: np.ndarray, lanes: Lanes) -> None:
+def step(z: Any, P: Any, steps: Any, noise: Any, lanes: Lanes) -> None:
     """Fill F from what became of the lanes in a control period, and step z and P; `noise` is the diagonal of Q."""
     state, F, G = lanes.state, lanes.jacobian, lanes.product
-    joints, states, size = len(lanes.wide), len(state), len(z)
-    for i in range(states):
-        for j in range(size - 1):
+    joints, states, size, total = len(lanes.wide), len(state), len(z), array(1)
+    for i in each(states):
+        for j in each(size - 1):
             F[i, j] = (state[i, 1 + j] - state[i, 0]) / steps[j]
         F[i, size - 1] = state[i, size] - state[i, 0]
-        for j in range(joints):
+        for j in each(joints):
             F[i, 2 * joints + j] = (state[i, 1 + 2 * joints + j] - state[i, 1 + size + j]) / (2.0 * lanes.wide[j])
-    for i in range(states):
+    for i in each(states):
         z[i] = state[i, 0]
-        for j in range(size):
+        for j in each(size):
             G[i, j] = 0.0
-        for k in range(size):
+        for k in each(size):
             slope = F[i, k]
-            for j in range(size):
+            for j in each(size):
                 G[i, j] += slope * P[k, j]
-    for i in range(states):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(size):
-                total += G[i, k] * F[j, k]
-            P[i, j] = P[j, i] = total
-        for j in range(states, size):
+    for i in each(states):
+        for j in each(i + 1):
+            total[0] = 0.0
+            for k in each(size):
+                total[0] += G[i, k] * F[j, k]
+            P[i, j] = P[j, i] = total[0]
+        for other in each(size - states):
+            j = states + other
             P[i, j] = P[j, i] = G[i, j]
-    for i in range(size):
+    for i in each(size):
         P[i, i] += noise[i]

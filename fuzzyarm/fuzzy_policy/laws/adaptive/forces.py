@@ -24,11 +24,11 @@ to the covariance of any two of these factors, j being any of them.
 
 from __future__ import annotations
 
-import numpy as np
-from numba.extending import register_jitable
+from typing import Any
 
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, LONGEST_LATENESS, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.numbers.functions import array, each, maximum, minimum, only, select
 
 __all__ = ["doubt_lateness", "doubt_scale", "note_moves", "spread_out", "walk_share"]
 
@@ -39,66 +39,64 @@ LATENESS_DOUBT = 0.01  # variance of the lateness per surprise [control periods�
 LARGEST_SCALE = 0.1  # variance of the surest factor above which the shared one is not doubted
 
 
-@register_jitable
-def note_moves(m: Memory, s: Settings, before: np.ndarray) -> None:
+def note_moves(m: Memory, s: Settings, before: Any) -> None:
     """Bring `calm` and the variances of the forces up to date, after a correction of the forces `before` (forces,)."""
-    first, forces, square, mean = len(m.z) - len(s.guess), len(before), 0.0, 0.0
-    for i in range(forces):
+    first, forces, square, mean = len(m.z) - len(s.guess), len(before), array(1), array(1)
+    square[0], mean[0] = 0.0, 0.0
+    for i in each(forces):
         change = m.z[first + i] - before[i]
-        square += change * change
+        square[0] += change * change
         m.moves[i] += SHARE * (change - m.moves[i])
-        mean += m.moves[i] * m.moves[i]
-    m.moves[forces] += SHARE * (square - m.moves[forces])
-    directed = mean / (m.moves[forces] + s.still)
-    calm = 1.0 - min(max((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
+        mean[0] += m.moves[i] * m.moves[i]
+    m.moves[forces] += SHARE * (square[0] - m.moves[forces])
+    directed = mean[0] / (m.moves[forces] + s.still)
+    calm = 1.0 - minimum(maximum((directed - NOISE) / (DIRECTED - NOISE), 0.0), 1.0)
     change = calm - m.flags[FLAG.calm]
-    if change < 0.0:
-        change *= STIRRING
-        for i in range(forces):
-            m.P[first + i, first + i] -= change * s.reopening[i]
-    else:
-        change *= CALMING
-    m.flags[FLAG.calm] += change
+    stirred = change * STIRRING
+    for _ in only(change < 0.0):
+        for i in each(forces):
+            m.P[first + i, first + i] -= stirred * s.reopening[i]
+    m.flags[FLAG.calm] += select(change < 0.0, stirred, change * CALMING)
 
 
-@register_jitable
 def doubt_lateness(m: Memory, s: Settings, surprise: float) -> None:
     """Let a sample with this mean ν²/s add to the variance of the lateness."""
     last = len(m.z) - 1
-    wider = m.P[last, last] + LATENESS_DOUBT * max(0.0, surprise - 1.0)
-    m.P[last, last] = min(wider, s.spread[last] * s.spread[last])
+    wider = m.P[last, last] + LATENESS_DOUBT * maximum(0.0, surprise - 1.0)
+    m.P[last, last] = minimum(wider, s.spread[last] * s.spread[last])
 
 
-@register_jitable
 def doubt_scale(m: Memory, s: Settings, surprise: float) -> None:
     """Let a sample with this mean ν²/s add to the variance of the factor that the arm's constants share."""
-    first, least = len(m.z) - len(s.guess), LARGEST_SCALE
-    for i in range(first, len(m.z)):
-        if s.shared[i] > 0.0:
-            least = min(least, m.P[i, i])
-    more = min(s.scale_doubt * max(0.0, surprise - 1.0), LARGEST_SCALE - least)
-    for i in range(first, len(m.z)):
-        for k in range(first, len(m.z)):
-            if s.shared[i] > 0.0 and s.shared[k] > 0.0:
-                m.P[i, k] += more
+    first, beliefs, least = len(m.z) - len(s.guess), len(s.guess), array(1)
+    least[0] = LARGEST_SCALE
+    for belief in each(beliefs):
+        i = first + belief
+        least[0] = select(s.shared[i] > 0.0, minimum(least[0], m.P[i, i]), least[0])
+    more = minimum(s.scale_doubt * maximum(0.0, surprise - 1.0), LARGEST_SCALE - least[0])
+    for belief in each(beliefs):
+        i = first + belief
+        for other in each(beliefs):
+            k = first + other
+            both = (s.shared[i] > 0.0) & (s.shared[k] > 0.0)
+            m.P[i, k] = select(both, m.P[i, k] + more, m.P[i, k])
 
 
-@register_jitable
 def walk_share(calm: float, calm_walk: float) -> float:
     """Return how fast the forces walk, as a share of their fastest walk."""
     return 1.0 - (1.0 - calm_walk) * calm
 
 
-@register_jitable
 def spread_out(m: Memory, s: Settings) -> None:
     """Change what `predict` has added to P: less where forces are calm, more for motors after a jump of the torque."""
     joints, states = len(m.noise), 4 * len(m.noise)
     share = walk_share(m.flags[FLAG.calm], s.calm_walk)
-    for i in range(states, states + len(s.reopening)):
+    for force in each(len(s.reopening)):
+        i = states + force
         m.P[i, i] -= (1.0 - share * share) * s.noise[i]
-    for j in range(joints):
-        jump = 0.0
+    for j in each(joints):
+        jump: Any = 0.0
         for k in range(LONGEST_LATENESS + 1):
-            jump = max(jump, np.abs(m.commands[k, j] - m.commands[k + 1, j]))
+            jump = maximum(jump, abs(m.commands[k, j] - m.commands[k + 1, j]))
         wrong = s.doubt[j] * jump * jump
         m.P[2 * joints + j, 2 * joints + j] += wrong * wrong

@@ -12,12 +12,12 @@ adapting one is not: with its adaptation on, the policy bears more, and for as l
 from __future__ import annotations
 
 import functools
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.physics import Physics
@@ -25,14 +25,15 @@ from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of, without_dry_friction
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, Memory, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
+from fuzzyarm.numbers.functions import array, each, only, row
 
 if TYPE_CHECKING:
     from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
@@ -43,7 +44,7 @@ _EVERY = 50  # control periods between two instants whose gains are kept
 _TENTH = 0.1  # of the path, left out at either end, where the motors stick
 
 
-class FrozenObserver(Policy):
+class FrozenObserver(LawPolicy):
     """The frozen loop; see the module's docstring."""
 
     def __init__(self, policy: AdaptiveObserverPolicy, *, dry_friction: bool = True) -> None:
@@ -56,16 +57,20 @@ class FrozenObserver(Policy):
         super().__init__(policy.parameters, policy.control_period)
         self._postures, self._gains = _gains_along_path(policy)
         self.memory_size = policy.memory.noise.stop
+        self._places = places(policy.joints, policy.belief)
         base, slopes = affine_numbers(policy.arm if dry_friction else without_dry_friction(policy.arm))
         self._settings = policy.settings._replace(base=base, slopes=slopes, first_gain=1.0)
 
     @functools.cached_property
-    def _law(self) -> Any:
-        return _law_of(equations_of(self.parameters))
+    def control_law(self) -> Law:
+        """The law of the module's docstring."""
+        act, settings, count = _law_of(equations_of(self.parameters)), self._settings, len(tables_of(self._settings))
 
-    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
-        self._law(observation, memory, torque, self._settings, self._postures, self._gains)
+        def frozen(m: Memory, seen: Observation, _: Any, *tables: Any) -> tuple[Memory, Any]:
+            return m, act(m, seen, with_tables(settings, tables[:count]), *tables[count:])
+
+        gains = self._gains.reshape(len(self._gains), -1)
+        return Law(frozen, self._places, (), (*tables_of(settings), self._postures, np.ascontiguousarray(gains)))
 
 
 def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.ndarray]:
@@ -97,56 +102,50 @@ def _gains_along_path(policy: AdaptiveObserverPolicy) -> tuple[np.ndarray, np.nd
 
 @functools.cache
 def _law_of(physics: Physics) -> Any:
-    """Return the kernel that corrects with fixed gains, acts and predicts in every lane."""
+    """Return ``follow(m, seen, s, postures, gains)``, which corrects with fixed gains, acts and predicts."""
     begin, act, hold = begin_of(physics), act_of(physics), arm_functions(physics).hold
 
-    @kernel_for(physics.digest)
-    def follow(
-        observation: np.ndarray,
-        memory: np.ndarray,
-        torque: np.ndarray,
-        settings: Settings,
-        postures: np.ndarray,
-        gains: np.ndarray,
-    ) -> None:
-        """See `_law_of`."""
-        joints, forces = torque.shape[1], len(settings.reopening)
-        states, room, o = 4 * joints, room_for(settings), observed(observation)
-        nothing = np.zeros((KEPT + 1, forces - 1))
-        for lane in range(len(observation)):
-            m = remembered(memory[lane], joints, len(settings.guess), forces)
-            take_in(lane, o, m, room)
-            begin(m, settings, room)
-            m.flags[FLAG.lost] = 0.0  # it has no filter that could diverge, whatever is remembered
-            m.z[states] = 0.0
-            for i in range(forces, len(settings.guess)):
-                m.z[states + i] = settings.guess[i]
-            nearest = 0
-            for k in range(len(postures)):
-                if np.sum((postures[k] - o.q_reference[lane]) ** 2) < np.sum(
-                    (postures[nearest] - o.q_reference[lane]) ** 2
-                ):
-                    nearest = k
-            gain = gains[nearest]
+    def follow(m: Memory, seen: Observation, s: Settings, postures: Any, gains: Any) -> Any:
+        joints, forces, room, torque = physics.joints, len(s.reopening), room_for(s), array(physics.joints)
+        states, nothing, nearest = 4 * joints, array(KEPT + 1, forces - 1), array(2)
+        for k in each(KEPT + 1):
+            for i in each(forces - 1):
+                nothing[k, i] = 0.0
+        take_in(seen, m, room)
+        begin(m, s, room)
+        m.flags[FLAG.lost] = 0.0  # it has no filter that could diverge, whatever is remembered
+        m.z[states] = 0.0
+        for i in each(len(s.guess) - forces):
+            m.z[states + forces + i] = s.guess[forces + i]
+        nearest[0], nearest[1] = 0.0, math.inf  # which posture, and the square of its distance
+        for k in range(len(postures)):
+            square: Any = 0.0
             for j in range(joints):
-                room.measured[j] -= m.z[j]
-                room.measured[joints + j] -= m.z[2 * joints + j]
-            for i in range(len(gain)):
-                at = i if i < states else i + 1  # the force along the path is part of the free one
-                for k in range(2 * joints):
-                    m.z[at] += gain[i, k] * room.measured[k]
-            act(m.z, m, settings, room, nothing, torque[lane])
-            state, held, line, numbers = room.one
-            for i in range(states):
-                state[i, 0] = m.z[i]
-            for i in range(len(numbers)):
-                numbers[i, 0] = room.numbers[i]
-            for j in range(joints):
-                held[j, 0] = m.commands[0, j]
-            for i in range(len(line)):
-                line[i, 0] = m.z[states + 1 + i] if i < forces - 1 else 0.0
-            hold(state, held, line, numbers, settings.substep, settings.substeps)
-            for i in range(states):
-                m.z[i] = state[i, 0]
+                away = postures[k, j] - seen.q_reference[j]
+                square = square + away * away
+            for _ in only(square < nearest[1]):
+                nearest[0], nearest[1] = float(k), square
+        gain = row(gains, nearest[0])
+        for j in range(joints):
+            room.measured[j] -= m.z[j]
+            room.measured[joints + j] -= m.z[2 * joints + j]
+        for i in range(len(gain) // (2 * joints)):
+            at = i if i < states else i + 1  # the force along the path is part of the free one
+            for k in range(2 * joints):
+                m.z[at] += gain[i * 2 * joints + k] * room.measured[k]
+        act(m.z, m, s, room, nothing, torque)
+        state, held, line, numbers = room.one
+        for i in each(states):
+            state[i, 0] = m.z[i]
+        for i in each(len(numbers)):
+            numbers[i, 0] = room.numbers[i]
+        for j in range(joints):
+            held[j, 0] = m.commands[0, j]
+        for i in range(len(line)):
+            line[i, 0] = m.z[states + 1 + i] if i < forces - 1 else 0.0
+        hold(state, held, line, numbers, s.substep, s.substeps)
+        for i in each(states):
+            m.z[i] = state[i, 0]
+        return tuple(torque[j] for j in range(joints))
 
     return follow

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import Belief, forces_in
+from fuzzyarm.numbers.functions import Cells
 
-__all__ = ["ENOUGH", "FLAG", "KEPT", "LONGEST_LATENESS", "ORDERS", "Flags", "Memory", "layout", "remembered"]
+__all__ = ["ENOUGH", "FLAG", "KEPT", "LONGEST_LATENESS", "ORDERS", "Flags", "Memory", "layout", "places", "remembered"]
 
 LONGEST_LATENESS = 3
 """Longest time from a command to the motors that the filter considers [control periods]."""
@@ -73,6 +73,16 @@ class Memory(NamedTuple):
     noise: Any
 
 
+def places(joints: int, belief: Belief) -> Memory:
+    """Return the parts as places of arrays in a law's memory."""
+    size = 4 * joints + belief.lateness.stop
+    shapes = (
+        (_FLAGS,), (size,), (size, size), (LONGEST_LATENESS + 2, joints), (KEPT, ORDERS, joints), (READ, joints),
+        (forces_in(belief) + 1,), (joints,),
+    )  # fmt: skip
+    return Memory(*map(Cells, shapes))
+
+
 def layout(joints: int, belief: Belief) -> Memory:
     """Return where the parts lie, as slices; `belief` says where the parts of p do."""
     size = 4 * joints + belief.lateness.stop
@@ -90,7 +100,6 @@ def layout(joints: int, belief: Belief) -> Memory:
     )
 
 
-@register_jitable
 def remembered(memory: np.ndarray, joints: int, beliefs: int, forces: int) -> Memory:
     """Return the parts of one lane's memory as views of it, each in its shape.
 

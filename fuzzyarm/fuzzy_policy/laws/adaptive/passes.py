@@ -32,13 +32,12 @@ import numpy as np
 
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import MISTRUST
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.laws.adaptive.smoother import smoother_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.smoother import Smoother
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import unit_force
 from fuzzyarm.fuzzy_policy.policy import checked_observation, no_torque
 
@@ -229,9 +228,8 @@ class AdaptivePasses:
         settings = self._smoothing
         angles = np.maximum(settings.variances[:joints], MISTRUST * memory[:, policy.memory.noise])
         variances = np.concatenate([angles, angles * (settings.variances[joints:] / settings.variances[:joints])], 1)
-        forces = np.zeros((*measured.shape[:2], self._forces))
-        smooth = smoother_of(equations_of(policy.arm))
-        smooth(measured, commands, expected, travels, early, variances, settings, forces)
+        smoother = Smoother(policy.arm, policy.belief, settings)
+        forces = smoother.smooth(measured, commands, expected, travels, early, variances)
         return self._low_passed(expected + travels * forces[..., :1] + forces[..., 1:])
 
     @functools.cached_property

@@ -25,12 +25,14 @@ from typing import Any
 import numpy as np
 
 from fuzzyarm.envs.fastest_mode import fastest_rate
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of
-from fuzzyarm.fuzzy_policy.lanes import in_lanes
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by, within_limits
+from fuzzyarm.fuzzy_policy.law import law_of as law_of_policy
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     CAUTIOUS,
     FACTORS,
@@ -44,16 +46,19 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import NOISE_SHARE, law_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.adaptive.significance import INSIGNIFICANT
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of, unit_force
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
+from fuzzyarm.numbers.functions import Cells, array, each, when
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 
@@ -100,7 +105,7 @@ class Beliefs:
     other_path: np.ndarray
 
 
-class AdaptiveObserverPolicy(Policy):
+class AdaptiveObserverPolicy(LawPolicy):
     """Identification, observer, regulator and elastic target; the law is in the module's docstring.
 
     Attributes:
@@ -109,7 +114,7 @@ class AdaptiveObserverPolicy(Policy):
         memory: where the parts of the filter's memory lie.
         weights: of the filter and of the regulator.
         fallback: what acts in lanes whose filter has diverged.
-        settings: what the compiled law takes.
+        settings: what the law takes.
     """
 
     def __init__(
@@ -139,21 +144,69 @@ class AdaptiveObserverPolicy(Policy):
         self.memory_size = self.memory.noise.stop + self.fallback.memory_size
         self.settings = self._arranged()
 
-    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
-        self.act_with(observation, memory, torque, np.zeros((len(observation), KEPT + 1, forces_in(self.belief) - 1)))
-
     def act_with(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, known: np.ndarray) -> None:
         """Do what `act` does where a part of the tip force is known beforehand, see `law.law_of`."""
-        self._law(observation, memory, torque, known, self.settings)
-        in_lanes(memory[:, FLAG.lost], 1.0, self._fall_back, observation, memory, torque)
+        tables = self.control_law.tables
+        self._beside((memory, observation, known.reshape(len(known), -1), torque), self._constants, tables)
 
     @functools.cached_property
-    def _law(self) -> Any:
-        return law_of(equations_of(self.arm))
+    def control_law(self) -> Law:
+        """The law of the module's docstring."""
+        act, axes = self._act_of(), forces_in(self.belief) - 1
 
-    def _fall_back(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        self.fallback.command(observation, memory[:, self.memory.noise.stop :], torque)
+        def alone(memory: Any, seen: Observation, given: Any, *tables: Any) -> tuple[Any, Any]:
+            known = array(KEPT + 1, axes)
+            for k in each(KEPT + 1):
+                for i in each(axes):
+                    known[k, i] = 0.0
+            return act(memory, seen, known, given, *tables)  # type: ignore[no-any-return]
+
+        behind = self._behind
+        held = places(self.joints, self.belief), behind.memory
+        return Law(alone, held, self._given, (*tables_of(self.settings), *behind.tables))
+
+    @functools.cached_property
+    def _beside(self) -> Kernel:
+        act, law = self._act_of(), self.control_law
+
+        def beside(memory: Any, seen: Observation, known: Any, _: Any, given: Any, *tables: Any) -> tuple[Any, ...]:
+            after, torque = act(memory, seen, known, given, *tables)
+            return after, seen, known, torque
+
+        shape = KEPT + 1, forces_in(self.belief) - 1
+        ports = law.memory, seen_by(self.joints), Cells(shape), (0.0,) * self.joints
+        return Kernel(Program(beside, ports, law.constants, [table.shape for table in law.tables]))
+
+    def _act_of(self) -> Any:
+        """Return ``act(memory, seen, known, given, *tables)``, the law with a force that is known beforehand."""
+        law, settings, joints = law_of(equations_of(self.arm)), self.settings, self.joints
+        fall_back = within_limits(self._behind, joints, self.fallback.integral_at)
+        own = len(tables_of(settings))
+
+        def act(memory: Any, seen: Observation, known: Any, given: Any, *tables: Any) -> tuple[Any, Any]:
+            m, behind = memory
+            torque = law(m, seen, with_tables(settings, tables[:own]), known)
+            lost, found = m.flags[FLAG.lost] == 1.0, tuple(torque[j] for j in range(joints))
+            behind, found = when(lost, lambda: _plain(fall_back(behind, seen, given, *tables[own:])), (behind, found))
+            return (m, behind), found
+
+        return act
+
+    @functools.cached_property
+    def _behind(self) -> Law:
+        """The law that acts where the filter has diverged."""
+        found = law_of_policy(self.fallback)
+        if found is None:
+            raise ValueError(f"fallback = {type(self.fallback).__name__} has no law; take one of `fuzzy_policy.laws`")
+        return found
+
+    @property
+    def _given(self) -> Any:
+        return self._behind.constants, tuple(map(float, self.fallback.torque_limit))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the machine code."""
+        return {name: value for name, value in super().__getstate__().items() if name not in ("_beside", "_behind")}
 
     def repeated(self) -> AdaptivePasses:
         """Return this policy for passes over one path again and again."""
@@ -207,7 +260,7 @@ class AdaptiveObserverPolicy(Policy):
         )
 
     def _arranged(self) -> Settings:
-        """Return what the kernel takes."""
+        """Return what the law takes."""
         arm, weights, period = self.arm, self.weights, self.control_period
         belief, joints, states = self.belief, self.joints, 4 * self.joints
         (schedule, gains), (base, slopes) = feedback_table(arm, period, weights), affine_numbers(arm)
@@ -228,9 +281,10 @@ class AdaptiveObserverPolicy(Policy):
             cautious[states:][getattr(belief, name)] = True
         return Settings(
             feedback=gains,
+            feedback_rows=np.ascontiguousarray(gains.reshape(-1, joints * 4 * joints)),
             first_gain=weights.first_gain,
             soft_samples=weights.soft_start / period,
-            kept=schedule.kept,
+            kept=tuple(schedule.kept.tolist()),
             cosine=schedule.cosine,
             points=schedule.points,
             base=base,
@@ -248,7 +302,7 @@ class AdaptiveObserverPolicy(Policy):
             still=(_STILL * unit_force(arm)) ** 2,
             steps=np.concatenate([state_steps, load_steps, factor_steps]),
             variances=encoder**2,
-            cautious=cautious,
+            cautious=cautious.astype(np.float64),
             gate=weights.gate,
             dead_zone=weights.dead_zone,
             # A robot, for which nothing was tuned, begins to learn with more caution. The noise that it reads holds on
@@ -261,3 +315,8 @@ class AdaptiveObserverPolicy(Policy):
             substep=period / substeps,
             substeps=substeps,
         )
+
+
+def _plain(answer: tuple[Any, Any]) -> tuple[Any, Any]:
+    memory, torque = answer
+    return memory, tuple(torque)

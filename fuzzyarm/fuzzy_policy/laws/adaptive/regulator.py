@@ -7,18 +7,18 @@ filter knows them better, and their first tens of milliseconds are where an arm 
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, loaded_inertia, place_in_schedule, schedule_of
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, corners_of, loaded_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, feedback_gain, sampled_arm
+from fuzzyarm.numbers.functions import floor, maximum, minimum, row, select
 
 __all__ = ["FeedbackTable", "feedback_at", "feedback_table", "gain_share"]
 
@@ -48,11 +48,11 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     costs = ObserverWeights(link_angle=weights.link_angle, link_velocity=weights.link_velocity)
     limit, schedule = per_joint_of(arm, "torque_limit"), schedule_of(arm)
     gains = np.empty((PAYLOADS, len(schedule.places), len(limit), 4 * len(limit)))
-    for row, mass in enumerate(np.linspace(0.0, HEAVIEST * mass_of(arm), PAYLOADS)):
+    for number, mass in enumerate(np.linspace(0.0, HEAVIEST * mass_of(arm), PAYLOADS)):
         for column, inertia in enumerate(loaded_inertia(arm, schedule, float(mass))):
             A, B = sampled_arm(arm, control_period, inertia)
             try:
-                gains[row, column] = feedback_gain(A, B, limit, costs)
+                gains[number, column] = feedback_gain(A, B, limit, costs)
             except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either
                 raise ValueError(
                     f"no gains at {schedule.places[column]} for control_period = {control_period!r} s, {weights} and "
@@ -62,43 +62,26 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     return FeedbackTable(schedule, gains)
 
 
-@register_jitable
-def feedback_at(
-    table: np.ndarray,
-    kept: np.ndarray,
-    cosine: bool,
-    points: int,
-    q: np.ndarray,
-    payload: float,
-    index: np.ndarray,
-    weight: np.ndarray,
-    gain: np.ndarray,
-) -> None:
-    """Fill K (n, 4 n) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries.
-
-    `index` and `weight` (2^k,) are room for the points around k kept angles, see `place_in_schedule`.
-    """
-    place = min(max(payload / HEAVIEST, 0.0), 1.0) * (table.shape[0] - 1)
-    row = min(max(int(place), 0), table.shape[0] - 2)  # a share that is nan is mapped into the table, too
-    low = place - row
-    place_in_schedule(q, kept, cosine, points, index, weight)
-    for i in range(gain.shape[0]):
-        for k in range(gain.shape[1]):
-            near = far = 0.0
-            for corner in range(len(index)):
-                near += weight[corner] * table[row, index[corner], i, k]
-                far += weight[corner] * table[row + 1, index[corner], i, k]
-            gain[i, k] = (1.0 - low) * near + low * far
+def feedback_at(s: Settings, q: Any, payload: Any) -> list[Any]:
+    """Return K (n · 4 n,) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
+    payloads, entries = s.feedback.shape[0], s.feedback_rows.shape[0]
+    place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (payloads - 1.0)
+    lower = minimum(payloads - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
+    low, corners, ends = place - lower, corners_of(q, s.kept, s.cosine, s.points), []
+    for payload_row in (lower, lower + 1.0):
+        total: list[Any] = []
+        for corner, weight in corners:
+            gains = row(s.feedback_rows, payload_row * (entries / payloads) + corner)
+            total = [a + weight * g for a, g in zip(total or [0.0] * len(gains), gains, strict=True)]
+        ends.append(total)
+    return [(1.0 - low) * near + low * far for near, far in zip(*ends, strict=True)]
 
 
-@register_jitable
-def gain_share(m: Memory, s: Settings) -> float:
+def gain_share(m: Memory, s: Settings) -> Any:
     """Return the share of K at this sample: `first_gain` at the soft start, from there in as long again up to 1.
 
     It is 1 at once where an earlier pass has taught how strong and how late the motors are.
     """
     past = (m.flags[FLAG.samples] - 1.0) / s.soft_samples - 1.0
-    share: float = s.first_gain + (1.0 - s.first_gain) * min(max(past, 0.0), 1.0)
-    if m.flags[FLAG.taught] != 0.0:
-        share = 1.0
-    return share
+    share = s.first_gain + (1.0 - s.first_gain) * minimum(maximum(past, 0.0), 1.0)
+    return select(m.flags[FLAG.taught] != 0.0, 1.0, share)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-from numba.extending import register_jitable
-
 from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Lanes, lanes_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.numbers.functions import array, each
 
 __all__ = ["Room", "room_for"]
 
@@ -38,23 +36,24 @@ class Room(NamedTuple):
     joints: Any  # (4, n), for short use
     error: Any  # (4 n,)
     gain: Any  # K (n, 4 n)
-    index: Any  # (corners,), of the table of K
-    weight: Any  # (corners,)
 
 
-@register_jitable
 def room_for(s: Settings) -> Room:
     """Return room for one lane."""
     joints, size, numbers, forces = len(s.limit), len(s.spread), len(s.base), len(s.reopening)
-    axes, corners = forces - 1, 1 << len(s.kept)
-    one = np.empty((4 * joints, 1)), np.empty((joints, 1)), np.empty((2 * axes, 1)), np.empty((numbers, 1))
-    directions = np.zeros((2 * axes, forces))
-    for i in range(axes):
+    axes = forces - 1
+    one = array(4 * joints, 1), array(joints, 1), array(2 * axes, 1), array(numbers, 1)
+    directions = array(2 * axes, forces)
+    line = array(2 * axes)
+    for i in each(2 * axes):
+        line[i] = 0.0
+        for force in each(forces):
+            directions[i, force] = 0.0
+    for i in each(axes):
         directions[i, 1 + i] = 1.0
     return Room(
-        lanes_of(joints, size, numbers, 2 * axes), one, np.empty(numbers), np.empty(size), np.empty(2 * joints),
-        np.empty(2 * joints), np.empty(2 * joints), np.empty(forces), np.empty(size), np.empty(forces + 1),
-        np.empty((forces + 1, forces + 1)), np.empty((KEPT, joints)), np.empty((KEPT + 1, axes)), directions,
-        np.zeros(2 * axes), np.empty((4, joints)), np.empty(4 * joints), np.empty((joints, 4 * joints)),
-        np.empty(corners, dtype=np.int64), np.empty(corners),
+        lanes_of(joints, size, numbers, 2 * axes), one, array(numbers), array(size), array(2 * joints),
+        array(2 * joints), array(2 * joints), array(forces), array(size), array(forces + 1),
+        array(forces + 1, forces + 1), array(KEPT, joints), array(KEPT + 1, axes), directions,
+        line, array(4, joints), array(4 * joints), array(joints, 4 * joints),
     )  # fmt: skip

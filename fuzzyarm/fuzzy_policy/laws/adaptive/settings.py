@@ -1,17 +1,20 @@
-"""What the compiled law of the adaptive observer takes, arranged as arrays and numbers."""
+"""What the law of the adaptive observer takes, arranged as arrays and numbers."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-__all__ = ["Settings"]
+import numpy as np
+
+__all__ = ["Settings", "tables_of", "with_tables"]
 
 
 class Settings(NamedTuple):
-    """What the kernel takes, as arrays and numbers.
+    """What the law takes, as arrays and numbers.
 
     Attributes:
-        feedback: K, see `FeedbackTable`.
+        feedback: K, see `FeedbackTable`; in the law, its shape alone counts.
+        feedback_rows: K, a row for each payload and point (payloads · points, n · 4 n).
         first_gain: see `AdaptiveWeights`.
         soft_samples: control periods in `AdaptiveWeights.soft_start`.
         kept: joints over whose angles it is tabulated.
@@ -45,6 +48,7 @@ class Settings(NamedTuple):
     """
 
     feedback: Any
+    feedback_rows: Any
     first_gain: Any
     soft_samples: Any
     kept: Any
@@ -75,3 +79,19 @@ class Settings(NamedTuple):
     mass: Any
     substep: Any
     substeps: Any
+
+
+_TABLES = (
+    "feedback_rows", "base", "slopes", "guess", "spread", "shared", "low", "high", "noise", "doubt", "reopening", "steps",
+    "variances", "cautious", "limit",
+)  # fmt: skip
+
+
+def tables_of(settings: Settings) -> tuple[np.ndarray, ...]:
+    """Return the arrays (any shape) that the law looks up by index, in a fixed order and double precision."""
+    return tuple(np.array(getattr(settings, name), dtype=np.float64, order="C") for name in _TABLES)
+
+
+def with_tables(settings: Settings, tables: Any) -> Settings:
+    """Return the settings with other arrays in place of those of `tables_of`."""
+    return settings._replace(**dict(zip(_TABLES, tables, strict=True)))

@@ -14,12 +14,13 @@ The filter itself goes on with x and l.
 
 from __future__ import annotations
 
-import numpy as np
-from numba.extending import register_jitable
+from typing import Any
 
+from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.numbers.functions import array, each, maximum
 
 __all__ = ["INSIGNIFICANT", "significant"]
 
@@ -28,53 +29,53 @@ TINY = 1e-300
 ROUNDING = 1e-9  # least share of a variance that the other loads leave unexplained
 
 
-@register_jitable
 def significant(m: Memory, s: Settings, room: Room) -> None:
     """Fill `acted` of the room with z, and x_a and l_a in place of x and l."""
     joints, loads, acted = len(m.noise), len(room.deviation), room.acted
-    states, ratio, square = 4 * joints, 0.0, TINY
-    for i in range(len(acted)):
+    states, ratio, square = 4 * joints, array(1), array(1)
+    ratio[0], square[0] = 0.0, TINY
+    for i in each(len(acted)):
         acted[i] = m.z[i]
-    for j in range(joints):
-        ratio = max(ratio, m.noise[j] / room.variances[j])
-    for i in range(loads):
+    for j in each(joints):
+        ratio[0] = maximum(ratio[0], m.noise[j] / room.variances[j])
+    for i in each(loads):
         acted[states + i] -= s.guess[i]
     _factorise(m.P[states : states + loads, states : states + loads], room.factor)
     _solve(room.factor, acted[states : states + loads], room.deviation)
-    for i in range(loads):
-        square += acted[states + i] * room.deviation[i]
-    kept = max(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio / max(square, TINY))
-    for i in range(states):
-        for k in range(loads):
+    for i in each(loads):
+        square[0] += acted[states + i] * room.deviation[i]
+    kept = maximum(0.0, 1.0 - s.insignificant * m.flags[FLAG.calm] * ratio[0] / maximum(square[0], TINY))
+    for i in each(states):
+        for k in each(loads):
             acted[i] -= (1.0 - kept) * m.P[i, states + k] * room.deviation[k]
-    for i in range(loads):
+    for i in each(loads):
         acted[states + i] = s.guess[i] + kept * acted[states + i]
 
 
-@register_jitable
-def _factorise(A: np.ndarray, L: np.ndarray) -> None:
+def _factorise(A: Any, L: Any) -> None:
     """Fill the lower triangle L of A = L Lᵀ."""
-    for i in range(len(A)):
-        for j in range(i):
-            rest = A[i, j]
-            for k in range(j):
-                rest -= L[i, k] * L[j, k]
-            L[i, j] = rest / L[j, j]
-        rest = A[i, i]
-        for k in range(i):
-            rest -= L[i, k] * L[i, k]
-        L[i, i] = np.sqrt(max(max(rest, ROUNDING * A[i, i]), TINY))
+    for i in each(len(A)):
+        for j in each(i):
+            L[i, j] = A[i, j]
+            for k in each(j):
+                L[i, j] -= L[i, k] * L[j, k]
+            L[i, j] /= L[j, j]
+        L[i, i] = A[i, i]
+        for k in each(i):
+            L[i, i] -= L[i, k] * L[i, k]
+        L[i, i] = root(maximum(maximum(L[i, i], ROUNDING * A[i, i]), TINY))
 
 
-@register_jitable
-def _solve(L: np.ndarray, b: np.ndarray, y: np.ndarray) -> None:
+def _solve(L: Any, b: Any, y: Any) -> None:
     """Fill y with the solution of L Lᵀ y = b."""
-    for i in range(len(L)):
+    for i in each(len(L)):
         y[i] = b[i]
-        for k in range(i):
+        for k in each(i):
             y[i] -= L[i, k] * y[k]
         y[i] /= L[i, i]
-    for i in range(len(L) - 1, -1, -1):
-        for k in range(i + 1, len(L)):
+    for behind in each(len(L)):
+        i = len(L) - 1 - behind
+        for later in each(behind):
+            k = i + 1 + later
             y[i] -= L[k, i] * y[k]
         y[i] /= L[i, i]

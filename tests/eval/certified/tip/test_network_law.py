@@ -41,7 +41,8 @@ def remembered(policy):
     """Return where the numbers that a `NetworkLaw` remembers lie in the policy's memory."""
     d = policy.bundle.features
     past = 2 * (1 + d.past_errors + d.past_actions + 1 + d.past_excesses)
-    base = [policy._base_memory, policy._base_memory + 1] if policy.base is not None else []
+    first = 3 + policy._features.memory_size
+    base = [first, first + 1] if policy.base is not None else []
     return [*range(1, 1 + past), *base]
 
 
