@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from fuzzyarm.fuzzy_policy.law import Law, constants_array, law_of, seen_by, within_limits
+from fuzzyarm.fuzzy_policy.law import constants_array, law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
-from fuzzyarm.numbers.functions import flat, select
+from fuzzyarm.numbers.functions import select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.symbols import Program
 

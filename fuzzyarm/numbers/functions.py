@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 __all__ = [
-    "KINDS", "RECORDERS", "Cells", "array", "bits", "each", "flat", "floor", "like", "maximum", "minimum", "number",
+    "KINDS", "RECORDERS", "Cells", "array", "bits", "each", "entry", "flat", "floor", "like", "maximum", "minimum", "number",
     "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
@@ -50,6 +50,14 @@ def row(table: Any, place: Any) -> tuple[Any, ...]:
     if kind:
         return tuple(kind.row(table, place))
     return tuple(table[min(max(int(place), 0), len(table) - 1) if place == place else 0])
+
+
+def entry(table: Any, place: Any, column: Any) -> Any:
+    """Return the number of a row of a table in one column, which may be the index of a loop; places as for `row`."""
+    kind = KINDS.get(type(place))
+    if kind:
+        return kind.entry(table, place, column)
+    return table[min(max(int(place), 0), len(table) - 1) if place == place else 0][column]
 
 
 def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:

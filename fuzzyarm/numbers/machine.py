@@ -79,6 +79,7 @@ class _Writer:
         self.program, self.layouts, self.width = program, layouts, width
         self.repeated = repeated or bool(program.cells)  # numbers of ports lie in an array of the group's own
         self.masks = list[str]()
+        self.places = [dict[Any, str]()]
         self.lines, self.here, self.blocks, self.names = list[str](), "entry", 0, 0
         wide = f"<{width} x " if width > 1 else ""
         self.kinds = {kind: f"{wide}{one}>" if wide else one for kind, one in _KINDS.items()}
@@ -127,6 +128,15 @@ class _Writer:
             self.put(f"{out} = load double, ptr %p{one.number}, align 8")
         elif name == "load":
             self.load(one, out)
+        elif name == "entry":
+            self.entry(one, out)
+        elif name == "index":
+            whole = self.fresh()
+            self.put(f"{whole} = sitofp i64 {self.place(*one.detail)} to double")
+            if self.width > 1:
+                self.spread(out[1:], "double", whole)
+            else:
+                self.put(f"{out} = bitcast double {whole} to double")
         elif one.kind == "word" and name in _OF_WORDS:
             self.put(f"{out} = {_OF_WORDS[name]} {word} {a[0]}, {a[1]}")
         elif name in _CONVERTED:
@@ -167,10 +177,21 @@ class _Writer:
 
     def memory(self, memory: str, constant: int, terms: Iterable[tuple[int, int]]) -> str:
         """Return the pointer to a number of an array, or to those of the group's arms."""
-        at, pointer, place = self.fresh(), self.fresh(), self.place(constant, terms)
-        self.put(f"{at} = mul nsw i64 {place}, {1 if memory.startswith('table') else self.width}")
+        key = memory, constant, tuple(sorted(terms))
+        for held in reversed(self.places):
+            if key in held:
+                return held[key]
+        apart, pointer = 1 if memory.startswith("table") else self.width, self.fresh()
+        at = self.place(apart * constant, [(loop, apart * factor) for loop, factor in key[2]])
         self.put(f"{pointer} = getelementptr double, ptr %{memory}, i64 {at}")
+        self.places[-1][key] = pointer
         return pointer
+
+    def inside(self, items: Sequence[Any]) -> None:
+        """Write what a loop or a branch holds; what it finds out about places is not known behind it."""
+        self.places.append({})
+        self.items(items)
+        self.places.pop()
 
     def load(self, one: Symbol, out: str) -> None:
         pointer, spread = self.memory(*one.detail), one.detail[0].startswith("table") and not one.uniform
@@ -190,26 +211,46 @@ class _Writer:
             value = new
         self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
 
-    def rows(self, group: Sequence[Symbol]) -> None:
-        """Look up numbers of a row, whose place is within the table whatever is asked for."""
-        table, _ = group[0].detail
-        n, place, last = group[0].number, self.of(group[0].operands[0]), f"%last{table.number}"
-        zero = self.splat("double", "0.0")
+    def first_of_row(self, n: int, table: Any, of: Any) -> str:
+        """Return where a row begins in its table, whatever is asked for."""
+        place, last, zero = self.of(of), f"%last{table.number}", self.splat("double", "0.0")
         self.put(f"%a{n} = fcmp ogt {self.real} {place}, {zero}")  # not for nan
         self.put(f"%b{n} = select {self.truth} %a{n}, {self.real} {place}, {self.real} {zero}")
         self.put(f"%d{n} = fcmp olt {self.real} %b{n}, {last}")
         self.put(f"%e{n} = select {self.truth} %d{n}, {self.real} %b{n}, {self.real} {last}")
         self.put(f"%x{n} = fptosi {self.real} %e{n} to {self.word}")
         self.put(f"%y{n} = mul nsw {self.word} %x{n}, {self.splat('i64', str(table.columns))}")
+        return f"%y{n}"
+
+    def entry(self, one: Symbol, out: str) -> None:
+        """Look up a number of a row in a column that may be the index of a loop."""
+        (table, constant, terms), n = one.detail, one.number
+        first, column = self.first_of_row(n, table, one.operands[0]), self.place(constant, terms)
+        if self.width > 1:
+            self.spread(f"f{n}", "i64", column)
+            column = f"%f{n}"
+        self.put(f"%z{n} = add nsw {self.word} {first}, {column}")
+        pointers = "ptr" if self.width == 1 else self.pointers
+        self.put(f"%p{n} = getelementptr double, ptr %table{table.number}, {self.word} %z{n}")
+        if self.width == 1:
+            self.put(f"{out} = load double, {pointers} %p{n}, align 8")
+        else:
+            self.gather(out, f"%p{n}", "splat (i1 true)")
+
+    def rows(self, group: Sequence[Symbol]) -> None:
+        """Look up numbers of a row, whose place is within the table whatever is asked for."""
+        table, _ = group[0].detail
+        n = group[0].number
+        first = self.first_of_row(n, table, group[0].operands[0])
         if self.width == 1:
             for one in group:
-                self.put(f"%p{one.number} = getelementptr double, ptr %table{table.number}, i64 %y{n}")
+                self.put(f"%p{one.number} = getelementptr double, ptr %table{table.number}, i64 {first}")
                 self.put(f"%q{one.number} = getelementptr double, ptr %p{one.number}, i64 {one.detail[1]}")
                 self.put(f"%v{one.number} = load double, ptr %q{one.number}, align 8")
             return
         pointers = []
         for lane in range(self.width):
-            self.put(f"%l{n}.{lane} = extractelement {self.word} %y{n}, i64 {lane}")
+            self.put(f"%l{n}.{lane} = extractelement {self.word} {first}, i64 {lane}")
             self.put(f"%r{n}.{lane} = getelementptr double, ptr %table{table.number}, i64 %l{n}.{lane}")
             pointers.append(f"%r{n}.{lane}")
         loaded = self.load_rows(pointers, table.columns)
@@ -315,7 +356,7 @@ class _Writer:
         self.put(f"%t{head} = icmp slt i64 %k{head}, {count}")
         self.put(f"br i1 %t{head}, label %{body}, label %{out}")
         self.label(body)
-        self.items(one.region.items)
+        self.inside(one.region.items)
         self.put(f"%m{head} = add i64 %k{head}, 1")
         self.put(f"br label %{head}")
         phis = [f"  %k{head} = phi i64 [ 0, %{before} ], [ %m{head}, %{self.here} ]"]
@@ -337,7 +378,7 @@ class _Writer:
         self.put(f"{i}.on = icmp slt i64 {i}, {count}")
         self.put(f"br i1 {i}.on, label %{body}, label %{out}")
         self.label(body)
-        self.items(one.region.items)
+        self.inside(one.region.items)
         self.put(f"{i}.next = add nsw i64 {i}, 1")
         self.put(f"br label %{head}")
         self.lines[at] = f"  {i} = phi i64 [ 0, %{before} ], [ {i}.next, %{self.here} ]"
@@ -358,7 +399,7 @@ class _Writer:
             outer = self.masks[-1] if self.masks else "splat (i1 true)"
             self.put(f"{mask} = and {self.truth} {self.of(one.condition)}, {outer}")
             self.masks.append(mask)
-        self.items(one.region.items)
+        self.inside(one.region.items)
         if self.width > 1:
             self.masks.pop()
         for first, second, after in zip(one.then, one.otherwise, one.after, strict=True):
@@ -403,7 +444,9 @@ class _Writer:
 
     def take(self, out: str, port: int, k: int, place: int) -> None:
         """Load number k of a port."""
-        layout, pointer = self.layouts[port], self.pointer(port, k, f"take{place}")
+        self.take_at(out, self.pointer(port, k, f"take{place}"), self.layouts[port])
+
+    def take_at(self, out: str, pointer: str, layout: Layout) -> None:
         if self.width == 1 or layout is Layout.BLOCKS:
             self.put(f"{out} = load {self.real}, ptr {pointer}, align 8")
         elif layout is Layout.ROWS:
@@ -416,7 +459,9 @@ class _Writer:
 
     def give(self, value: str, port: int, k: int, place: int) -> None:
         """Store number k of a port."""
-        layout, pointer = self.layouts[port], self.pointer(port, k, f"give{place}")
+        self.put_at(value, self.pointer(port, k, f"give{place}"), self.layouts[port])
+
+    def put_at(self, value: str, pointer: str, layout: Layout) -> None:
         if self.width == 1 or layout is Layout.BLOCKS:
             self.put(f"store {self.real} {value}, ptr {pointer}, align 8")
         elif layout is Layout.ROWS:
@@ -463,6 +508,49 @@ class _Writer:
         self.put(f"br label %{out}")
         self.label(out)
 
+    def runs(self) -> list[tuple[int, int, int, int]]:
+        """Return port, first number, place of that among all, and length of each stretch of numbers of arrays."""
+        found, place = list[tuple[int, int, int, int]](), 0
+        for port, count in enumerate(self.program.ports):
+            for inside, numbers in itertools.groupby(range(place, place + count), self.program.cells.__contains__):
+                first, *others = numbers
+                if inside:
+                    found.append((port, first - place, first, 1 + len(others)))
+            place += count
+        return found
+
+    def copy(self, port: int, first: int, place: int, count: int, *, back: bool) -> None:
+        """Copy numbers of arrays from their port into the group's own memory, or back, one after the other."""
+        head, body, out, before = self.block(), self.block(), self.block(), self.here
+        layout, whole, k, own = self.layouts[port], "i64", f"%k{head}", self.fresh()
+        self.put(f"br label %{head}")
+        self.label(head)
+        self.put(f"{k} = phi i64 [ 0, %{before} ], [ {k}.next, %{body} ]")
+        self.put(f"{k}.on = icmp slt i64 {k}, {count}")
+        self.put(f"br i1 {k}.on, label %{body}, label %{out}")
+        self.label(body)
+        self.put(f"{k}.at = add i64 {k}, {place}")
+        self.put(f"{k}.room = mul i64 {k}.at, {self.width}")
+        self.put(f"{own} = getelementptr double, ptr %room, i64 {k}.room")
+        self.put(f"{k}.number = add i64 {k}, {first}")
+        apart = {Layout.ROWS: "1", Layout.BLOCKS: str(WIDE), Layout.COLUMNS: f"%stride{port}"}[layout]
+        self.put(f"{k}.step = mul i64 {k}.number, {apart}")
+        step = f"{k}.step"
+        if layout is Layout.ROWS and self.width > 1:
+            self.spread(f"{k[1:]}.steps", "i64", step)
+            whole, step = self.word, f"{k}.steps"
+        self.put(f"{k}.to = add {whole} %off{port}, {step}")
+        self.put(f"{k}.pointer = getelementptr double, ptr %port{port}, {whole} {k}.to")
+        if back:
+            self.put(f"{k}.held = load {self.real}, ptr {own}, align 8")
+            self.put_at(f"{k}.held", f"{k}.pointer", layout)
+        else:
+            self.take_at(f"{k}.held", f"{k}.pointer", layout)
+            self.put(f"store {self.real} {k}.held, ptr {own}, align 8")
+        self.put(f"{k}.next = add i64 {k}, 1")
+        self.put(f"br label %{head}")
+        self.label(out)
+
     def room(self, place: int, name: str) -> str:
         self.put(f"%{name}.room{place} = getelementptr double, ptr %room, i64 {place * self.width}")
         return f"%{name}.room{place}"
@@ -507,16 +595,22 @@ class _Writer:
             self.put(f"%after = add i64 %g, {width}")
             self.put("%full = icmp sle i64 %after, %stop")
         self.beginnings()
+        for run in self.runs():
+            self.copy(*run, back=False)
         names = [f"%in{place}" if self.repeated else f"%v{own.number}" for place, own in enumerate(p.inputs)]
         in_rows = [width > 1 and self.layouts[port] is Layout.ROWS for port, _ in numbers]
         for place, name in enumerate(names):
-            if used[place] and not in_rows[place]:
+            if used[place] and not in_rows[place] and place not in p.cells:
                 self.take(name, *numbers[place], place)
-        taken = [(*numbers[place], place, name) for place, name in enumerate(names) if used[place] and in_rows[place]]
+        taken = [
+            (*numbers[place], place, name)
+            for place, name in enumerate(names)
+            if used[place] and in_rows[place] and place not in p.cells
+        ]
         if taken:
             self.take_rows(taken)
         for place, name in enumerate(names):
-            if used[place] and self.repeated:
+            if used[place] and self.repeated and place not in p.cells:
                 self.put(f"store {self.real} {name}, ptr {self.room(place, 'take')}, align 8")
         if self.repeated:
             before, at = self.here, len(self.lines) + 2
@@ -539,15 +633,17 @@ class _Writer:
             self.label("back")
         given = []
         for place, out in enumerate(p.outputs):
-            if changed[place] and self.repeated:
+            if changed[place] and self.repeated and place not in p.cells:
                 self.put(f"%out{place} = load {self.real}, ptr {self.room(place, 'give')}, align 8")
-            if changed[place]:
+            if changed[place] and place not in p.cells:
                 given.append((*numbers[place], place, f"%out{place}" if self.repeated else self.of(out)))
         for port, k, place, value in given:
             if not in_rows[place]:
                 self.give(value, port, k, place)
         if any(in_rows[place] for *_, place, _ in given):
             self.give_rows([one for one in given if in_rows[one[2]]])
+        for run in self.runs():
+            self.copy(*run, back=True)
         self.put("br label %next")
         self.label("next")
         self.put(f"%g1 = add i64 %g, {width}")

@@ -378,10 +378,10 @@ class Program:
     def load(self, memory: str, place: Index) -> Symbol:
         """Return a number of an array."""
         fixed = memory.startswith("table") and not place.terms
-        operation = self.operation if fixed else self._moved
+        operation = self.operation if fixed else self.moved
         return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
 
-    def _moved(self, operation: str, detail: Any) -> Symbol:
+    def moved(self, operation: str, detail: Any) -> Symbol:
         """Record what depends on what has been written before: where it stands, and each time."""
         symbol = Symbol(self, operation, (), self.now, detail=detail)
         self.now.items.append(symbol)
@@ -410,9 +410,16 @@ class Program:
             if operation == "*" and 1.0 in [one for one in operands if not isinstance(one, Symbol)]:
                 return next(one for one in operands if isinstance(one, Symbol))
         self._reachable(operands)
-        uniform = operation != "row" and all(not isinstance(one, Symbol) or one.uniform for one in operands)
+        uniform = operation not in ("row", "entry") and all(
+            not isinstance(one, Symbol) or one.uniform for one in operands
+        )
         region = self.top if uniform else self.now
-        while region.loop and not any(isinstance(one, Symbol) and one.region.within(region) for one in operands):
+        kept = operation == "entry" and bool(detail[2])  # its column depends on loops
+        while (
+            region.loop
+            and not kept
+            and not any(isinstance(one, Symbol) and one.region.within(region) for one in operands)
+        ):
             region = region.parent  # type: ignore[assignment]
         key, look = (operation, detail, *map(_key, operands)), region
         while look is not None:
@@ -469,6 +476,12 @@ class _Symbols:
         return [place.program.operation("row", place, detail=(table, k)) for k in range(table.columns)]
 
     @staticmethod
+    def entry(table: Table, place: Symbol, column: Any) -> Symbol:
+        index = Index.of(column)
+        detail = table, index.constant, tuple(sorted(index.terms.items()))
+        return place.program.operation("entry", place, detail=detail)
+
+    @staticmethod
     def word(x: Symbol) -> Symbol:
         return x.program.operation("word", x, kind="word")
 
@@ -521,4 +534,13 @@ class _Symbols:
         return like(otherwise, iter(after))
 
 
+class _Indices:
+    """What indices do."""
+
+    @staticmethod
+    def number(index: Index) -> Symbol:
+        return RECORDERS[-1].moved("index", (index.constant, tuple(sorted(index.terms.items()))))  # type: ignore[no-any-return]
+
+
 KINDS[Symbol] = _Symbols
+KINDS[Index] = _Indices

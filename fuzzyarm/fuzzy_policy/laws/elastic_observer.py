@@ -31,7 +31,7 @@ from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.known_arm import without_dry_friction
-from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by, within
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, within
 from fuzzyarm.fuzzy_policy.laws.elastic_target import (
     ElasticTarget,
     Past,
@@ -48,13 +48,13 @@ from fuzzyarm.fuzzy_policy.laws.observer_gains import (
     gain_tables,
     state_part,
 )
-from fuzzyarm.fuzzy_policy.laws.observer_steps import STATICS_STEPS
 from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
 from fuzzyarm.numbers.functions import flat, like, repeat, when
-from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
 
-__all__ = ["ElasticObserverPolicy"]
+__all__ = ["Constants", "Corrected", "ElasticObserverPolicy", "Observed", "steps_of"]
+
+
+STATICS_STEPS = 20  # iterations of the fixed point for the first estimate; for Table 1 each gains three digits
 
 
 class ElasticObserverPolicy(LawPolicy):
@@ -110,11 +110,6 @@ class ElasticObserverPolicy(LawPolicy):
         """The law of the module's docstring."""
         return Law(self._act_of(), self._memory, self._numbers, self._tables)
 
-    def act_beside(self, observation: np.ndarray, memory: np.ndarray, extra: np.ndarray, torque: np.ndarray) -> None:
-        """Do what `act` does, with `extra` (lanes, n) [N m] added to u, of which the prediction knows."""
-        given = np.ascontiguousarray(extra, dtype=np.float64)
-        self._beside((memory, observation, given, torque), self._constants, self._tables)
-
     def innovation(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return ν = y - (θ̂, θ̂̇)⁻ (lanes, 2 n) [rad, rad/s] before `act`; 0 where an episode begins."""
         predicted, measured = memory[:, self._predicted], observation[:, : 2 * self.joints]
@@ -122,30 +117,14 @@ class ElasticObserverPolicy(LawPolicy):
         motors = np.concatenate([predicted[:, parts.q_motor], predicted[:, parts.dq_motor]], axis=1)
         return np.where(memory[:, self._started] == 0.0, 0.0, measured - motors)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out the machine code."""
-        return {name: value for name, value in super().__getstate__().items() if name != "_beside"}
-
-    @functools.cached_property
-    def _beside(self) -> Kernel:
-        act = self._act_of()
-
-        def beside(memory: Any, seen: Any, extra: Any, _: Any, constants: Any, *tables: Any) -> tuple[Any, ...]:
-            after, torque = act(memory, seen, constants, *tables, extra=extra)
-            return after, seen, extra, tuple(torque)
-
-        nothing = (0.0,) * self.joints
-        ports = self._memory, seen_by(self.joints), nothing, nothing
-        return Kernel(Program(beside, ports, self._numbers, [table.shape for table in self._tables]))
-
     def _act_of(self) -> Any:
         schedule = self._schedule
         return _law_of(equations_of(self.parameters), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points)
 
     @property
-    def _memory(self) -> _Memory:
+    def _memory(self) -> Observed:
         nothing = (0.0,) * self.joints
-        return _Memory(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
+        return Observed(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
 
     @property
     def _tables(self) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +135,7 @@ class ElasticObserverPolicy(LawPolicy):
         self.parameters = parameters
         self._target = ElasticTarget(parameters, self.control_period)
         limit, substep = tuple(map(float, self._torque_limit)), self.control_period / self._substeps
-        self._numbers = _Constants(self._target.constants, limit, substep, float(self._substeps))
+        self._numbers = Constants(self._target.constants, limit, substep, float(self._substeps))
 
 
 def _memory_parts(joints: int) -> list[slice]:
@@ -164,7 +143,7 @@ def _memory_parts(joints: int) -> list[slice]:
     return consecutive(memory_size(joints), 1, estimate_parts(joints).load.stop)
 
 
-class _Memory(NamedTuple):
+class Observed(NamedTuple):
     """What the target remembers, 1 once there has been a sample, and (x̂, d̂)⁻."""
 
     past: Past
@@ -172,7 +151,7 @@ class _Memory(NamedTuple):
     predicted: Estimate
 
 
-class _Constants(NamedTuple):
+class Constants(NamedTuple):
     """The target's constants, the torque limits [N m], a sub-step of the prediction [s], and how many there are."""
 
     target: TargetConstants
@@ -181,17 +160,29 @@ class _Constants(NamedTuple):
     substeps: Any
 
 
+class Corrected(NamedTuple):
+    """A sample after its correction: what the target remembers and wants, u_ff, (x̂, d̂), ν, and where K is looked up."""
+
+    past: Past
+    aim: Any
+    u_ff: Any
+    x: Estimate
+    innovation: Any
+    corners: Any
+
+
 @functools.cache
-def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
-    """Return the law for arms with these equations and gains over these angles, see `gain_schedule`."""
+def steps_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> tuple[Any, Any, Any]:
+    """Return the steps of a sample, for arms with these equations and gains over these angles, see `gain_schedule`.
+
+    ``correct(memory, seen, c, observer)`` corrects (x̂, d̂)⁻ by what is measured, a `Corrected`.
+    ``act(found, seen, c, feedback)`` returns u = u_ff - d̂ - K (x̂ - x_d) [N m].
+    ``predict(x, applied, c)`` returns (x̂, d̂)⁻ of the next sample under the applied torques.
+    """
     target, PerJoint, State, n = target_of(physics), physics.PerJoint, physics.State, physics.joints
 
-    def elastic_observer(
-        memory: _Memory, seen: Observation, c: _Constants, feedback: Any, observer: Any, extra: Any = None
-    ) -> tuple[_Memory, Any]:
+    def correct(memory: Observed, seen: Observation, c: Constants, observer: Any) -> Corrected:
         past, aim, u_ff = target(memory.past, seen, c.target)
-        if extra is not None:
-            u_ff = tuple(u + more for u, more in zip(u_ff, extra, strict=True))
         arm, stiffness = c.target.arm, c.target.drives.stiffness
 
         def begin() -> Estimate:
@@ -210,18 +201,42 @@ def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) 
         measured, predicted = (*seen.q_motor, *seen.dq_motor), (*x.q_motor, *x.dq_motor)
         innovation = [y - z for y, z in zip(measured, predicted, strict=True)]
         x = like(x, iter(on_table(observer, corners, 1.0, innovation, flat(x))))
-        unbent = [d / k for d, k in zip(x.load, stiffness, strict=True)]
+        return Corrected(past, aim, u_ff, x, innovation, corners)
+
+    def act(found: Corrected, seen: Observation, c: Constants, feedback: Any) -> list[Any]:
+        x, aim = found.x, found.aim
+        unbent = [d / k for d, k in zip(x.load, c.target.drives.stiffness, strict=True)]
         error = [
             *(a - (b - d) for a, b, d in zip(x.q_motor, aim.q, unbent, strict=True)),
             *(a - b for a, b in zip(x.q_link, seen.q_reference, strict=True)),
             *(a - b for a, b in zip(x.dq_motor, aim.dq, strict=True)),
             *(a - b for a, b in zip(x.dq_link, seen.dq_reference, strict=True)),
         ]
-        unloaded = [u - d for u, d in zip(u_ff, x.load, strict=True)]
-        torque = on_table(feedback, corners, -1.0, error, unloaded)
-        applied, load = within(PerJoint(*torque), c.limit), PerJoint(*x.load)
+        unloaded = [u - d for u, d in zip(found.u_ff, x.load, strict=True)]
+        return on_table(feedback, found.corners, -1.0, error, unloaded)
+
+    def predict(x: Estimate, applied: Any, c: Constants) -> Estimate:
+        held, load = PerJoint(*applied), PerJoint(*x.load)
         state = State(*(PerJoint(*part) for part in x[: len(State._fields)]))
-        state = repeat(c.substeps, lambda now: physics.loaded_step(now, applied, load, arm, c.h), state)
-        return _Memory(past, 1.0, Estimate(*(tuple(part) for part in (*state, x.load)))), torque
+        state = repeat(c.substeps, lambda now: physics.loaded_step(now, held, load, c.target.arm, c.h), state)
+        return Estimate(*(tuple(part) for part in (*state, x.load)))
+
+    return correct, act, predict
+
+
+@functools.cache
+def _law_of(physics: Physics, kept: tuple[int, ...], cosine: bool, points: int) -> Any:
+    """Return the law for arms with these equations and gains over these angles."""
+    correct, act, predict = steps_of(physics, kept, cosine, points)
+
+    def elastic_observer(
+        memory: Observed, seen: Observation, c: Constants, feedback: Any, observer: Any, extra: Any = None
+    ) -> tuple[Observed, Any]:
+        found = correct(memory, seen, c, observer)
+        if extra is not None:
+            found = found._replace(u_ff=tuple(u + more for u, more in zip(found.u_ff, extra, strict=True)))
+        torque = act(found, seen, c, feedback)
+        applied = within(physics.PerJoint(*torque), c.limit)
+        return Observed(found.past, 1.0, predict(found.x, applied, c)), torque
 
     return elastic_observer

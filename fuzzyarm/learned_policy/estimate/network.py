@@ -20,14 +20,14 @@ import functools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.checks import finite_array, instance, shown
 from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts
 from fuzzyarm.learned_policy.estimate.units import QUIET
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent, logistic
+from fuzzyarm.numbers.functions import array, each, maximum, minimum
 
-__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "residual_of", "shapes_of"]
+__all__ = ["GATES", "LARGEST_MEMORY", "EstimateNetwork", "Layers", "heard", "respond", "shapes_of"]
 
 GATES = 2
 """s and r."""
@@ -64,7 +64,7 @@ def shapes_of(hidden: int, modulation: int, joints: int, axes: int) -> dict[str,
 
 
 class Layers(NamedTuple):
-    """The arrays of a network as compiled code takes them, in double precision.
+    """The arrays of a network as the law takes them, in double precision.
 
     Attributes:
         of_z: the matrices of z side by side and transposed, so that no sum runs over the rows.
@@ -151,7 +151,7 @@ class EstimateNetwork:
 
     @functools.cached_property
     def layers(self) -> Layers:
-        """The arrays as compiled code takes them."""
+        """The arrays as the law takes them."""
         of_z = np.concatenate([self.gate_z, self.A, self.B]).T
         of_h = np.concatenate([self.gate_h, self.U]).T
         of_c = np.concatenate([self.gate_c, self.C, self.P]).T
@@ -160,63 +160,52 @@ class EstimateNetwork:
         return Layers(*(np.array(array, dtype=np.float64, order="C") for array in arrays))
 
 
-@functools.cache
-def residual_of(joints: int, axes: int) -> tuple[Any, Any]:
-    """Return the compiled functions of the network for an arm of so many joints, with a tip in so many axes.
-
-    ``heard(z, c)`` returns m g of z and c, see the module.
-    ``respond(z, c, h, gap, torques, rho, layers)`` fills ρ (n,) from z and c (numbers of `signals`), u_a - u_o
-        and R (n,) [N m], and advances h (hidden,).
-    """
-    load, motion = unexplained_parts(joints, axes).load.start, context_parts(joints, axes).motion.start
-
-    @register_jitable
-    def heard(z: np.ndarray, c: np.ndarray) -> float:
-        square = 0.0
-        for k in range(joints):
-            square += z[load + k] * z[load + k]
-        share: float = c[motion] * (square / (square + QUIET * QUIET))
-        return share
-
-    @register_jitable
-    def respond(
-        z: np.ndarray,
-        c: np.ndarray,
-        h: np.ndarray,
-        gap: np.ndarray,
-        torques: np.ndarray,
-        rho: np.ndarray,
-        n: Layers,
-    ) -> None:
-        w = np.ones(len(h))
-        _remember(z, c, h, w, n)
-        share = heard(z, c)
-        for joint in range(joints):
-            total, follow = 0.0, 0.0
-            for i in range(len(h)):
-                total += n.V[joint, i] * (h[i] * w[i])
-                follow += n.G[joint, i] * (h[i] * w[i])
-            total += follow * (gap[joint] / torques[joint])
-            for k in range(len(z)):
-                total += n.D[joint, k] * z[k]
-            rho[joint] = min(max(share * total, -1.0), 1.0)
-
-    return heard, respond
+def heard(z: Any, c: Any, joints: int, axes: int) -> Any:
+    """Return m g of z and c, see the module."""
+    load, square = unexplained_parts(joints, axes).load.start, 0.0
+    for k in range(joints):
+        square = square + z[load + k] * z[load + k]
+    return c[context_parts(joints, axes).motion.start] * (square / (square + QUIET * QUIET))
 
 
-@register_jitable
-def _remember(z: np.ndarray, c: np.ndarray, h: np.ndarray, w: np.ndarray, n: Layers) -> None:
+def respond(z: Any, c: Any, h: Any, gap: Any, torques: Any, n: Layers, axes: int) -> list[Any]:
+    """Return ρ (n,) from z and c (numbers of `signals`), u_a - u_o and R (n,) [N m], and advance h (hidden,)."""
+    hidden, total, follow = len(h), array(1), array(1)
+    w = array(hidden)
+    for i in each(hidden):
+        w[i] = 1.0
+    _remember(z, c, h, w, n)
+    share, rho = heard(z, c, len(gap), axes), []
+    for joint in range(len(gap)):
+        total[0], follow[0] = 0.0, 0.0
+        for i in each(hidden):
+            total[0] += n.V[joint, i] * (h[i] * w[i])
+            follow[0] += n.G[joint, i] * (h[i] * w[i])
+        total[0] += follow[0] * (gap[joint] / torques[joint])
+        for k in each(len(z)):
+            total[0] += n.D[joint, k] * z[k]
+        rho.append(minimum(maximum(share * total[0], -1.0), 1.0))
+    return rho
+
+
+def _remember(z: Any, c: Any, h: Any, w: Any, n: Layers) -> None:
     """Advance h (hidden,), and add W tanh(P c + p_0) to w (hidden,)."""
-    hidden, modulation, gates = len(h), len(n.W), GATES * len(h)
-    from_z, from_h, from_c = np.zeros(n.of_z.shape[1]), np.zeros(n.of_h.shape[1]), n.bias.copy()
+    hidden, modulation, gates = len(h), n.W.shape[0], GATES * len(h)
+    from_z, from_h, from_c = (array(matrix.shape[1]) for matrix in (n.of_z, n.of_h, n.of_c))
+    for numbers in (from_z, from_h):
+        for i in each(len(numbers)):
+            numbers[i] = 0.0
+    for i in each(len(from_c)):
+        from_c[i] = n.bias[i]
     add_product(z, n.of_z, from_z)
     add_product(h, n.of_h, from_h)
     add_product(c, n.of_c, from_c)
-    for k in range(modulation):
-        from_c[gates + hidden + k] = hyperbolic_tangent(from_c[gates + hidden + k])
+    for k in each(modulation):
+        at = k + (gates + hidden)
+        from_c[at] = hyperbolic_tangent(from_c[at])
     add_product(from_c[gates + hidden :], n.W, w)
-    for i in range(hidden):
+    for i in each(hidden):
         s = logistic(from_z[i] + from_h[i] + from_c[i])
-        r = logistic(from_z[hidden + i] + from_h[hidden + i] + from_c[hidden + i])
-        candidate = from_z[gates + i] + from_c[gates + i] * from_z[gates + hidden + i] + r * from_h[gates + i]
+        r = logistic(from_z[i + hidden] + from_h[i + hidden] + from_c[i + hidden])
+        candidate = from_z[i + gates] + from_c[i + gates] * from_z[i + (gates + hidden)] + r * from_h[i + gates]
         h[i] += s * (hyperbolic_tangent(candidate) - h[i])

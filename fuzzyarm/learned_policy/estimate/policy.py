@@ -26,30 +26,36 @@ import numpy as np
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.fastest_mode import fastest_rate
-from fuzzyarm.envs.observation import observed
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.periods import default_substeps
-from fuzzyarm.envs.physics.compiled import kernel_for
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_columns, in_list, reader
-from fuzzyarm.fuzzy_policy.known_arm import constants_of, per_joint_of
+from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, Memory, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy, Beliefs
 from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, memory_size
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import place_in_schedule
-from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, gain_tables
-from fuzzyarm.fuzzy_policy.laws.observer_steps import act_of, begin_of, correct_of, estimated_of, predict_of
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import Constants, ElasticObserverPolicy, Observed
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
+from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget, past_of
+from fuzzyarm.fuzzy_policy.laws.observer_gains import Estimate, gain_tables
 from fuzzyarm.fuzzy_policy.laws.observer_weights import weights_for
-from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, Layers, residual_of
-from fuzzyarm.learned_policy.estimate.signals import context_parts, signals_of, unexplained_parts
+from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, Layers, heard, respond
+from fuzzyarm.learned_policy.estimate.signals import (
+    context_of,
+    context_parts,
+    see_beliefs,
+    see_innovation,
+    see_unexplained,
+    unexplained_parts,
+)
 from fuzzyarm.learned_policy.estimate.units import turns_of, units_of
+from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum, select
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 __all__ = ["LearnedObserverPolicy", "SeenParts", "seen_parts"]
 
@@ -76,37 +82,16 @@ def seen_parts(physics: Physics) -> SeenParts:
     )
 
 
-class _MemoryParts(NamedTuple):
-    """Where the memory of the elastic target, a flag of a sample before, (x̂, d̂)⁻ and the last ρ lie; then a filter."""
+class _Memory(NamedTuple):
+    """Of a lane: what the elastic observer remembers, the last ρ, the adaptive observer's filter, and h."""
 
-    target: slice
-    started: slice
-    predicted: slice
-    residual: slice
-
-
-def _memory_parts(joints: int) -> _MemoryParts:
-    return _MemoryParts(*consecutive(memory_size(joints), 1, estimate_parts(joints).load.stop, joints))
+    observer: Observed
+    residual: Any
+    filter: Memory
+    hidden: Any
 
 
-class _Known(NamedTuple):
-    """What the kernel takes of the elastic observer: gains, their schedule, and the arm."""
-
-    feedback: Any
-    observer: Any
-    kept: Any
-    cosine: Any
-    points: Any
-    constants: Any
-    stiffness: Any
-    torque_limit: Any
-    turns: Any
-    substep: Any
-    substeps: Any
-    units: Any
-
-
-class LearnedObserverPolicy(Policy):
+class LearnedObserverPolicy(LawPolicy):
     """The law of the module's docstring; it remembers what both laws do, the last ρ, and h.
 
     Attributes:
@@ -140,25 +125,25 @@ class LearnedObserverPolicy(Policy):
             )
         weights = dataclasses.replace(adaptive_weights_for(arm, self.control_period), **_WEIGHTS)
         self.network, self.adaptive = network, AdaptiveObserverPolicy(arm, control_period, weights)
-        self.seen, self._parts = seen_parts(physics), _memory_parts(self.joints)
-        first = self._parts.residual.stop
-        self.filter, self.hidden = consecutive(first, self.adaptive.memory.noise.stop, network.hidden)[1:]
+        self.seen, nothing = seen_parts(physics), (0.0,) * self.joints
+        observed = Observed(past_of(self.joints), 0.0, Estimate(*[nothing] * len(Estimate._fields)))
+        sizes = len(flat(observed)) + self.joints, self.adaptive.memory.noise.stop, network.hidden
+        _, self.filter, self.hidden = consecutive(*sizes)
         self.memory_size = self.hidden.stop
-        self._target = ElasticTarget(arm, self.control_period)
+        filter_places = places(self.joints, self.adaptive.belief)
+        self._places = _Memory(observed, nothing, filter_places, Cells((network.hidden,)))
+        target = ElasticTarget(arm, self.control_period)
         substeps = default_substeps(self.control_period, fastest_rate([arm]))
-        schedule, feedback, observer = gain_tables(arm, self.control_period, weights_for(arm, self.control_period))
-        self._known = _Known(
-            feedback,
-            observer,
-            *(schedule.kept, schedule.cosine, schedule.points),
-            *(constants_of(arm), per_joint_of(arm, "stiffness"), self._torque_limit, turns_of(arm)),
-            *(self.control_period / substeps, substeps),
-            units_of(arm),
-        )
+        self._schedule, *gains = gain_tables(arm, self.control_period, weights_for(arm, self.control_period))
+        self._gains = tuple(np.ascontiguousarray(table.reshape(len(table), -1)) for table in gains)
+        limit = tuple(map(float, self._torque_limit))
+        self._known = Constants(target.constants, limit, self.control_period / substeps, float(substeps))
 
     def with_network(self, network: EstimateNetwork) -> LearnedObserverPolicy:
         """Return this policy with another network of as many numbers in h."""
         other = copy.copy(self)
+        for made in ("control_law", "_act_kernel", "_command_kernel", "_observing"):
+            other.__dict__.pop(made, None)
         other.network = network
         return other
 
@@ -177,86 +162,87 @@ class LearnedObserverPolicy(Policy):
         """
         return self.adaptive.beliefs_of(self.checked_state(state)[..., self.filter])
 
-    def act(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray) -> None:
-        """Evaluate the law, see `Policy`."""
-        self.observe(observation, memory, torque, np.empty((len(observation), self.seen.base.stop)))
-
     def observe(self, observation: np.ndarray, memory: np.ndarray, torque: np.ndarray, seen: np.ndarray) -> None:
         """Do what `act` does, and fill `seen` (lanes, numbers of `SeenParts`) with what the network saw."""
-        target = np.empty((len(observation), self._target.size))
-        self._target.advance(observation, memory[:, self._parts.target], target, torque)
-        self._law(
-            *(observation, target, memory, torque, seen),
-            *(self.adaptive.settings, self._known, self.filter.start, self.hidden.start),
-            self.network.layers,
-        )
+        self._observing((memory, observation, torque, seen), self._constants, self._tables)
 
     @functools.cached_property
-    def _law(self) -> Any:
-        return _law_of(equations_of(self.parameters))
+    def control_law(self) -> Law:
+        """The law of the module's docstring."""
+        act = self._act_of()
 
+        def alone(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[_Memory, Any]:
+            after, torque, *_ = act(memory, seen, c, *tables)
+            return after, torque
 
-@functools.cache
-def _law_of(physics: Physics) -> Any:
-    """Return the compiled law for arms with these equations."""
-    joints, (at_z, at_c, at_base) = physics.joints, seen_parts(physics)
-    _, started_part, predicted_part, residual_part = _memory_parts(joints)
-    arm_in, per_joint = reader(physics.Arm, in_list), reader(physics.PerJoint, in_columns)
-    begin, correct, act = begin_of(physics), correct_of(joints), act_of(joints)
-    estimated, predict, (heard, respond) = estimated_of(joints), predict_of(physics), residual_of(joints, physics.axes)
-    correct_adaptive, act_adaptive, predict_adaptive = steps_of(physics)
-    see_innovation, see_unexplained, see_beliefs, see_context = signals_of(physics)
+        return Law(alone, self._places, self._known, self._tables)
 
-    @kernel_for(physics.digest)
-    def observe_and_act(
-        observation: np.ndarray,
-        target: np.ndarray,
-        memory: np.ndarray,
-        torque: np.ndarray,
-        seen: np.ndarray,
-        settings: Settings,
-        k: _Known,
-        first_filter: int,
-        first_hidden: int,
-        layers: Layers,
-    ) -> None:
-        """Correct, act and predict in every lane; `torque` holds u_ff and becomes u, unclipped."""
-        arm, o = arm_in(k.constants, 0), observed(observation)
-        started, predicted, residual = memory[:, started_part], memory[:, predicted_part], memory[:, residual_part]
-        load, room, axes = estimated(predicted).load, room_for(settings), len(settings.reopening) - 1
-        innovation, error, applied = np.empty(2 * joints), np.empty(4 * joints), np.empty((1, joints))
-        adaptive, gap, known = np.empty(joints), np.empty(joints), np.zeros((KEPT + 1, axes))
-        index, weight = np.empty(1 << len(k.kept), dtype=np.int64), np.empty(1 << len(k.kept))
-        for lane in range(len(observation)):
-            if started[lane, 0] == 0.0:
-                started[lane, 0] = 1.0
-                begin(lane, o.q_motor, o.dq_motor, predicted, k.stiffness, arm)
-            m = remembered(memory[lane, first_filter:], joints, len(settings.guess), axes + 1)
-            z, c, h = seen[lane, at_z], seen[lane, at_c], memory[lane, first_hidden:]
-            see_context(lane, o, torque[lane], k.torque_limit, k.turns, arm, k.units, c)
-            see_innovation(lane, o, m, k.units, innovation, z)
-            correct_adaptive(lane, o, m, settings, room)
-            act_adaptive(room.acted, m, settings, room, known, adaptive)
-            place_in_schedule(o.q_motor[lane], k.kept, k.cosine, k.points, index, weight)
-            correct(lane, o, predicted, k.observer, index, weight, innovation)
-            act(lane, o, target, predicted, k.stiffness, k.feedback, index, weight, error, torque)
-            for i in range(joints):
-                far = _FARTHEST * k.torque_limit[i]
-                aim = min(max(adaptive[i], -far), far)
-                gap[i] = aim - torque[lane, i] if np.isfinite(adaptive[i]) else 0.0
-            see_unexplained(innovation, load[lane], gap, residual[lane], k.units, z)
-            see_beliefs(m, settings, k.units, z, c)
-            share = heard(z, c)
-            for i in range(joints):
-                torque[lane, i] += share * gap[i]
-                seen[lane, at_base][i] = torque[lane, i]
-            respond(z, c, h, gap, k.units.torque, residual[lane], layers)
-            for i in range(joints):
-                if m.flags[FLAG.lost] != 0.0:
-                    residual[lane, i] = 0.0
-                torque[lane, i] += k.units.torque[i] * residual[lane, i]
-                applied[0, i] = m.commands[0, i] = min(max(torque[lane, i], -k.torque_limit[i]), k.torque_limit[i])
-            predict(predicted, lane, per_joint(applied, 0), per_joint(load, lane), arm, k.substep, k.substeps)
-            predict_adaptive(m, settings, room, adaptive)
+    @property
+    def _tables(self) -> tuple[np.ndarray, ...]:
+        return (*self._gains, *tables_of(self.adaptive.settings), *self.network.layers)
 
-    return observe_and_act
+    @functools.cached_property
+    def _observing(self) -> Kernel:
+        act, joints = self._act_of(), self.joints
+
+        def observe(
+            memory: _Memory, seen: Observation, _: Any, out: Any, c: Constants, *tables: Any
+        ) -> tuple[Any, ...]:
+            after, torque, z, context, base = act(memory, seen, c, *tables)
+            for part, numbers in zip(self.seen, (z, context, base), strict=True):
+                for k in each(len(numbers)) if hasattr(numbers, "shape") else range(len(numbers)):
+                    out[k + part.start] = numbers[k]
+            return after, seen, torque, out
+
+        ports = self._places, seen_by(joints), (0.0,) * joints, Cells((self.seen.base.stop,))
+        return Kernel(Program(observe, ports, self._known, [table.shape for table in self._tables]))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the machine code."""
+        return {name: value for name, value in super().__getstate__().items() if name != "_observing"}
+
+    def _act_of(self) -> Any:
+        """Return the law that tells z, c and u_b [N m], too."""
+        arm, settings, joints = self.parameters, self.adaptive.settings, self.joints
+        physics, schedule = equations_of(arm), self._schedule
+        kept = tuple(schedule.kept.tolist())
+        correct, act, predict = observer_steps_of(physics, kept, schedule.cosine, schedule.points)
+        correct_adaptive, act_adaptive, predict_adaptive = steps_of(physics)
+        units, turns, limit = units_of(arm), turns_of(arm), self._torque_limit.tolist()
+        in_z, in_c = unexplained_parts(joints, physics.axes), context_parts(joints, physics.axes)
+        see_context, torques = context_of(physics), units.torque.tolist()
+
+        def learned(memory: _Memory, seen: Observation, c: Constants, *tables: Any) -> tuple[Any, ...]:
+            feedback, observer, *others = tables
+            s, layers = with_tables(settings, others[: -len(Layers._fields)]), Layers(*others[-len(Layers._fields) :])
+            m, h, room, adaptive = memory.filter, memory.hidden, room_for(s), array(joints)
+            z, context, known = array(in_z.belief.stop), array(in_c.motion.stop), array(KEPT + 1, physics.axes)
+            for k in each(KEPT + 1):
+                for i in each(physics.axes):
+                    known[k, i] = 0.0
+            found = correct(memory.observer, seen, c, observer)
+            see_context(seen, found.u_ff, limit, turns, c.target.arm, units, context)
+            see_innovation(seen, m, units, z, in_z)
+            correct_adaptive(seen, m, s, room)
+            act_adaptive(room.acted, m, s, room, known, adaptive)
+            torque, gap = act(found, seen, c, feedback), []
+            for i, most in enumerate(limit):
+                asked, far = adaptive[i], _FARTHEST * most
+                aim = minimum(maximum(asked, -far), far)
+                gap.append(select(asked - asked == 0.0, aim - torque[i], 0.0))
+            see_unexplained(found.innovation, found.x.load, gap, memory.residual, units, z, in_z)
+            see_beliefs(m, s, units, z, context, in_z, in_c)
+            share = heard(z, context, joints, physics.axes)
+            base = [u + share * far for u, far in zip(torque, gap, strict=True)]
+            answer = respond(z, context, h, gap, torques, layers, physics.axes)
+            lost = m.flags[FLAG.lost] != 0.0
+            residual = tuple(select(lost, 0.0, rho) for rho in answer)
+            torque = tuple(u + unit * rho for u, unit, rho in zip(base, torques, residual, strict=True))
+            applied = [minimum(maximum(u, -most), most) for u, most in zip(torque, limit, strict=True)]
+            for i, u in enumerate(applied):
+                m.commands[0, i] = u
+            observed = Observed(found.past, 1.0, predict(found.x, applied, c))
+            predict_adaptive(m, s, room, adaptive)
+            return _Memory(observed, residual, m, h), torque, z, context, base
+
+        return learned

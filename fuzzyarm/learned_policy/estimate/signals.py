@@ -24,20 +24,22 @@ import functools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.elementwise import root, select, sine_cosine
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import in_list, reader
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, Units
 from fuzzyarm.learned_policy.functions import area_sine
+from fuzzyarm.numbers.functions import each, maximum, only
 
-__all__ = ["ContextParts", "Signals", "UnexplainedParts", "context_parts", "signals_of", "unexplained_parts"]
+__all__ = [
+    "ContextParts", "UnexplainedParts", "context_of", "context_parts", "see_beliefs", "see_innovation", "see_unexplained",
+    "unexplained_parts",
+]  # fmt: skip
 
 _SENSELESS = 1e6  # rad and rad/s, an innovation of a filter that has diverged
 _NOISE, _NOISES = 1e-6, 3.0  # rad, unit of the noise that is read; e-fold of its asinh that counts as 1
@@ -70,27 +72,6 @@ class ContextParts(NamedTuple):
     motion: Any
 
 
-class Signals(NamedTuple):
-    """Compiled functions that fill z and c (numbers of `unexplained_parts` and `context_parts`) of one lane.
-
-    Attributes:
-        innovation: ``innovation(lane, o, m, units, ν, z)`` fills the parts that are of ν_a, before that filter's
-            correction; 0 as an episode begins and where the filter has diverged. ν (2 n,) [rad, rad/s] becomes ν_a.
-        unexplained: ``unexplained(ν, load, gap, residual, units, z)`` fills parts from ν_o (2 n,) [rad, rad/s], d̂ and
-            u_a - u_o (n,) [N m] and the last ρ (n,).
-        beliefs: ``beliefs(m, s, units, z, c)`` fills the parts of z and c that are of the corrected beliefs; 0 where
-            the filter has diverged. In c these are lateness and its standard deviation [control periods], calm,
-            surprise, and the noise that is read.
-        context: ``context(lane, o, feedforward, limit, turns, arm, units, c)`` fills c from the observation (5 n,) of a
-            lane, u_ff (n,) [N m], its limit (n,), `turns_of` (n,) and the record of the arm's constants.
-    """
-
-    innovation: Any
-    unexplained: Any
-    beliefs: Any
-    context: Any
-
-
 @functools.cache
 def unexplained_parts(joints: int, axes: int) -> UnexplainedParts:
     """Return where the parts of z lie for so many joints and axes of the tip's space."""
@@ -103,155 +84,131 @@ def context_parts(joints: int, axes: int) -> ContextParts:
     return ContextParts(*consecutive(2 * joints, joints, joints, joints, joints, axes, joints, 5, 1))
 
 
+def see_innovation(seen: Observation, m: Memory, units: Units, z: Any, parts: UnexplainedParts) -> None:
+    """Fill the parts of z that are of ν_a, before that filter's correction.
+
+    They are 0 as an episode begins and where the filter has diverged.
+    """
+    joints = len(seen.q_motor)
+    predicted = (m.flags[FLAG.samples] > 0.0) & (m.flags[FLAG.lost] == 0.0)
+    raw = [q - m.z[i] for i, q in enumerate(seen.q_motor)]
+    raw += [dq - m.z[2 * joints + i] for i, dq in enumerate(seen.dq_motor)]
+    # A filter that has diverged at this very sample says so only with its correction.
+    innovation = [select(predicted & (abs(number) < _SENSELESS), number, 0.0) for number in raw]
+    _scaled(innovation, units, z[parts.fine], z[parts.coarse])
+
+
+def see_unexplained(
+    innovation: Any, load: Any, gap: Any, residual: Any, units: Units, z: Any, parts: UnexplainedParts
+) -> None:
+    """Fill parts of z from ν_o (2 n,) [rad, rad/s], d̂ and u_a - u_o (n,) [N m] and the last ρ (n,)."""
+    _scaled(innovation, units, z[parts.slow_fine], z[parts.slow_coarse])
+    seen_load, seen_gap, seen_residual = z[parts.load], z[parts.gap], z[parts.residual]
+    for i, torque in enumerate(units.torque.tolist()):
+        seen_load[i], seen_gap[i], seen_residual[i] = load[i] / torque, gap[i] / (GAP_SHARE * torque), residual[i]
+    squash(seen_gap)
+
+
+def see_beliefs(
+    m: Memory, s: Settings, units: Units, z: Any, c: Any, parts: UnexplainedParts, in_context: ContextParts
+) -> None:
+    """Fill the parts of z and c that are of the corrected beliefs; 0 where the filter has diverged.
+
+    In c these are lateness and its standard deviation [control periods], calm, surprise, and the noise that is read.
+    """
+    states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[parts.belief], c[in_context.trust]
+    for numbers in (belief, trust):
+        for k in each(len(numbers)):
+            numbers[k] = 0.0
+    for _ in only(m.flags[FLAG.lost] == 0.0):
+        for k, unit in enumerate(units.load.tolist()):
+            belief[k] = (m.z[states + k] - s.guess[k]) / unit
+        squash(belief)
+        loudest = m.noise[0]
+        for j in range(1, len(m.noise)):
+            loudest = maximum(loudest, m.noise[j])
+        deviation, noise = root(maximum(m.P[last, last], 0.0)), root(loudest)
+        trust[0], trust[1], trust[2] = m.z[last], deviation, m.flags[FLAG.calm]
+        trust[3], trust[4] = area_sine(m.flags[FLAG.surprise]), area_sine(noise / _NOISE) / _NOISES
+
+
 @functools.cache
-def signals_of(physics: Physics) -> Signals:
-    """Return the functions for arms with these equations."""
-    return Signals(*_innovations_of(physics), _beliefs_of(physics), _context_of(physics))
+def context_of(physics: Physics) -> Any:
+    """Return ``context(seen, feedforward, limit, turns, arm, units, c)``.
 
+    It fills c from the observation, u_ff (n,) [N m], its limit (n,), `turns_of` (n,) and the record of the constants.
+    """
+    parts, (tip_velocity, tip_lever) = context_parts(physics.joints, physics.axes), _tip_of(physics)
 
-@register_jitable
-def _scaled(innovation: np.ndarray, units: Units, fine: np.ndarray, coarse: np.ndarray) -> None:
-    """Fill a(ν) and b(ν) from ν, each (2 n,)."""
-    for k in range(len(innovation)):
-        square = innovation[k] * innovation[k]
-        fine[k] = area_sine(innovation[k] / units.fine[k])
-        large = area_sine(innovation[k] / units.coarse[k])
-        coarse[k] = large * (square / (square + units.fine[k] * units.fine[k]))
-
-
-def _innovations_of(physics: Physics) -> tuple[Any, Any]:
-    """Return the first two functions of `Signals`."""
-    joints = physics.joints
-    parts = unexplained_parts(joints, physics.axes)
-    at_fine, at_coarse, at_slow_fine, at_slow_coarse, at_load, at_gap, at_residual, _ = parts
-
-    @register_jitable
-    def see_innovation(
-        lane: int, o: Observation, m: Memory, units: Units, innovation: np.ndarray, z: np.ndarray
+    def context(
+        seen: Observation, feedforward: Any, limit: Any, turns: np.ndarray, arm: Any, units: Units, c: Any
     ) -> None:
-        predicted = m.flags[FLAG.samples] > 0.0 and m.flags[FLAG.lost] == 0.0
-        for i in range(joints):
-            innovation[i] = o.q_motor[lane, i] - m.z[i]
-            innovation[joints + i] = o.dq_motor[lane, i] - m.z[2 * joints + i]
-        for k in range(len(innovation)):
-            # A filter that has diverged at this very sample says so only with its correction.
-            if not (predicted and np.abs(innovation[k]) < _SENSELESS):
-                innovation[k] = 0.0
-        _scaled(innovation, units, z[at_fine], z[at_coarse])
-
-    @register_jitable
-    def see_unexplained(
-        innovation: np.ndarray, load: np.ndarray, gap: np.ndarray, residual: np.ndarray, units: Units, z: np.ndarray
-    ) -> None:
-        _scaled(innovation, units, z[at_slow_fine], z[at_slow_coarse])
-        for i in range(joints):
-            z[at_load][i] = load[i] / units.torque[i]
-            z[at_gap][i] = area_sine(gap[i] / (GAP_SHARE * units.torque[i]))
-            z[at_residual][i] = residual[i]
-
-    return see_innovation, see_unexplained
-
-
-def _beliefs_of(physics: Physics) -> Any:
-    """Return `Signals.beliefs`."""
-    joints = physics.joints
-    at_belief = unexplained_parts(joints, physics.axes).belief
-    at_trust = context_parts(joints, physics.axes).trust
-
-    @register_jitable
-    def see_beliefs(m: Memory, s: Settings, units: Units, z: np.ndarray, c: np.ndarray) -> None:
-        states, last, belief, trust = len(m.z) - len(s.guess), len(m.z) - 1, z[at_belief], c[at_trust]
-        belief[:], trust[:] = 0.0, 0.0
-        if m.flags[FLAG.lost] == 0.0:
-            for k in range(len(units.load)):
-                belief[k] = area_sine((m.z[states + k] - s.guess[k]) / units.load[k])
-            loudest = m.noise[0]
-            for j in range(1, joints):
-                loudest = max(loudest, m.noise[j])
-            deviation, noise = np.sqrt(max(m.P[last, last], 0.0)), np.sqrt(loudest)
-            calm, surprise = m.flags[FLAG.calm], area_sine(m.flags[FLAG.surprise])
-            trust[0], trust[1], trust[2] = m.z[last], deviation, calm
-            trust[3:][0], trust[3:][1] = surprise, area_sine(noise / _NOISE) / _NOISES
-
-    return see_beliefs
-
-
-def _context_of(physics: Physics) -> Any:
-    """Return `Signals.context`."""
-    joints, axes = physics.joints, physics.axes
-    parts, (tip_velocity, tip_lever) = context_parts(joints, axes), _tip_of(physics)
-    at_angles, at_velocities, at_accelerations, at_feedforward, at_signs, at_travel, at_lever, _, _ = parts
-    at_motion = parts.motion.start
-
-    @register_jitable
-    def see_context(
-        lane: int,
-        o: Observation,
-        feedforward: np.ndarray,
-        limit: np.ndarray,
-        turns: np.ndarray,
-        arm: Any,
-        units: Units,
-        c: np.ndarray,
-    ) -> None:
-        q, dq, ddq = o.q_motor[lane], o.dq_reference[lane], o.ddq_reference[lane]
-        angles, turned = c[at_angles], 0.0
-        for i in range(joints):
-            turned = q[i] + turns[i] * turned
+        q, dq, ddq = seen.q_motor, seen.dq_reference, seen.ddq_reference
+        angles, turned = c[parts.angles], 0.0
+        for i, turn in enumerate(turns.tolist()):
+            turned = q[i] + turn * turned
             sine, cosine = sine_cosine(turned)
             angles[2 * i], angles[2 * i + 1] = cosine, sine
-        travel, lever = c[at_travel], c[at_lever]
-        tip_velocity(q, dq, arm, travel)
-        square = 0.0
-        for i in range(axes):
-            square += travel[i] * travel[i]
-        speed = np.sqrt(square + units.slow_tip * units.slow_tip)
-        c[at_motion] = square / (square + units.rest * units.rest)
-        for i in range(axes):
-            travel[i] = travel[i] / speed
-        tip_lever(q, travel, arm, lever)
-        for i in range(joints):
-            lever[i] = lever[i] / units.length
-            c[at_velocities][i], c[at_accelerations][i] = dq[i] / units.velocity[i], ddq[i] / units.acceleration[i]
-            c[at_feedforward][i] = feedforward[i] / limit[i]
-            c[at_signs][i] = dq[i] / np.sqrt(dq[i] * dq[i] + units.slow[i] * units.slow[i])
+        velocity, square = tip_velocity(q, dq, arm), 0.0
+        for v in velocity:
+            square = square + v * v
+        speed = root(square + units.slow_tip * units.slow_tip)
+        c[parts.motion.start] = square / (square + units.rest * units.rest)
+        travel = [v / speed for v in velocity]
+        for i, number in enumerate(travel):
+            c[parts.travel][i] = number
+        for i, number in enumerate(tip_lever(q, travel, arm)):
+            slow = float(units.slow[i])
+            c[parts.lever][i] = number / units.length
+            c[parts.velocities][i] = dq[i] / float(units.velocity[i])
+            c[parts.accelerations][i] = ddq[i] / float(units.acceleration[i])
+            c[parts.feedforward][i] = feedforward[i] / limit[i]
+            c[parts.signs][i] = dq[i] / root(dq[i] * dq[i] + slow * slow)
 
-    return see_context
+    return context
+
+
+def _scaled(innovation: Any, units: Units, fine: Any, coarse: Any) -> None:
+    """Fill a(ν) and b(ν) from ν, each (2 n,)."""
+    for k, number in enumerate(innovation):
+        fine[k], coarse[k] = number / float(units.fine[k]), number / float(units.coarse[k])
+    squash(fine)
+    squash(coarse)
+    for k, number in enumerate(innovation):
+        square, unit = number * number, float(units.fine[k])
+        coarse[k] = coarse[k] * (square / (square + unit * unit))
+
+
+def squash(numbers: Any) -> None:
+    """Replace the numbers of an array by their asinh."""
+    for k in each(len(numbers)):
+        numbers[k] = area_sine(numbers[k])
 
 
 def _tip_of(physics: Physics) -> tuple[Any, Any]:
-    """Return ``velocity(q, dq, arm, v)`` and ``lever(q, e, arm, l)``, which fill v (axes,) [m/s] and l = Jᵀ e (n,)."""
+    """Return ``velocity(q, dq, arm)`` and ``lever(q, e, arm)``: v (axes,) [m/s] and Jᵀ e (n,)."""
     if physics is two_joints():
         return _planar_velocity, _planar_lever
-    joints, axes, velocity_of, load_of = physics.joints, physics.axes, physics.tip_velocity, physics.tip_load
-    per_joint, point = reader(physics.PerJoint, in_list), reader(physics.Point, in_list)
+    PerJoint, Point = physics.PerJoint, physics.Point
 
-    @register_jitable
-    def velocity(q: np.ndarray, dq: np.ndarray, arm: Any, v: np.ndarray) -> None:
-        moved = velocity_of(per_joint(q, 0), per_joint(dq, 0), arm)
-        for i in range(axes):
-            v[i] = moved[i]
+    def velocity(q: Any, dq: Any, arm: Any) -> Any:
+        return physics.tip_velocity(PerJoint(*q), PerJoint(*dq), arm)
 
-    @register_jitable
-    def lever(q: np.ndarray, e: np.ndarray, arm: Any, filled: np.ndarray) -> None:
-        found = load_of(per_joint(q, 0), point(e, 0), arm)
-        for j in range(joints):
-            filled[j] = found[j]
+    def lever(q: Any, e: Any, arm: Any) -> Any:
+        return physics.tip_load(PerJoint(*q), Point(*e), arm)
 
     return velocity, lever
 
 
 # Of the two-joint arm in the order of operations in which the shipped network was trained: the same bits.
-@register_jitable
-def _planar_velocity(q: np.ndarray, dq: np.ndarray, arm: Any, v: np.ndarray) -> None:
+def _planar_velocity(q: Any, dq: Any, arm: Any) -> tuple[Any, Any]:
     (s1, c1), (s12, c12) = sine_cosine(q[0]), sine_cosine(q[0] + q[1])
     both = dq[0] + dq[1]
-    v[0] = -arm.length1 * s1 * dq[0] - arm.length2 * s12 * both
-    v[1] = arm.length1 * c1 * dq[0] + arm.length2 * c12 * both
+    x = -arm.length1 * s1 * dq[0] - arm.length2 * s12 * both
+    return x, arm.length1 * c1 * dq[0] + arm.length2 * c12 * both
 
 
-@register_jitable
-def _planar_lever(q: np.ndarray, e: np.ndarray, arm: Any, lever: np.ndarray) -> None:
+def _planar_lever(q: Any, e: Any, arm: Any) -> tuple[Any, Any]:
     (s1, c1), (s12, c12) = sine_cosine(q[0]), sine_cosine(q[0] + q[1])
-    lever[1] = arm.length2 * (c12 * e[1] - s12 * e[0])
-    lever[0] = arm.length1 * (c1 * e[1] - s1 * e[0]) + lever[1]
+    second = arm.length2 * (c12 * e[1] - s12 * e[0])
+    return arm.length1 * (c1 * e[1] - s1 * e[0]) + second, second

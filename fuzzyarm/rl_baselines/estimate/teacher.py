@@ -14,19 +14,21 @@ import numpy as np
 
 from fuzzyarm.envs.batch.layout import CLOCK
 from fuzzyarm.envs.batch.schedule import row_record
-from fuzzyarm.envs.observation import observed
-from fuzzyarm.envs.physics.compiled import kernel_for
+from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import columns, flat, in_list, reader, size
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
+from fuzzyarm.fuzzy_policy.law import seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import KEPT, Memory, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
+from fuzzyarm.numbers.functions import Cells
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 from fuzzyarm.rl_baselines.estimate.courses import Courses
 
 __all__ = ["Teacher"]
@@ -52,7 +54,6 @@ class Teacher:
         self._inverse = np.linalg.pinv(slopes)
         self._limit = np.array(adaptive.torque_limit)
         self._force_at = columns(row_record(self._physics.joints, self._physics.axes)).force
-        self._act_on_truth = _act_on_truth_of(self._physics)
 
     def torque(self, observation: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Return u* (lanes, n) [N m], within its limits, before the step for observations (lanes, 5 n).
@@ -62,7 +63,9 @@ class Teacher:
         """
         known = np.stack([self._force(ahead) for ahead in _SAMPLES], axis=1)
         torque = np.empty((len(observation), len(self._limit)))
-        self._act_on_truth(observation, memory.copy(), torque, self.beliefs(), known, self._settings)
+        known = np.ascontiguousarray(known.reshape(len(known), -1))
+        arrays = memory.copy(), observation, np.ascontiguousarray(self.beliefs()), known, torque
+        self._acting(arrays, np.empty(0), tables_of(self._settings))
         wanted: np.ndarray = np.clip(torque, -self._limit, self._limit)
         return wanted
 
@@ -91,27 +94,31 @@ class Teacher:
         force: np.ndarray = lanes.numbers(columns(lanes.layout.Lane).force_factor).T * (mean - 0.5 * change)
         return force
 
+    @functools.cached_property
+    def _acting(self) -> Kernel:
+        """The kernel that acts on the truth: on memory, observation, truth, known force and torque."""
+        begin, act, settings, joints = (
+            begin_of(self._physics),
+            act_of(self._physics),
+            self._settings,
+            self._physics.joints,
+        )
 
-@functools.cache
-def _act_on_truth_of(physics: Physics) -> Any:
-    """Return the kernel that acts on the truth, for arms with these equations."""
-    begin, act, joints = begin_of(physics), act_of(physics), physics.joints
-
-    @kernel_for(physics.digest)
-    def act_on_truth(
-        observation: np.ndarray,
-        memory: np.ndarray,
-        torque: np.ndarray,
-        truth: np.ndarray,
-        known: np.ndarray,
-        s: Settings,
-    ) -> None:
-        """Fill `torque` with the law's answer to z = `truth` (lanes, numbers of z) in every lane."""
-        room, o = room_for(s), observed(observation)
-        for lane in range(len(observation)):
-            m = remembered(memory[lane], joints, len(s.guess), len(s.reopening))
-            take_in(lane, o, m, room)
+        def act_on_truth(
+            m: Memory, seen: Observation, truth: Any, known: Any, torque: Any, _: Any, *tables: Any
+        ) -> tuple[Any, ...]:
+            s = with_tables(settings, tables)
+            room = room_for(s)
+            take_in(seen, m, room)
             begin(m, s, room)
-            act(truth[lane], m, s, room, known[lane], torque[lane])
+            act(truth, m, s, room, known, torque)
+            return m, seen, truth, known, torque
 
-    return act_on_truth
+        ports = (
+            places(joints, self._belief),
+            seen_by(joints),
+            Cells((len(settings.spread),)),
+            Cells((KEPT + 1, self._physics.axes)),
+            Cells((joints,)),
+        )
+        return Kernel(Program(act_on_truth, ports, (), [table.shape for table in tables_of(settings)]))

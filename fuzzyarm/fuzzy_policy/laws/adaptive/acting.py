@@ -13,7 +13,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATEN
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_at, gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.numbers.functions import each, floor, maximum, minimum, only, select
+from fuzzyarm.numbers.functions import each, floor, maximum, minimum, number, only, select
 
 __all__ = ["act_of", "mean_torque"]
 
@@ -92,8 +92,7 @@ def _command_of(physics: Physics) -> Any:
             error[joints + j] = state[joints + j, 0] - (q + later * (dq + 0.5 * later * ddq))
             error[2 * joints + j] = state[2 * joints + j, 0] - (dtheta + later * ddtheta)
             error[3 * joints + j] = state[3 * joints + j, 0] - (dq + later * ddq)
-        for place, gain in enumerate(feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass)):
-            room.gain[place // len(error), place % len(error)] = gain
+        feedback_at(s, m.references[0, 0], p[len(s.reopening)] / s.mass, room.gain)
         share = gain_share(m, s)
         for j in each(joints):
             for i in each(len(error)):
@@ -140,17 +139,15 @@ def _advance_of(physics: Physics) -> Any:
                 line[i, 0] += room.directions[i, j] * z[len(state) + j]
         whole = floor(lateness)
         rest = lateness - whole
-        for step in range(LONGEST_LATENESS):
-            for _ in only(whole > float(step)):
+        for step in each(LONGEST_LATENESS + 1):  # whole periods, then the rest of one
+            k = number(step)
+            last = k == float(LONGEST_LATENESS)
+            for _ in only((whole > k) & ~last | (last & (rest > 0.0))):
                 for j in each(joints):
-                    sent: Any = (1.0 - rest) * _sent(m.commands, whole - (step + 1.0), j)
-                    sent = sent + rest * _sent(m.commands, whole - float(step), j)
+                    sent: Any = (1.0 - rest) * _sent(m.commands, whole - (k + 1.0), j)
+                    sent = select(last, m.commands[0, j], sent + rest * _sent(m.commands, whole - k, j))
                     torque[j, 0] = sent + z[offset + j]
-                hold(state, torque, line, numbers, s.substep, s.substeps)
-        for _ in only(rest > 0.0):
-            for j in each(joints):
-                torque[j, 0] = m.commands[0, j] + z[offset + j]
-            hold(state, torque, line, numbers, rest * s.substep, s.substeps)
+                hold(state, torque, line, numbers, select(last, rest * s.substep, s.substep), s.substeps)
 
     return advance
 

@@ -18,7 +18,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import GainSchedule, corners_of, loaded_inertia, schedule_of
 from fuzzyarm.fuzzy_policy.laws.observer_gains import ObserverWeights, feedback_gain, sampled_arm
-from fuzzyarm.numbers.functions import floor, maximum, minimum, row, select
+from fuzzyarm.numbers.functions import each, entry, floor, maximum, minimum, select
 
 __all__ = ["FeedbackTable", "feedback_at", "feedback_table", "gain_share"]
 
@@ -62,19 +62,21 @@ def feedback_table(arm: AnyArm, control_period: float, weights: AdaptiveWeights)
     return FeedbackTable(schedule, gains)
 
 
-def feedback_at(s: Settings, q: Any, payload: Any) -> list[Any]:
-    """Return K (n · 4 n,) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
+def feedback_at(s: Settings, q: Any, payload: Any, gain: Any) -> None:
+    """Fill K (n, 4 n) at angles q (n,) [rad] and a payload in masses of the links, between the table's entries."""
     payloads, entries = s.feedback.shape[0], s.feedback_rows.shape[0]
     place = minimum(maximum(payload / HEAVIEST, 0.0), 1.0) * (payloads - 1.0)
     lower = minimum(payloads - 2.0, maximum(0.0, floor(place)))  # a share that is nan is mapped into the table, too
-    low, corners, ends = place - lower, corners_of(q, s.kept, s.cosine, s.points), []
-    for payload_row in (lower, lower + 1.0):
-        total: list[Any] = []
-        for corner, weight in corners:
-            gains = row(s.feedback_rows, payload_row * (entries / payloads) + corner)
-            total = [a + weight * g for a, g in zip(total or [0.0] * len(gains), gains, strict=True)]
-        ends.append(total)
-    return [(1.0 - low) * near + low * far for near, far in zip(*ends, strict=True)]
+    low, corners, points = place - lower, corners_of(q, s.kept, s.cosine, s.points), entries / payloads
+    for i in each(len(gain)):
+        for k in each(gain.shape[1]):
+            near: Any = 0.0
+            far: Any = 0.0
+            for corner, weight in corners:
+                column = i * gain.shape[1] + k
+                near = near + weight * entry(s.feedback_rows, lower * points + corner, column)
+                far = far + weight * entry(s.feedback_rows, (lower + 1.0) * points + corner, column)
+            gain[i, k] = (1.0 - low) * near + low * far
 
 
 def gain_share(m: Memory, s: Settings) -> Any:
