@@ -22,7 +22,7 @@ from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, State, flat, in_list, reader
+from fuzzyarm.envs.physics.records import PerJoint, State, filled, flat
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
 
@@ -124,7 +124,7 @@ def linearised(x: np.ndarray, u: np.ndarray, arm: Arm, force: np.ndarray) -> tup
     offsets = np.concatenate([np.diag(STEPS), -np.diag(STEPS)])[:, np.newaxis]
     copies = (np.hstack([x, u]) + offsets).reshape(-1, numbers).T
     push = np.tile(force.T, 2 * numbers)
-    start = reader(State, in_list)(copies[:STATES], 0)
+    start = filled(State, copies[:STATES])
     end = held_of(equations_of(ARM))(
         start, PerJoint(*copies[STATES:]), push, (0.0, 0.0), smooth, PERIOD / SUBSTEPS, SUBSTEPS
     )

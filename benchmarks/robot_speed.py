@@ -32,7 +32,7 @@ from fuzzyarm.envs.physics.generated import physics_of
 from fuzzyarm.envs.physics.hold import held_of, hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import flat, in_list, reader
+from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.eval.provenance import current_provenance
@@ -109,8 +109,8 @@ def against_hand_written() -> dict[str, Any]:
         return now
 
     def in_arrays(physics: Physics, take: Callable[[np.ndarray], Any]) -> np.ndarray:
-        before = reader(physics.State, in_list)(take(state), 0)
-        arm = reader(physics.Arm, in_list)(take(np.repeat(constants[physics][:, np.newaxis], LANES, axis=1)), 0)
+        before = filled(physics.State, take(state))
+        arm = filled(physics.Arm, take(np.repeat(constants[physics][:, np.newaxis], LANES, axis=1)))
         line, axes = take(force), physics.axes
         after = held_of(physics)(
             before, physics.PerJoint(*take(torque)), line[:axes], line[axes:], arm, H, CONTROL_STEP

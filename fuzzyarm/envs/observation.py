@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from numba.extending import register_jitable
-
 from fuzzyarm.envs.physics.records import JOINTS
 
 __all__ = ["JOINTS", "MEASURED", "PARTS", "REFERENCE", "SIZE", "START", "Observation", "observed", "starts"]
@@ -58,7 +56,6 @@ REFERENCE = slice(START.q_reference, SIZE)
 """What is asked for: `q_reference`, `dq_reference` and `ddq_reference`."""
 
 
-@register_jitable
 def observed(array: Any) -> Observation:
     """Return the parts of observations (..., `PARTS` n) as views (..., n) of them."""
     n = array.shape[-1] // PARTS

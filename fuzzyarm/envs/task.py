@@ -6,13 +6,13 @@ Elementwise source, see `elementwise`: the same code assesses one arm, a batch a
 from __future__ import annotations
 
 import functools
+import operator
+from collections.abc import Iterable
 from typing import Any
-
-from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import over_joints, per_joint, point, record_type
+from fuzzyarm.envs.physics.records import per_joint, point, record_type
 
 __all__ = [
     "EFFORT_WEIGHT",
@@ -66,35 +66,33 @@ def assess_of(physics: Physics) -> Any:
     reward = tracking (1 - 0.1 effort), tracking = 1 / (1 + |tip - reference| / 5 mm),
     effort = mean over the joints of (Γ/Γ_max)².
     """
-    PerJoint, Assessment = physics.PerJoint, assessment_record(physics.joints, physics.axes)
+    Assessment = assessment_record(physics.joints, physics.axes)
     tip_point, motor_friction, angle_range = physics.tip, physics.motor_friction, physics.angle_range
-    distance, deviation = _distance_of(physics.axes), _deviation_of(physics.axes)
-    squares, inside = over_joints(_square_share, PerJoint, 2), over_joints(_between, PerJoint, 3, "&")
-    slow, share = over_joints(_within, PerJoint, 2, "&"), 1.0 / physics.joints
+    share = 1.0 / physics.joints
 
-    @register_jitable(forceinline=True)
     def assess(state: Any, torque: Any, bias: Any, arm: Any, limits: Any, target: Any) -> Any:
         tip = tip_point(state.link, arm)
-        error = distance(tip, target.position)
-        tracking, effort = 1.0 / (1.0 + error / TRACKING_LENGTH), share * squares(torque, limits.torque)
+        error = _distance(tip, target.position)
+        shares = (u / most for u, most in zip(torque, limits.torque, strict=True))
+        effort = share * _total(one * one for one in shares)
+        tracking = 1.0 / (1.0 + error / TRACKING_LENGTH)
         low, high = angle_range(limits)
         return Assessment(
             tip,
             motor_friction(state, torque, bias, arm),
             error,
-            deviation(tip, target),
-            deviation(tip_point(state.motor, arm), target),
+            _deviation(tip, target),
+            _deviation(tip_point(state.motor, arm), target),
             tracking,
             effort,
             tracking * (1.0 - EFFORT_WEIGHT * effort),
-            1.0 * (inside(state.motor, low, high) & inside(state.link, low, high)),
-            1.0 * (slow(state.motor_velocity, limits.velocity) & slow(state.link_velocity, limits.velocity)),
+            1.0 * (_inside(state.motor, low, high) & _inside(state.link, low, high)),
+            1.0 * (_slow(state.motor_velocity, limits.velocity) & _slow(state.link_velocity, limits.velocity)),
         )
 
     return assess
 
 
-@register_jitable(forceinline=True)
 def clipped(torque: Any, limit: Any) -> Any:
     """Return the torque within ± limit; exact."""
     return torque * (abs(torque) <= limit) + limit * (torque > limit) - limit * (torque < -limit)
@@ -106,72 +104,41 @@ def finite_of(physics: Physics) -> Any:
 
     It is 1.0 if the state is finite and small enough that everything computed from it is finite, else 0.0.
     """
-    sizes = over_joints(_size, physics.PerJoint, 1)
 
-    @register_jitable(forceinline=True)
     def finite(state: Any) -> Any:
-        motors, links = sizes(state.motor) + sizes(state.motor_velocity), sizes(state.link) + sizes(state.link_velocity)
+        sizes = [_total(map(abs, part)) for part in state]
+        motors, links = sizes[0] + sizes[2], sizes[1] + sizes[3]
         return 1.0 * (motors + links < BEYOND_MEASURE)
 
     return finite
 
 
-@functools.cache
-def _distance_of(axes: int) -> Any:
-    """Return the compiled ``distance(a, b)`` of two points."""
-    squares = over_joints(_square_difference, point(axes), 2)
-
-    @register_jitable(forceinline=True)
-    def distance(a: Any, b: Any) -> Any:
-        return root(squares(a, b))
-
-    return distance
+def _distance(a: Any, b: Any) -> Any:
+    """Return the distance of two points."""
+    return root(_total((x - y) * (x - y) for x, y in zip(a, b, strict=True)))
 
 
-@functools.cache
-def _deviation_of(axes: int) -> Any:
-    """Return the compiled ``deviation(tip, target)``, the signed distance of a tip [m] from the curve.
+def _deviation(tip: Any, target: Any) -> Any:
+    """Return the signed distance of a tip [m] from the curve.
 
     Outwards positive for a circle, else the component along the curve's normal.
     """
-    distance, along = _distance_of(axes), over_joints(_component, point(axes), 3)
-
-    @register_jitable(forceinline=True)
-    def deviation(tip: Any, target: Any) -> Any:
-        is_circle = 1.0 * (target.radius > 0.0)
-        outwards = distance(tip, target.center) - target.radius
-        sideways = along(tip, target.position, target.normal)
-        return is_circle * outwards + (1.0 - is_circle) * sideways
-
-    return deviation
+    is_circle = 1.0 * (target.radius > 0.0)
+    outwards = _distance(tip, target.center) - target.radius
+    sideways = _total((x - y) * n for x, y, n in zip(tip, target.position, target.normal, strict=True))
+    return is_circle * outwards + (1.0 - is_circle) * sideways
 
 
-@register_jitable(forceinline=True)
-def _square_share(torque: Any, limit: Any) -> Any:
-    share = torque / limit
-    return share * share
+def _total(numbers: Iterable[Any]) -> Any:
+    """Return the sum, from the first to the last."""
+    return functools.reduce(operator.add, numbers)
 
 
-@register_jitable(forceinline=True)
-def _square_difference(a: Any, b: Any) -> Any:
-    return (a - b) * (a - b)
+def _inside(angles: Any, low: Any, high: Any) -> Any:
+    pairs = zip(angles, low, high, strict=True)
+    return functools.reduce(operator.and_, ((q >= least) & (q <= most) for q, least, most in pairs))
 
 
-@register_jitable(forceinline=True)
-def _component(a: Any, b: Any, normal: Any) -> Any:
-    return (a - b) * normal
-
-
-@register_jitable(forceinline=True)
-def _between(value: Any, low: Any, high: Any) -> Any:
-    return (value >= low) & (value <= high)
-
-
-@register_jitable(forceinline=True)
-def _within(value: Any, limit: Any) -> Any:
-    return abs(value) <= limit
-
-
-@register_jitable(forceinline=True)
-def _size(value: Any) -> Any:
-    return abs(value)
+def _slow(velocities: Any, limits: Any) -> Any:
+    pairs = zip(velocities, limits, strict=True)
+    return functools.reduce(operator.and_, (abs(dq) <= most for dq, most in pairs))

@@ -5,8 +5,6 @@ from __future__ import annotations
 import enum
 from typing import Any
 
-from numba.extending import register_jitable
-
 __all__ = ["Termination", "reason_of"]
 
 
@@ -39,7 +37,6 @@ _TEXTS = {
 _ANGLE, _VELOCITY, _NOT_FINITE = map(float, (Termination.ANGLE, Termination.VELOCITY, Termination.NOT_FINITE))
 
 
-@register_jitable(forceinline=True)
 def reason_of(finite: Any, angles_inside: Any, velocities_inside: Any) -> Any:
     """Return the number of the `Termination` as a float, from flags that are 0.0 or 1.0.
 

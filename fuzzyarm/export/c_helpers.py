@@ -5,7 +5,23 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Iterable
 
-__all__ = ["HELPERS", "helper_text"]
+__all__ = ["HELPERS", "ROLLED", "helper_text"]
+
+ROLLED = {
+    "add_product": """/* Adds G x to y; G is given by columns, so that no sum runs over the rows. */
+static void add_product(const {real} *x, int x_size, const {real} *transposed, int columns, {real} *y, int y_size)
+{{
+    int k;
+    int j;
+    for (k = 0; k < x_size; k++) {{
+        for (j = 0; j < y_size; j++) {{
+            y[j] = y[j] + (transposed[(k * columns) + j] * x[k]);
+        }}
+    }}
+}}
+""",
+}
+"""By name, the functions of arrays that keep their loops; see `learned_policy.functions`."""
 
 HELPERS = {
     "rint": """/* The nearest whole number, the even one of two; exact. */

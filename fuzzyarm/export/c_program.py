@@ -1,4 +1,4 @@
-"""The program of a policy: its `command` executed on values, and the C source of that."""
+"""The program of a policy: its law run on values, and the C source of that."""
 
 from __future__ import annotations
 
@@ -10,19 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.observation import Observation
-from fuzzyarm.envs.physics.elementwise import gaussian, sine_cosine
-from fuzzyarm.envs.physics.friction import stick_slip
-from fuzzyarm.envs.physics.integrator import step
-from fuzzyarm.export.c_helpers import HELPERS, helper_text
+from fuzzyarm.export.c_helpers import HELPERS, ROLLED, helper_text
 from fuzzyarm.export.c_text import Writer, wrapped
-from fuzzyarm.export.loops import ROLLED, loops_text
-from fuzzyarm.export.partial import Interpreter
 from fuzzyarm.export.refusals import Unsupported
-from fuzzyarm.export.trace import UNKNOWN, Block, Scalar, Trace
-from fuzzyarm.fuzzy_policy.law import Law, law_of, seen_by, within_limits
+from fuzzyarm.export.trace import Block, Scalar, Trace
+from fuzzyarm.fuzzy_policy.law import law_of, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.learned_policy.functions import area_sine, hyperbolic_tangent, logistic
-from fuzzyarm.numbers.functions import flat, like
+from fuzzyarm.numbers.functions import RECORDERS, flat, like
 
 __all__ = [
     "LAW", "MODEL", "MOST_REMEMBERED", "Program", "Words", "arguments_text", "program_of", "recorded", "source_text",
@@ -30,9 +24,6 @@ __all__ = [
 
 MOST_REMEMBERED = 2000
 """Most numbers that an exported law remembers: its loops are written out."""
-
-APART = (sine_cosine, gaussian, stick_slip, hyperbolic_tangent, logistic, area_sine, step)
-"""What becomes functions of the program rather than part of its step."""
 
 
 class Words(NamedTuple):
@@ -75,66 +66,63 @@ def program_of(policy: Policy) -> Program:
     """Return the program of a policy.
 
     Raises:
-        Unsupported: its source has something that cannot be written in C, or it remembers too much.
+        Unsupported: it has no law, its law has something that cannot be written in C, or it remembers too much.
     """
     if policy.memory_size > MOST_REMEMBERED:
         raise Unsupported(
             f"it remembers {policy.memory_size} numbers, and loops over more than {MOST_REMEMBERED} are too long to be "
             "written out"
         )
-    joints = policy.joints
-    names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
-    law = law_of(policy)
+    law, joints = law_of(policy), policy.joints
     if law is None:
-        return recorded(policy.command, names, policy.memory_size, joints, LAW)
-    return _recorded_law(law, policy, names)
-
-
-def _recorded_law(law: Law, policy: Policy, names: Sequence[str]) -> Program:
-    """Return the program of a law within its limits."""
-    own = Interpreter(APART)
-    seen = [own.trace.input(f"{LAW.given}[{k}]", name=name) for k, name in enumerate(names)]
-    held = [own.trace.input(f"state->memory[{k}]", name=f"memory{k}") for k in range(policy.memory_size)]
-    command = within_limits(law, policy.joints, policy.integral_at)
+        raise Unsupported(
+            f"{type(policy).__name__} has no law that can be written as C; make it a `LawPolicy` (docs: add a policy)"
+        )
+    names = [f"{part}{joint + 1}" for part in Observation._fields for joint in range(joints)]
+    command, tables = within_limits(law, joints, policy.integral_at), [table.astype(object) for table in law.tables]
     given = law.constants, tuple(policy.torque_limit.tolist())
-    memory, seen_by_joint = like(law.memory, iter(held)), like(seen_by(policy.joints), iter(seen))
-    after, torque = command(memory, seen_by_joint, given, *law.tables)
-    own.called.setdefault(f"{law.act.__module__.partition('.')[2]}.{law.act.__name__}")
-    return Program(own.trace, own.trace.block, tuple(flat(after)), tuple(torque), len(names), tuple(own.called), LAW)
+
+    def step(numbers: Any, memory: Any) -> tuple[Any, Any]:
+        return command(memory, like(seen_by(joints), iter(numbers)), given, *tables)
+
+    return recorded(step, names, law.memory, LAW, f"{law.act.__module__.partition('.')[2]}.{law.act.__name__}")
 
 
 def recorded(
-    command: Callable[..., Any], given: Sequence[str], memory_size: int, results: int, words: Words
+    step: Callable[[Any, Any], tuple[Any, Any]], given: Sequence[str], memory: Any, words: Words, source: str
 ) -> Program:
-    """Return the program of ``command(given, memory, result)``, which takes arrays of one lane each.
+    """Return the program of ``step(numbers, memory)``, which returns memory and result.
 
     Args:
-        command: reads `given` (1, numbers), changes `memory` (1, numbers) and fills `result` (1, numbers).
+        step: a function of numbers.
         given: names of the numbers that are given.
-        memory_size: how many numbers are remembered.
-        results: how many are returned.
+        memory: a tree of zeros, and `Cells`.
         words: what the arrays are called in C.
+        source: the name of the function that it is made of.
 
     Raises:
-        Unsupported: the source has something that cannot be written in C.
+        Unsupported: the function has something that cannot be written in C.
     """
-    own = Interpreter(APART)
-    seen: list[Any] = [own.trace.input(f"{words.given}[{k}]", name=name) for k, name in enumerate(given)]
-    held: list[Any] = [own.trace.input(f"state->memory[{k}]", name=f"memory{k}") for k in range(memory_size)]
-    numbers, memory = (own.array(_row(entries)) for entries in (seen, held))
-    result = own.array(_row([UNKNOWN] * results))
+    trace = Trace()
+    seen = [trace.input(f"{words.given}[{k}]", name=name) for k, name in enumerate(given)]
+    held = [trace.input(f"state->memory[{k}]", name=f"memory{k}") for k in range(len(flat(memory)))]
+    remembered = like(memory, iter(held))
+    trace.arrays += _arrays(remembered)
+    RECORDERS.append(trace)
     try:
-        own.call(command, (numbers, memory, result))
-    except TypeError as error:  # a number that is not known, where Python needs a known one
-        name = getattr(command, "__qualname__", "it").partition(".")[0]
-        raise Unsupported(f"{name} uses a number that is not known as {error}") from error
-    return Program(own.trace, own.trace.block, tuple(memory[0]), tuple(result[0]), len(given), tuple(own.called), words)
+        after, result = step(seen, remembered)
+    except TypeError as error:
+        raise Unsupported(f"{source} does something with a number that is not known: {error}") from error
+    finally:
+        RECORDERS.pop()
+    sources = (source, *(f"{name}" for name in trace.functions))
+    return Program(trace, trace.block, tuple(flat(after)), tuple(result), len(given), sources, words)
 
 
-def _row(entries: list[Any]) -> np.ndarray:
-    row = np.empty((1, len(entries)), dtype=object)
-    row[0, :] = entries
-    return row
+def _arrays(tree: Any) -> list[np.ndarray]:
+    if isinstance(tree, tuple):
+        return [array for part in tree for array in _arrays(part)]
+    return [tree] if isinstance(tree, np.ndarray) else []
 
 
 def source_text(program: Program, name: str, real: str) -> str:
@@ -157,7 +145,7 @@ def source_text(program: Program, name: str, real: str) -> str:
             texts.insert(0, inner.function(function))
             used |= inner.used
     helpers = [helper_text(operation, real, writer.literal) for operation in HELPERS if operation in used]
-    helpers += [loops_text(function, real) for function in ROLLED if function.__name__ in used]
+    helpers += [text.format(real=real) for name, text in ROLLED.items() if name in used]
     tables = [_table(table, array, writer, real) for table, array in program.trace.tables.items()]
     arguments = arguments_text(program, name, real)
     unused = [] if program.memory else ["    (void)state;"]

@@ -126,8 +126,8 @@ def export_plant_fmu(arm: AnyArm, folder: Path, control_period: float = 1e-3) ->
     ]
     shown.append(_Variable("payload", "kg", "parameter", 0.0, 0.0, LARGEST))
     results = [_Variable(f"tip_{axis}", "m", "output", None) for axis in axes]
-    step = recorded(plant.command, [one.name for one in inputs], plant.memory_size, plant.axes, MODEL)
-    tip = recorded(plant.place, [f"q_link{joint}" for joint in joints], 0, plant.axes, MODEL)
+    step = recorded(plant.step, [one.name for one in inputs], plant.memory, MODEL, "export.plant.Plant.step")
+    tip = recorded(plant.place, [f"q_link{joint}" for joint in joints], (), MODEL, "export.plant.Plant.place")
     sources = _model_sources(PLANT, step, "Arm", control_period)
     sources |= _model_sources("tip", tip, "Place of the tip of an arm", control_period)
     lines = [f"    own->state.memory[{k}] = {value!r};" for k, value in enumerate(start)]

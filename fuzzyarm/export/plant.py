@@ -5,14 +5,16 @@ The torques are clipped to the limits and held, the tip force is held, and the s
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from typing import Any
 
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.periods import whole_substeps
 from fuzzyarm.envs.physics.dynamics import Payload
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.envs.physics.records import in_list, joint_by_joint, reader, size, writer
+from fuzzyarm.envs.physics.records import places, size
 from fuzzyarm.envs.task import clipped
+from fuzzyarm.numbers.functions import zeros
 
 __all__ = ["Plant"]
 
@@ -27,6 +29,7 @@ class Plant:
         joints: n.
         axes: of the tip's space, 2 or 3.
         control_period: T [s].
+        memory: zeros, in the shape of what is remembered.
         memory_size: 4 n + 1.
     """
 
@@ -41,29 +44,24 @@ class Plant:
         self._substeps = whole_substeps(control_period, None, fastest_rate([arm]))
         self._h = control_period / self._substeps
         self._plant, self._place = physics.plant_of(arm), physics.payload_place(Payload(), arm)
-        self._limit = physics.limits(self._plant).torque
-        self._constants, self._step, self._tip = physics.constants, physics.step, physics.tip
-        self._clip = joint_by_joint(clipped, physics.PerJoint, 2)
-        self._state_of, self._keep = reader(physics.State, in_list), writer(physics.State, in_list)
-        self._angles_of, self._force_of = reader(physics.PerJoint, in_list), reader(physics.Point, in_list)
-        self._show = writer(physics.Point, in_list)
-        self._payload = size(physics.State)
-        self.memory_size = self._payload + 1
+        self._limit, self._physics = physics.limits(self._plant).torque, physics
+        self.memory = zeros(places(physics.State)), 0.0
+        self.memory_size = size(physics.State) + 1
 
-    def command(self, given: np.ndarray, memory: np.ndarray, result: np.ndarray) -> None:
-        """Advance `memory` (1, 4 n + 1) by a control period, in place, and fill `result` (1, axes) [m].
+    def step(self, given: Sequence[Any], memory: Any) -> tuple[Any, Any]:
+        """Return the memory a control period later, and the place of the tip (axes,) [m].
 
-        `given` (1, n + axes) are torques [N m], then the force [N].
+        `given` (n + axes,) are torques [N m], then the force [N].
         """
-        torque = self._clip(self._angles_of(given[0], 0), self._limit)
-        force, now = self._force_of(given[0], self.joints), self._state_of(memory[0], 0)
-        arm = self._constants(self._plant, memory[0, self._payload], self._place, 0.0)
+        physics, (now, payload) = self._physics, memory
+        torque = physics.PerJoint(*map(clipped, given[: self.joints], self._limit))
+        force = physics.Point(*given[self.joints :])
+        arm = physics.constants(self._plant, payload, self._place, 0.0)
         for _ in range(self._substeps):
-            now = self._step(now, torque, force, arm, self._h)
-        self._keep(memory[0], 0, now)
-        self._show(result[0], 0, self._tip(now.link, arm))
+            now = physics.step(now, torque, force, arm, self._h)
+        return (now, payload), physics.tip(now.link, arm)
 
-    def place(self, given: np.ndarray, memory: np.ndarray, result: np.ndarray) -> None:
-        """Fill `result` (1, axes) [m], the place of the tip at the link angles `given` (1, n) [rad]."""
-        arm = self._constants(self._plant, 0.0, self._place, 0.0)
-        self._show(result[0], 0, self._tip(self._angles_of(given[0], 0), arm))
+    def place(self, given: Sequence[Any], memory: Any) -> tuple[Any, Any]:
+        """Return nothing to remember, and the place of the tip (axes,) [m] at link angles `given` (n,) [rad]."""
+        arm = self._physics.constants(self._plant, 0.0, self._place, 0.0)
+        return memory, self._physics.tip(self._physics.PerJoint(*given), arm)

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fuzzyarm.envs.physics import elementwise
 from fuzzyarm.export.refusals import TooLarge, Unsupported
-from fuzzyarm.numbers.functions import KINDS
+from fuzzyarm.numbers.functions import KINDS, flat, like
 
 __all__ = [
     "LARGEST", "UNKNOWN", "Block", "Branch", "Function", "Kind", "Loops", "Matrix", "Scalar", "Step", "Trace", "Value",
@@ -125,8 +125,10 @@ class Value:
         self._trace, self.kind, self.name = trace, kind, name
 
     def __bool__(self) -> bool:
-        """Refuse to branch; the interpreter of the law never asks."""
-        raise Unsupported("a branch on a number that is not known, outside the law's own source")
+        """Refuse to branch."""
+        raise Unsupported(
+            "the law branches on a number that is not known; use select, when or only of fuzzyarm.numbers"
+        )
 
     def _with(self, operation: str, other: Any, *, swapped: bool = False, truth: bool = False) -> Any:
         if not (isinstance(other, Value) or is_number(other)):
@@ -181,16 +183,49 @@ class Trace:
         block: where the next step goes.
         functions: what the program calls, by name, in the order of definition.
         tables: constant arrays (rows, numbers of a row) that are looked up in, by name.
-        kept_apart: calls a function that becomes one of the program.
+        arrays: those that are written by index, which a branch may change.
     """
-
-    kept_apart: Callable[[Any, Sequence[Any]], Any]
 
     def __init__(self) -> None:
         """Begin with nothing."""
         self.block: Block = []
         self.functions: dict[str, Function] = {}
         self.tables: dict[str, np.ndarray] = {}
+        self.arrays: list[np.ndarray] = []
+        self._shapes: dict[str, Any] = {}  # what the functions return
+
+    def array(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return an array of a shape, whose entries are not known, see `numbers.functions.array`."""
+        self.arrays.append(np.full(shape, UNKNOWN, dtype=object))
+        return self.arrays[-1]
+
+    def each(self, count: int) -> range:
+        """Return the rounds of a loop, which is written out."""
+        return range(count)
+
+    def apart(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
+        """Return what a function of the program gives; its arguments and results are numbers, or records of them."""
+        numbers, name = flat(tuple(arguments)), function.__name__
+        if not any(isinstance(argument, Value) for argument in numbers):
+            return function(*arguments)
+        if name not in self.functions:
+            outside, self.block = self.block, []
+            names = list(inspect.signature(function).parameters)
+            given = [self._unknown(argument, own) for argument, own in zip(arguments, names, strict=True)]
+            arrays, self.arrays = self.arrays, []
+            self._shapes[name] = result = function(*given)
+            self.arrays = arrays
+            self.functions[name] = Function(name, tuple(flat(tuple(given))), self.block, tuple(flat((result,))))
+            self.block = outside
+        return like(self._shapes[name], iter(self.call(self.functions[name], numbers)))
+
+    def _unknown(self, argument: Any, name: str) -> Any:
+        """Return values for a number, or for those of a record."""
+        if not isinstance(argument, tuple):
+            return Value(self, Kind.REAL, name)
+        parts = argument._asdict() if hasattr(argument, "_asdict") else dict(enumerate(argument))
+        values = [self._unknown(part, f"{name}_{own}") for own, part in parts.items()]
+        return type(argument)(*values) if hasattr(argument, "_asdict") else tuple(values)
 
     def operation(self, name: str, *operands: Scalar, kind: Kind, detail: str = "") -> Value:
         """Record an operation with one result and return that."""
@@ -218,7 +253,7 @@ class Trace:
         self.block.append(Step("call", tuple(operands), results, function.name))
         return results
 
-    def rolled(self, function: Callable[..., None], arrays: Sequence[np.ndarray], written: Sequence[bool]) -> None:
+    def rolled(self, name: str, arrays: Sequence[np.ndarray], written: Sequence[bool]) -> None:
         """Record the call of a function of arrays that keeps its loops, and fill what it writes with values.
 
         Constant matrices (rows, columns) become tables, other arrays (size,) are given entry by entry.
@@ -231,7 +266,6 @@ class Trace:
                 array[:] = [Value(self, Kind.REAL) for _ in array]
                 results.extend(array)
         operands = tuple(entry for entries in given if isinstance(entries, list) for entry in entries)
-        name = function.__name__
         self.block.append(Loops("loops", operands, tuple(results), name, tuple(given), tuple(written)))
 
     def input(self, place: str, kind: Kind = Kind.REAL, name: str = "") -> Value:
@@ -314,21 +348,33 @@ class _Values:
         return [trace.operation("lookup", whole, k, kind=Kind.REAL, detail=name) for k in range(table.shape[1])]
 
     @staticmethod
+    def entry(table: np.ndarray, place: Value, column: int) -> Value:
+        return _Values.row(table, place)[column]
+
+    @staticmethod
     def when(condition: Value, function: Callable[[], Any], otherwise: Any) -> Any:
-        trace, branch = condition._trace, Branch(condition, [], [])
+        trace = condition._trace
+        branch, held = Branch(condition, [], []), [array.copy() for array in trace.arrays]
         outside, trace.block = trace.block, branch.then
         then = function()
         trace.block = outside
         outside.append(branch)
+        for array, before in zip(trace.arrays, held, strict=False):  # those of the branch alone come behind
+            for place in np.ndindex(array.shape):
+                array[place] = trace.merged(branch, array[place], before[place])
         return trace.merged(branch, then, otherwise)
 
     @staticmethod
-    def sine_cosine(angle: Value) -> Any:
-        return angle._trace.kept_apart(elementwise.sine_cosine, [angle])
-
-    @staticmethod
-    def gaussian(x: Value) -> Any:
-        return x._trace.kept_apart(elementwise.gaussian, [x])
+    def only(condition: Value) -> Iterator[None]:
+        trace = condition._trace
+        branch, held = Branch(condition, [], []), [array.copy() for array in trace.arrays]
+        outside, trace.block = trace.block, branch.then
+        yield None
+        trace.block = outside
+        outside.append(branch)
+        for array, before in zip(trace.arrays, held, strict=False):
+            for place in np.ndindex(array.shape):
+                array[place] = trace.merged(branch, array[place], before[place])
 
 
 KINDS[Value] = _Values

@@ -13,7 +13,6 @@ import numpy as np
 from fuzzyarm.common.checks import array_of, real_entries, shown
 from fuzzyarm.envs.observation import PARTS, Observation
 from fuzzyarm.envs.periods import checked_period
-from fuzzyarm.envs.physics.compiled import kernel, without_kernels
 from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.fuzzy_policy.known_arm import checked_arm, joints_of, per_joint_of
 from fuzzyarm.fuzzy_policy.sample_clock import SampleClock
@@ -95,8 +94,8 @@ class Policy(abc.ABC):
         return self.joints
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the compiled functions."""
-        return without_kernels({name: value for name, value in self.__dict__.items() if name != "_clock"})
+        """Leave out what belongs to a loop."""
+        return {name: value for name, value in self.__dict__.items() if name != "_clock"}
 
     def without_dry_friction(self) -> Policy:
         """Return this policy for an arm without dry friction: itself, if it has no model of dry friction."""
@@ -241,8 +240,8 @@ class Policy(abc.ABC):
 def checked_observation(observation: Any, joints: int) -> np.ndarray:
     """Return observations (5 n,) or (lanes, 5 n) of n joints as a batch (lanes, 5 n) of finite numbers.
 
-    The batch is laid out as the laws were compiled for: rows one after the other, aligned, writable. It is the
-    observation itself where that is laid out so. Another layout would have a law compiled again, within a step.
+    The batch has its rows one after the other, aligned and writable. It is the observation itself where that is laid
+    out so.
 
     Raises:
         TypeError: it holds something else than real numbers.
@@ -272,21 +271,17 @@ def no_torque(observation: np.ndarray) -> ValueError:
     return ValueError(f"no finite torque follows from an observation with a number of size {largest:g}")
 
 
-@kernel
 def limit(torque: np.ndarray, largest: np.ndarray, memory: np.ndarray, before: np.ndarray, first: int) -> bool:
     """Bring torques (lanes, n) [N m] within ±`largest` (n,); hold integrals; return whether all torques are numbers.
 
     Both are changed in place. The integrals are memory[:, first : first + n], and were `before` (lanes, n); a negative
     `first`: there are none.
     """
-    numbers = True
-    for lane in range(len(torque)):
-        for joint in range(len(largest)):
-            wanted, most = torque[lane, joint], largest[joint]
-            if first >= 0:
-                change = memory[lane, first + joint] - before[lane, joint]
-                if (wanted > most and change < 0.0) or (wanted < -most and change > 0.0):
-                    memory[lane, first + joint] = before[lane, joint]
-            torque[lane, joint] = min(max(wanted, -most), most)
-            numbers &= not np.isnan(wanted)
+    if first >= 0:
+        held = memory[:, first : first + len(largest)]
+        change = held - before
+        further = ((torque > largest) & (change < 0.0)) | ((torque < -largest) & (change > 0.0))
+        held[further] = before[further]
+    numbers = not np.isnan(torque).any()
+    np.clip(torque, -largest, largest, out=torque)
     return numbers

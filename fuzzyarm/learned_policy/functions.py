@@ -10,11 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numba.extending import overload, register_jitable
-
-from fuzzyarm.envs.physics.elementwise import select
-from fuzzyarm.numbers.functions import each
+from fuzzyarm.envs.physics.elementwise import root, select
+from fuzzyarm.numbers.functions import RECORDERS, apart, each
 
 __all__ = ["add_product", "area_sine", "hyperbolic_tangent", "logistic"]
 
@@ -26,7 +23,7 @@ HALVINGS = tuple((2.0**k, 2.0**-k, float(k)) for k in (32, 16, 8, 4, 2, 1))
 LN_2 = (float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33"))  # the first times 1024 is exact
 
 
-@register_jitable
+@apart
 def hyperbolic_tangent(x: Any) -> Any:
     """Return tanh x = -E/(E + 2) with E = exp(-2|x|) - 1 and the sign of x; relative error below 2e-15.
 
@@ -45,13 +42,13 @@ def hyperbolic_tangent(x: Any) -> Any:
     return select(x > 0.0, -result, result)
 
 
-@register_jitable
+@apart
 def logistic(x: Any) -> Any:
     """Return 1/(1 + exp(-x)) = (1 + tanh(x/2))/2; absolute error below 1e-15."""
     return 0.5 + 0.5 * hyperbolic_tangent(0.5 * x)
 
 
-@register_jitable
+@apart
 def area_sine(x: Any) -> Any:
     """Return asinh x = ln(1 + f), f = |x| + x²/(1 + √(1 + x²)), with the sign of x; relative error below 1e-15.
 
@@ -60,7 +57,7 @@ def area_sine(x: Any) -> Any:
     """
     size = select(abs(x) > LARGEST, LARGEST, abs(x))
     square = size * size
-    f = size + square / (1.0 + np.sqrt(1.0 + square))
+    f = size + square / (1.0 + root(1.0 + square))
     m, count = 1.0 + f, 0.0
     for power, inverse, k in HALVINGS:
         large = m >= power
@@ -82,6 +79,9 @@ def area_sine(x: Any) -> Any:
 def add_product(x: Any, transposed: Any, y: Any) -> None:
     """Add G x to y (rows,), G given as `transposed` (columns, rows): four terms while y_j is at hand, in their order."""
     columns, rows = len(x), len(y)
+    if RECORDERS and hasattr(RECORDERS[-1], "rolled"):
+        RECORDERS[-1].rolled("add_product", (x, transposed, y), (False, False, True))
+        return
     for block in each(columns // 4):
         k = 4 * block
         for j in each(rows):
@@ -90,21 +90,3 @@ def add_product(x: Any, transposed: Any, y: Any) -> None:
     for k in range(columns - columns % 4, columns):
         for j in each(rows):
             y[j] = y[j] + transposed[k, j] * x[k]
-
-
-@overload(add_product, strict=False)
-def _compiled_add_product(x: Any, transposed: Any, y: Any) -> Any:
-    """Add the same terms in the same order, four of them while y_j is at hand."""
-
-    def by_fours(x: np.ndarray, transposed: np.ndarray, y: np.ndarray) -> None:
-        columns, rows = len(x), len(y)
-        fours = columns - columns % 4
-        for k in range(0, fours, 4):
-            for j in range(rows):
-                two = (y[j] + transposed[k, j] * x[k]) + transposed[k + 1, j] * x[k + 1]
-                y[j] = (two + transposed[k + 2, j] * x[k + 2]) + transposed[k + 3, j] * x[k + 3]
-        for k in range(fours, columns):
-            for j in range(rows):
-                y[j] += transposed[k, j] * x[k]
-
-    return by_fours

@@ -7,6 +7,7 @@ them each function is what Python does.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -14,8 +15,8 @@ from typing import Any
 import numpy as np
 
 __all__ = [
-    "KINDS", "RECORDERS", "Cells", "array", "bits", "each", "entry", "flat", "floor", "like", "maximum", "minimum", "number",
-    "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
+    "KINDS", "RECORDERS", "Cells", "apart", "array", "bits", "each", "entry", "flat", "floor", "like", "maximum", "minimum",
+    "number", "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
 KINDS: dict[type, Any] = {}
@@ -42,6 +43,18 @@ def floor(x: Any) -> Any:
     """Return the largest whole number that is not above x, as a number of the same kind."""
     kind = KINDS.get(type(x))
     return kind.floor(x) if kind else float(x // 1.0)
+
+
+def apart(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Mark a function of numbers and records that becomes a function of its own where it is written as C."""
+
+    @functools.wraps(function)
+    def called(*arguments: Any) -> Any:
+        if RECORDERS and hasattr(RECORDERS[-1], "apart"):
+            return RECORDERS[-1].apart(function, arguments)
+        return function(*arguments)
+
+    return called
 
 
 def row(table: Any, place: Any) -> tuple[Any, ...]:

@@ -6,7 +6,7 @@ Nothing here waits for the device or depends on data: lanes that end begin anew 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,10 +20,11 @@ from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
 from fuzzyarm.envs.control_step import ANGLE_ROOM, VELOCITY_ROOM
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import flat, in_list, reader, size
+from fuzzyarm.envs.physics.records import flat, places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess_of, clipped, finite_of
 from fuzzyarm.envs.termination import reason_of
+from fuzzyarm.numbers.functions import like
 from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, normal_pair, uniform, word
 
 __all__ = [
@@ -76,10 +77,16 @@ class Equations:
         self.numbers, self.angles = size(physics.State), 2 * physics.joints
         self.assess, self.finite = assess_of(physics), finite_of(physics)
         self.resting, self.varied = resting_of(physics), varied_of(physics)
-        self.read_state, self.read_draw = reader(physics.State, in_list), reader(draw_record(physics.joints), in_list)
-        self.read_row = reader(row_record(physics.joints, physics.axes), in_list)
-        self.read_reference = reader(reference_record(physics.joints), in_list)
+        self.read_state, self.read_draw = _reader(physics.State), _reader(draw_record(physics.joints))
+        self.read_row = _reader(row_record(physics.joints, physics.axes))
+        self.read_reference = _reader(reference_record(physics.joints))
         self.noise = int(randomness.noise_counter(physics.joints))
+
+
+def _reader(record: Any) -> Callable[[Iterable[Tensor]], Any]:
+    """Return the function that makes a record of its numbers."""
+    places_in = places(record)
+    return lambda numbers: like(places_in, iter(numbers))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,7 +137,7 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     nominal, now, PerJoint = shared.nominal(), drawn(shared, lanes.key), equations.physics.PerJoint
     arm, limits = _arm(shared, nominal, now), equations.physics.limits(nominal)
     beginning, steps = shared.spans.at(now.reference.long())
-    row = equations.read_row(shared.rows.at(beginning + lanes.step), 0)
+    row = equations.read_row(shared.rows.at(beginning + lanes.step))
     (mean, change), bias = ([now.force * part for part in parts] for parts in row.force), row.bias
 
     sound = torch.isfinite(action).all(0)
@@ -140,7 +147,7 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     h = shared.period / shared.substeps
     after_all = held_of(equations.physics)(_state(shared, lanes.numbers), both, mean, change, arm, h, shared.substeps)
     numbers = _numbers(after_all, shared.rows.dtype)
-    sound = sound & (equations.finite(equations.read_state(numbers, 0)) > 0.0)
+    sound = sound & (equations.finite(equations.read_state(numbers)) > 0.0)
     after = Lanes(_where(sound, numbers, lanes.numbers), lanes.key, lanes.step + 1)
     found = equations.assess(_state(shared, after.numbers), torque, bias, arm, limits, row.target)
 
@@ -173,7 +180,7 @@ def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:
     """
     equations, key, nominal = shared.equations, word(key, _NEXT_KEY), shared.nominal()
     now = drawn(shared, key)
-    reference = equations.read_reference(shared.starts.at(now.reference.long()), 0)
+    reference = equations.read_reference(shared.starts.at(now.reference.long()))
     link = [q + angle for q, angle in zip(reference.q, now.angle, strict=True)]
     still = torch.zeros_like(link[0])
     state = equations.resting(nominal, equations.physics.PerJoint(*map(_angle, link)), still)
@@ -197,7 +204,7 @@ def _state(shared: Shared, numbers: tuple[Tensor, ...]) -> Any:
     """Return the state as the physics shall see it."""
     angles, count = shared.equations.angles, shared.equations.numbers
     rests = numbers[count:] or (None,) * angles
-    return shared.equations.read_state([*map(_angle, numbers[:angles], rests), *numbers[angles:count]], 0)
+    return shared.equations.read_state([*map(_angle, numbers[:angles], rests), *numbers[angles:count]])
 
 
 def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
@@ -211,7 +218,7 @@ def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
 def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
     """Return the rows (lanes,) of the observation: motors, with noise if there is any, then the reference."""
     physics, numbers = shared.equations.physics, shared.equations.numbers
-    state, limits = shared.equations.read_state(lanes.numbers[:numbers], 0), physics.limits(shared.nominal())
+    state, limits = shared.equations.read_state(lanes.numbers[:numbers]), physics.limits(shared.nominal())
     motors, joints = [*state.motor, *state.motor_velocity], physics.joints
     if max(shared.noise) > 0.0:
         counter = lanes.step * (2 * joints) + shared.equations.noise
@@ -240,7 +247,7 @@ def drawn(shared: Shared, key: Tensor) -> Any:
         for place, (low, high) in enumerate(shared.ranges)
     ]
     entries[-1] = torch.floor(entries[-1])
-    return shared.equations.read_draw(entries, 0)
+    return shared.equations.read_draw(entries)
 
 
 def _arm(shared: Shared, nominal: Any, now: Any) -> Any:

@@ -12,7 +12,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.physics.dynamics import arm_constants
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.hold import held_of
-from fuzzyarm.envs.physics.records import State, flat, in_list, reader
+from fuzzyarm.envs.physics.records import State, filled, flat
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.known_arm import travel_of, without_dry_friction
 from fuzzyarm.fuzzy_policy.laws.observer_gains import sampled_arm, state_part
@@ -75,7 +75,7 @@ def test_the_planned_motion_solves_the_equations_of_the_loaded_arm(plans):
     x, u, _ = plans.motion(JointReference(), t, plans.Model(smooth, 40.0, force))
     push = 40.0 * travel_of(plans.ARM, x[:, 2:4], x[:, 6:8]) + force
     physics = equations_of(plans.ARM)
-    start = reader(State, in_list)(x[0], 0)
+    start = filled(State, x[0])
     line = [*push.mean(axis=0), *(push[1] - push[0])]
     end = held_of(physics)(start, physics.PerJoint(*u[0]), line[:2], line[2:], smooth, plans.PERIOD / 50, 50)
     np.testing.assert_allclose(flat(end)[:4], x[1, :4], rtol=0.0, atol=1e-7)

@@ -1,6 +1,7 @@
 """The control step: what it measures and rewards, and the lanes of a batch against each lane alone."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -18,12 +19,12 @@ from fuzzyarm.envs.physics.dynamics import (
 )
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, in_list, reader, size
+from fuzzyarm.envs.physics.records import PerJoint, filled, size
 from fuzzyarm.envs.physics.two_joints import Limits
 from fuzzyarm.envs.task import clipped
 from fuzzyarm.numbers.machine import WIDE
 
-limits_of, target_of = reader(Limits, in_list), reader(Target, in_list)
+limits_of, target_of = functools.partial(filled, Limits), functools.partial(filled, Target)
 TABLE_1 = ArmParameters()
 STATIC = np.array(TABLE_1.static_friction)
 LIMITS = np.array([*TABLE_1.joint_limit, *TABLE_1.velocity_limit, *TABLE_1.torque_limit])
@@ -35,7 +36,7 @@ PERIOD, SUBSTEPS = 1e-3, 10
 def measure(state, torque=NOTHING, bias=NOTHING, target=None, limits=LIMITS):
     """One arm of Table 1, measured."""
     target = circle_target(RESTING) if target is None else target
-    known = limits_of(limits, 0), target_of(target, 0)
+    known = limits_of(limits), target_of(target)
     return assess(state_of(state), PerJoint(*torque), PerJoint(*bias), arm_constants(TABLE_1), *known)
 
 
@@ -287,7 +288,7 @@ def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
     values, clock, table, action = lanes_of(state, torque, bias, force, arm, limits, target)
     _, vectors, scalars = step(values, clock, table, action)
     hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
-    known = limits_of(limits, 0), target_of(target, 0)
+    known = limits_of(limits), target_of(target)
     expected = assess(state_of(state), PerJoint(*applied), PerJoint(*bias), Arm(*arm), *known)
     assert np.array_equal(by_rows(values, 20)[:8], state) and np.array_equal(vectors["torque"], applied.T)
     assert np.array_equal(vectors["tip"], np.stack(expected.tip, axis=-1))

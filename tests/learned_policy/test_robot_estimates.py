@@ -11,7 +11,7 @@ from fuzzyarm.cli import main
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import in_list, reader
+from fuzzyarm.envs.physics.records import filled
 from fuzzyarm.envs.physics.rigid_body import tip_jacobian
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.eval.stability.margins import policy_margins
@@ -87,7 +87,7 @@ def test_the_context_of_a_robot_is_its_equations(name):
     c, o, feedforward = np.empty(part.motion.stop), generator.normal(size=5 * joints), generator.normal(size=joints)
     limit, turns = robot.drive("torque_limit"), turns_of(robot)
     seen = observed(o[np.newaxis])
-    arm = reader(physics.Arm, in_list)(constants_of(robot), 0)
+    arm = filled(physics.Arm, constants_of(robot))
     signals_of(physics).context(0, seen, feedforward, limit, turns, arm, units, c)
     q, _, _, dq, ddq = np.split(o, 5)
     jacobian = tip_jacobian(robot, q)

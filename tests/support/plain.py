@@ -3,13 +3,13 @@
 import numpy as np
 
 from fuzzyarm.envs.physics.hold import held_of
-from fuzzyarm.envs.physics.records import flat, in_list, reader
+from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.rigid_body import inverse_dynamics
 
 
 def hold_numpy(physics, state, torque, force, arm, h, substeps):
     """Return the new states (numbers of the state, lanes), with shapes and units of `hold_of`."""
-    before, constants = reader(physics.State, in_list)(state, 0), reader(physics.Arm, in_list)(arm, 0)
+    before, constants = filled(physics.State, state), filled(physics.Arm, arm)
     after = held_of(physics)(
         before, physics.PerJoint(*torque), force[: physics.axes], force[physics.axes :], constants, h, substeps
     )

@@ -6,7 +6,7 @@ from fuzzyarm.envs.batch.kernels import kernels_of
 from fuzzyarm.envs.batch.layout import VECTORS, layout_of
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.physics.hold import hold_of
-from fuzzyarm.envs.physics.records import State, in_list, reader
+from fuzzyarm.envs.physics.records import State, filled
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.envs.task import assess_of, finite_of, target_record
@@ -15,7 +15,6 @@ PHYSICS = two_joints()
 KERNELS, LAYOUT = kernels_of(PHYSICS), layout_of(PHYSICS)
 Draw, Row, Target = draw_record(2), row_record(2, 2), target_record(2)
 hold, assess, finite = hold_of(PHYSICS), assess_of(PHYSICS), finite_of(PHYSICS)
-_read_state = reader(State, in_list)
 
 
 def advance(values, clock, table, period, substeps, action):
@@ -33,4 +32,4 @@ def named(vectors):
 
 def state_of(numbers):
     """The state from its eight numbers or rows."""
-    return _read_state(numbers, 0)
+    return filled(State, numbers)

@@ -11,14 +11,13 @@ import functools
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, State, in_list, reader
+from fuzzyarm.envs.physics.records import PerJoint, State
 
 __all__ = [
-    "Arm", "Payload", "Plant", "arm_constants", "arm_in", "coriolis_torque", "gravity_torque", "inertia_and_gravity",
+    "Arm", "Payload", "Plant", "arm_constants", "coriolis_torque", "gravity_torque", "inertia_and_gravity",
     "joint_torque", "loaded", "lump", "mass_matrix", "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix",
     "tip_force_torque", "tip_jacobian", "tip_position",
 ]  # fmt: skip
@@ -84,13 +83,6 @@ class Arm(NamedTuple):
 _UNLOADED = Arm._fields.index("motor_inertia1")  # from this field on a payload changes nothing
 
 
-arm_in = reader(Arm, in_list)
-"""Compiled ``arm_in(array, 0)``: the `Arm` that ``np.array(arm)`` holds.
-
-Compiled laws take the array: passing a record of twenty fields costs more than a microsecond a call.
-"""
-
-
 class Plant(NamedTuple):
     """The fields of `ArmParameters` in their order; every number a scalar, or an array with one value per lane."""
 
@@ -111,7 +103,6 @@ class Plant(NamedTuple):
     velocity_limit: PerJoint
 
 
-@register_jitable
 def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, gravity: Any) -> tuple[Any, ...]:
     """Return c1..c5 of (3) from pairs of any number type, exact rationals included.
 
@@ -128,7 +119,6 @@ def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, 
     )
 
 
-@register_jitable
 def lump(plant: Plant) -> Arm:
     """Return the constants of (3) for a plant without payload."""
     c1, c2, c3, c4, c5 = inertia_and_gravity(plant.length, plant.mass, plant.mass_center, plant.inertia, plant.gravity)
@@ -140,7 +130,6 @@ def lump(plant: Plant) -> Arm:
     )  # fmt: skip
 
 
-@register_jitable
 def loaded(arm: Arm, mass: Any, radius: Any, gravity: Any) -> Arm:
     """Return the constants with a point mass m [kg] at a distance r [m] from joint 2.
 
@@ -178,27 +167,23 @@ def plant_of(parameters: ArmParameters) -> Plant:
     return Plant(*(PerJoint(*value) if isinstance(value, tuple) else value for value in values))
 
 
-@register_jitable
 def mass_matrix(cos2: Any, arm: Arm) -> tuple[Any, Any, Any]:
     """Return (M11, M12, M22) of the links [kg m²], M_b of (3), at cos q2."""
     return arm.c1 + 2.0 * arm.c2 * cos2, arm.c3 + arm.c2 * cos2, arm.c3 + 0.0 * cos2
 
 
-@register_jitable
 def coriolis_torque(sin2: Any, velocity1: Any, velocity2: Any, arm: Arm) -> tuple[Any, Any]:
     """Return C(q, q̇) q̇ [N m]: (-c2 sin q2 (2 q̇1 q̇2 + q̇2²), c2 sin q2 q̇1²), the signs of (5)-(6)."""
     coupling = arm.c2 * sin2
     return -coupling * velocity2 * (2.0 * velocity1 + velocity2), coupling * velocity1 * velocity1
 
 
-@register_jitable
 def gravity_torque(sin1: Any, sin12: Any, arm: Arm) -> tuple[Any, Any]:
     """Return g(q) = (c4 sin q1 + c5 sin q12, c5 sin q12) [N m]."""
     second = arm.c5 * sin12
     return arm.c4 * sin1 + second, second
 
 
-@register_jitable
 def solve_mass_matrix(cos2: Any, torque1: Any, torque2: Any, arm: Arm) -> tuple[Any, Any]:
     """Return M_b(q)⁻¹ τ [rad/s²] for link torques τ [N m]."""
     m11, m12, m22 = mass_matrix(cos2, arm)
@@ -206,7 +191,6 @@ def solve_mass_matrix(cos2: Any, torque1: Any, torque2: Any, arm: Arm) -> tuple[
     return (m22 * torque1 - m12 * torque2) * inverse, (m11 * torque2 - m12 * torque1) * inverse
 
 
-@register_jitable
 def tip_force_torque(
     sin1: Any, cos1: Any, sin12: Any, cos12: Any, force_x: Any, force_y: Any, arm: Arm
 ) -> tuple[Any, Any]:
@@ -215,7 +199,6 @@ def tip_force_torque(
     return arm.length1 * (cos1 * force_y - sin1 * force_x) + second, second
 
 
-@register_jitable
 def joint_torque(state: State, arm: Arm) -> tuple[Any, Any]:
     """Return Γ_t = K_t (q_a - q_b) + B_t (q̇_a - q̇_b) [N m], equation (2)."""
     motor, link, motor_velocity, link_velocity = state

@@ -12,9 +12,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba.extending import overload, register_jitable
 
-from fuzzyarm.numbers.functions import KINDS
+from fuzzyarm.numbers import functions
+from fuzzyarm.numbers.functions import apart
 
 __all__ = ["gaussian", "positive_part", "root", "select", "sign", "sine_cosine", "smaller"]
 
@@ -26,16 +26,12 @@ NEGLIGIBLE = 40.0  # exp(-40) = 4e-18 is lost when it is added to 1
 
 def select(condition: Any, first: Any, second: Any) -> Any:
     """Return `first` where the condition holds, else `second`."""
-    kind = KINDS.get(type(condition))
-    return kind.select(condition, first, second) if kind else np.where(condition, first, second)
+    if isinstance(condition, np.ndarray):
+        return np.where(condition, first, second)
+    return functions.select(condition, first, second)
 
 
-@overload(select, strict=False)
-def _compiled_select(condition: Any, first: Any, second: Any) -> Any:
-    return lambda condition, first, second: first if condition else second
-
-
-@register_jitable
+@apart
 def _sine_cosine(angle: Any) -> tuple[Any, Any]:
     """Reduce to |x| <= π/4, Taylor polynomials of degree 15 and 16, then the quadrant. Good for |angle| < 1e6 rad."""
     turns = np.rint(angle * TWO_BY_PI)
@@ -53,7 +49,7 @@ def _sine_cosine(angle: Any) -> tuple[Any, Any]:
     return select(quadrant >= 2.0, -first, first), select((quadrant == 1.0) | (quadrant == 2.0), -second, second)
 
 
-@register_jitable
+@apart
 def _gaussian(x: Any) -> Any:
     """Raise the Taylor polynomial of exp(-x²/128), degree 10, to the 128th power."""
     square = x * x
@@ -71,34 +67,12 @@ def _gaussian(x: Any) -> Any:
 
 def sine_cosine(angle: Any) -> tuple[Any, Any]:
     """Return (sin, cos) of an angle [rad]; absolute error below 3e-16 for |angle| <= 2π."""
-    kind = KINDS.get(type(angle))
-    if hasattr(kind, "sine_cosine"):
-        return kind.sine_cosine(angle)  # type: ignore[union-attr,no-any-return]
     return (angle.sin(), angle.cos()) if hasattr(angle, "sin") else _sine_cosine(angle)
-
-
-sine_cosine.plain = _sine_cosine  # type: ignore[attr-defined]
-
-
-@overload(sine_cosine, strict=False)
-def _compiled_sine_cosine(angle: Any) -> Any:
-    return lambda angle: _sine_cosine(angle)
 
 
 def gaussian(x: Any) -> Any:
     """Return exp(-x²), absolute error below 3e-14; 4e-18 instead of less for x² > 40."""
-    kind = KINDS.get(type(x))
-    if hasattr(kind, "gaussian"):
-        return kind.gaussian(x)  # type: ignore[union-attr]
     return (-(x * x)).exp() if hasattr(x, "exp") else _gaussian(x)
-
-
-gaussian.plain = _gaussian  # type: ignore[attr-defined]
-
-
-@overload(gaussian, strict=False)
-def _compiled_gaussian(x: Any) -> Any:
-    return lambda x: _gaussian(x)
 
 
 def root(x: Any) -> Any:
@@ -109,24 +83,16 @@ def root(x: Any) -> Any:
     return x.sqrt() if hasattr(x, "sqrt") else np.sqrt(x)
 
 
-@overload(root, strict=False)
-def _compiled_root(x: Any) -> Any:
-    return lambda x: np.sqrt(x)
-
-
-@register_jitable
 def sign(x: Any) -> Any:
     """Return -1, 0 or 1; 0 for nan."""
     return 1.0 * (x > 0.0) - 1.0 * (x < 0.0)
 
 
-@register_jitable
 def positive_part(x: Any) -> Any:
     """Return max(x, 0)."""
     return 0.5 * (x + abs(x))
 
 
-@register_jitable
 def smaller(a: Any, b: Any) -> Any:
     """Return min(a, b)."""
     return (a <= b) * a + (a > b) * b

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from numba.extending import register_jitable
-
 from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, sign, smaller
+from fuzzyarm.numbers.functions import apart
 
 __all__ = ["STRIBECK", "FrictionCurve", "friction_torque", "stick_slip", "stribeck_magnitude"]
 
 
-@register_jitable
 def stribeck_magnitude(velocity: Any, coulomb: Any, static: Any, stribeck_velocity: Any) -> Any:
     """Return F(v) = Γ_fc + (Γ_fs - Γ_fc) exp(-(v/v_s)²) [N m], the friction magnitude; F(0) is the static torque."""
     return coulomb + (static - coulomb) * gaussian(velocity * (1.0 / stribeck_velocity))
@@ -40,7 +38,6 @@ STRIBECK = FrictionCurve(stribeck_magnitude, steepest=0.858, inflection=0.5**0.5
 """The friction of the motors."""
 
 
-@register_jitable
 def friction_torque(velocity: Any, net_torque: Any, coulomb: Any, static: Any, stribeck_velocity: Any) -> Any:
     """Return Γ_f [N m] of section 2: -F(v) sign v when slipping, else minus the net torque up to the static one.
 
@@ -56,7 +53,7 @@ def friction_torque(velocity: Any, net_torque: Any, coulomb: Any, static: Any, s
     return slip + 1.0 * (velocity == 0.0) * stick
 
 
-@register_jitable
+@apart
 def stick_slip(velocity: Any, acceleration: Any, deceleration: Any, duration: Any) -> tuple[Any, Any]:
     """Solve v̇ ∈ a - f Sgn(v) exactly over `duration` with constant a and f.
 

@@ -15,8 +15,6 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from numba.extending import register_jitable
-
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import friction_torque, stick_slip, stribeck_magnitude
 from fuzzyarm.envs.physics.physics import Physics
@@ -164,4 +162,4 @@ def _defined(source: str, records: dict[str, Any]) -> Any:
     defined: dict[str, Any] = {}
     exec(source, CALLED | records, defined)
     (function,) = defined.values()
-    return register_jitable(forceinline=True)(function)
+    return function

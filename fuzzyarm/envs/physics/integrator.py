@@ -13,8 +13,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba.extending import register_jitable
-
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
     coriolis_torque,
@@ -26,11 +24,11 @@ from fuzzyarm.envs.physics.dynamics import (
 from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.friction import stick_slip, stribeck_magnitude
 from fuzzyarm.envs.physics.records import PerJoint, Point, State
+from fuzzyarm.numbers.functions import apart
 
 __all__ = ["drifted", "kick", "kick_twice", "loaded_step", "step"]
 
 
-@register_jitable(forceinline=True)
 def kick(
     start: State,
     middle: State,
@@ -74,7 +72,6 @@ def kick(
     )
 
 
-@register_jitable(forceinline=True)
 def kick_twice(
     start: State, middle: State, torque: PerJoint, outer: PerJoint, sin2: Any, cos2: Any, arm: Arm, h: Any
 ) -> State:
@@ -95,13 +92,12 @@ def kick_twice(
     )
 
 
-@register_jitable(forceinline=True)
 def drifted(angle: PerJoint, velocity: PerJoint, duration: Any) -> PerJoint:
     """Return the angles [rad] after a duration [s] at constant velocities [rad/s]."""
     return PerJoint(angle.joint1 + duration * velocity.joint1, angle.joint2 + duration * velocity.joint2)
 
 
-@register_jitable(forceinline=True)
+@apart
 def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> State:
     """Advance the elastic arm by one sub-step h [s] under motor torques [N m] and a tip force [N]."""
     half = 0.5 * h
@@ -117,7 +113,6 @@ def step(state: State, torque: PerJoint, force: Point, arm: Arm, h: Any) -> Stat
     return after
 
 
-@register_jitable(forceinline=True)
 def loaded_step(state: State, torque: PerJoint, load: PerJoint, arm: Arm, h: Any) -> State:
     """Do what `step` does, with torques `load` [N m] on the links in place of a tip force."""
     half = 0.5 * h

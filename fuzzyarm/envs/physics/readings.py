@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba.extending import register_jitable
-
 from fuzzyarm.envs.physics.dynamics import (
     Arm,
     coriolis_torque,
@@ -32,7 +30,6 @@ __all__ = [
 ]
 
 
-@register_jitable(forceinline=True)
 def tip_point(angles: PerJoint, arm: Arm) -> Point:
     """Return the tip [m] of (26) at joint angles [rad]."""
     sin1, cos1 = sine_cosine(angles.joint1)
@@ -40,7 +37,6 @@ def tip_point(angles: PerJoint, arm: Arm) -> Point:
     return Point(arm.length1 * cos1 + arm.length2 * cos12, arm.length1 * sin1 + arm.length2 * sin12)
 
 
-@register_jitable(forceinline=True)
 def tip_velocity(angles: PerJoint, rates: PerJoint, arm: Arm) -> Point:
     """Return the velocity of the tip [m/s] at joint angles [rad] and their rates [rad/s]."""
     first, second = arm.length1 * rates.joint1, arm.length2 * (rates.joint1 + rates.joint2)
@@ -48,7 +44,6 @@ def tip_velocity(angles: PerJoint, rates: PerJoint, arm: Arm) -> Point:
     return Point(-sin1 * first - sin12 * second, cos1 * first + cos12 * second)
 
 
-@register_jitable(forceinline=True)
 def tip_load(angles: PerJoint, force: Point, arm: Arm) -> PerJoint:
     """Return J(q)ᵀ F [N m] at joint angles [rad] for a force F [N] on the tip."""
     (sin1, cos1), (sin12, cos12) = sine_cosine(angles.joint1), sine_cosine(angles.joint1 + angles.joint2)
@@ -56,7 +51,6 @@ def tip_load(angles: PerJoint, force: Point, arm: Arm) -> PerJoint:
     return PerJoint(load1, load2)
 
 
-@register_jitable(forceinline=True)
 def motor_friction(state: State, torque: PerJoint, bias: PerJoint, arm: Arm) -> PerJoint:
     """Return Γ_f [N m] of the motors under their torques and the biases that act beside them [N m]."""
     joint1, joint2 = joint_torque(state, arm)
@@ -68,7 +62,6 @@ def motor_friction(state: State, torque: PerJoint, bias: PerJoint, arm: Arm) -> 
     )
 
 
-@register_jitable
 def gravity_at(angles: PerJoint, arm: Arm) -> PerJoint:
     """Return g(q) [N m] at joint angles [rad]."""
     sin1, sin12 = sine_cosine(angles.joint1)[0], sine_cosine(angles.joint1 + angles.joint2)[0]
@@ -76,14 +69,12 @@ def gravity_at(angles: PerJoint, arm: Arm) -> PerJoint:
     return PerJoint(gravity1, gravity2)
 
 
-@register_jitable
 def mass_matrix_at(angles: PerJoint, arm: Arm) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
     """Return the rows of M(q) [kg m²] at joint angles [rad]."""
     m11, m12, m22 = mass_matrix(sine_cosine(angles.joint2)[1], arm)
     return (m11, m12), (m12, m22)
 
 
-@register_jitable(forceinline=True)
 def inverse_dynamics_at(angles: PerJoint, rates: PerJoint, accelerations: PerJoint, arm: Arm) -> PerJoint:
     """Return M(q) q̈ + C(q, q̇) q̇ + g(q) [N m] for angles [rad], their rates [rad/s] and accelerations [rad/s²]."""
     sin1, sin12 = sine_cosine(angles.joint1)[0], sine_cosine(angles.joint1 + angles.joint2)[0]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import functools
 from typing import Any, NamedTuple
 
-from numba.extending import register_jitable
-
 from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, Plant, loaded, lump, plant_of
 from fuzzyarm.envs.physics.integrator import loaded_step, step
@@ -51,7 +49,6 @@ def _payload_radius(payload: Payload, parameters: ArmParameters) -> float:
     return checks.real("payload radius", payload.radius(parameters), "m", low=0.0, high=LARGEST)
 
 
-@register_jitable
 def _constants(plant: Plant, payload: Any, radius: Any, tip_payload: Any) -> Arm:
     """Return the constants with a point mass [kg] on link 2 at a distance [m] from joint 2, and another at the tip."""
     arm = loaded(lump(plant), payload, radius, plant.gravity)
@@ -59,28 +56,23 @@ def _constants(plant: Plant, payload: Any, radius: Any, tip_payload: Any) -> Arm
     return both
 
 
-@register_jitable
 def _stiffness(plant: Plant) -> PerJoint:
     return plant.stiffness
 
 
-@register_jitable(forceinline=True)
 def _limits(plant: Plant) -> Limits:
     return Limits(plant.joint_limit, plant.velocity_limit, plant.torque_limit)
 
 
-@register_jitable(forceinline=True)
 def _angle_range(limits: Limits) -> tuple[PerJoint, PerJoint]:
     high = limits.angle
     return PerJoint(-high.joint1, -high.joint2), high
 
 
-@register_jitable(forceinline=True)
 def _times(numbers: PerJoint, factors: PerJoint) -> PerJoint:
     return PerJoint(numbers.joint1 * factors.joint1, numbers.joint2 * factors.joint2)
 
 
-@register_jitable
 def _varied(plant: Plant, draw: Any) -> Plant:
     """Return the plant with the factors of a draw."""
     return Plant(

@@ -13,7 +13,6 @@ import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.dynamics import mass_matrix as two_joint_mass_matrix
@@ -25,7 +24,7 @@ from fuzzyarm.numbers.functions import floor, maximum, minimum, row, select
 
 __all__ = [
     "GRID", "MOST_KEPT", "POINTS", "GainSchedule", "corners_of", "kept_joints", "loaded_inertia", "nearest_inertia",
-    "on_table", "place_in_schedule", "random_angles", "schedule_of",
+    "on_table", "random_angles", "schedule_of",
 ]  # fmt: skip
 
 GRID = np.linspace(-1.0, 1.0, 9)  # cos q2 of the two-joint arm's tables
@@ -112,10 +111,9 @@ def random_angles(robot: Robot) -> np.ndarray:
 
 def nearest_inertia(schedule: GainSchedule, q: np.ndarray) -> np.ndarray:
     """Return M (n, n) [kg m²] of the point with the largest weight at angles q (n,) [rad]."""
-    corners = 1 << len(schedule.kept)
-    index, weight = np.empty(corners, dtype=np.int64), np.empty(corners)
-    place_in_schedule(q, schedule.kept, schedule.cosine, schedule.points, index, weight)
-    inertia: np.ndarray = schedule.inertia[index[np.argmax(weight)]]
+    corners = corners_of(q.tolist(), tuple(schedule.kept.tolist()), schedule.cosine, schedule.points)
+    nearest, _ = max(corners, key=lambda corner: corner[1])
+    inertia: np.ndarray = schedule.inertia[int(nearest)]
     return inertia
 
 
@@ -129,31 +127,8 @@ def _turned_to(angles: np.ndarray, kept: tuple[int, ...]) -> list[np.ndarray]:
     return turned
 
 
-@register_jitable(forceinline=True)
-def place_in_schedule(
-    q: np.ndarray, kept: np.ndarray, cosine: bool, points: int, index: np.ndarray, weight: np.ndarray
-) -> None:
-    """Fill the numbers (2^k,) of the points around angles q (n,) [rad], and their weights (2^k,), which add up to 1."""
-    for corner in range(len(index)):
-        index[corner], weight[corner] = 0, 1.0
-    for number in range(len(kept)):
-        if cosine:
-            place = 0.5 * (sine_cosine(q[kept[number]])[1] + 1.0) * (points - 1)
-            left = min(max(int(place), 0), points - 2)  # min and max also map a cosine that is nan into the table
-            share, right = place - left, left + 1
-        else:
-            place = q[kept[number]] * (points / (2.0 * np.pi))
-            whole = np.floor(place)
-            share, left = place - whole, int(whole) % points
-            right = (left + 1) % points
-        for corner in range(len(index)):
-            upper = (corner >> number) & 1
-            index[corner] = index[corner] * points + (right if upper else left)
-            weight[corner] *= share if upper else 1.0 - share
-
-
 def corners_of(q: Any, kept: tuple[int, ...], cosine: bool, points: int) -> list[tuple[Any, Any]]:
-    """Return what `place_in_schedule` does for angles q (n) of any kind of number: (place, weight) of each corner."""
+    """Return (number, weight) of each of the 2^k points around angles q (n,) [rad]; weights add up to 1."""
     corners: list[tuple[Any, Any]] = [(0.0, 1.0)] * (1 << len(kept))
     for number, joint in enumerate(kept):
         if cosine:

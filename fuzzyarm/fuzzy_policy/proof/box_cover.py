@@ -19,7 +19,6 @@ import itertools
 
 import numpy as np
 
-from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.fuzzy_policy.proof.kinetic_energy import BASIS
 from fuzzyarm.fuzzy_policy.proof.trigonometric import WIDEST, TrigMatrix, control_weights, packed
 
@@ -157,9 +156,7 @@ class _Task:
 
     def definite(self, matrices: np.ndarray) -> np.ndarray:
         """Return whether all matrices (B, m, t) of each box are proven positive definite, (B,)."""
-        result = np.empty(len(matrices), dtype=np.bool_)
-        _definite(np.ascontiguousarray(matrices), self.size, self.shift, result)
-        return result
+        return _definite(matrices, self.size, self.shift)
 
 
 def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -174,31 +171,19 @@ def _halved(boxes: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.concatenate([left, right])
 
 
-@kernel
-def _definite(matrices: np.ndarray, size: int, shift: float, result: np.ndarray) -> None:
-    """Set result (B,) to whether Cholesky's factorisation of every A - shift I ends, for packed A (B, m, t)."""
-    factor = np.empty((size, size))
-    for box in range(len(matrices)):
-        good = True
-        for index in range(matrices.shape[1]):
-            triangle = matrices[box, index]
-            for i in range(size):
-                start = i * (i + 1) // 2
-                for j in range(i + 1):
-                    total = triangle[start + j]
-                    if i == j:
-                        total -= shift
-                    for k in range(j):
-                        total -= factor[i, k] * factor[j, k]
-                    if i == j:
-                        if not total > 0.0:
-                            good = False
-                            break
-                        factor[i, i] = np.sqrt(total)
-                    else:
-                        factor[i, j] = total / factor[j, j]
-                if not good:
-                    break
-            if not good:
-                break
-        result[box] = good
+def _definite(matrices: np.ndarray, size: int, shift: float) -> np.ndarray:
+    """Return whether Cholesky's factorisation of every A - shift I ends, for packed A (B, m, t), (B,)."""
+    good, factor = np.ones(matrices.shape[:2], dtype=np.bool_), np.empty((size, size, *matrices.shape[:2]))
+    for i in range(size):
+        for j in range(i + 1):
+            total = matrices[..., i * (i + 1) // 2 + j]
+            if i == j:
+                total = total - shift
+            for k in range(j):
+                total = total - factor[i, k] * factor[j, k]
+            if i == j:
+                good &= total > 0.0
+                factor[i, i] = np.sqrt(np.where(total > 0.0, total, 1.0))
+            else:
+                factor[i, j] = total / factor[j, j]
+    return np.asarray(good.all(axis=1))

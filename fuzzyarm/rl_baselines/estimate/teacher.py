@@ -16,7 +16,7 @@ from fuzzyarm.envs.batch.layout import CLOCK
 from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.records import columns, flat, in_list, reader, size
+from fuzzyarm.envs.physics.records import columns, filled, flat, size
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.fuzzy_policy.law import seen_by
@@ -83,7 +83,7 @@ class Teacher:
             return np.array(lanes.numbers(columns(lanes.layout.Lane).arm)).T
         plant = self._nominal
         if lanes.randomisation.varies:
-            plant = physics.varied(plant, reader(draw_record(physics.joints), in_list)(lanes.drawn, 0))
+            plant = physics.varied(plant, filled(draw_record(physics.joints), lanes.drawn))
         return np.stack(np.broadcast_arrays(*flat(plant), self._payload), axis=-1)
 
     def _force(self, ahead: int) -> np.ndarray:

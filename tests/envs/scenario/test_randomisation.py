@@ -11,7 +11,7 @@ from fuzzyarm.envs.batch.lanes import Lanes
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, plant_of, rigid_inverse_dynamics
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, in_list, reader
+from fuzzyarm.envs.physics.records import PerJoint, filled
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
@@ -195,7 +195,7 @@ def test_the_named_variations():
 
 
 def test_ranges_are_the_fields_in_the_order_of_a_draw():
-    ranges = reader(Draw, in_list)(EVERYTHING.ranges(2).tolist(), 0)
+    ranges = filled(Draw, EVERYTHING.ranges(2).tolist())
     for name in ALLOWED:
         for entry in getattr(ranges, name) if name in PER_JOINT else (getattr(ranges, name),):
             assert entry == list(getattr(EVERYTHING, name)), name

@@ -15,7 +15,7 @@ from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.home import home_posture
 from fuzzyarm.fuzzy_policy.known_arm import constants_of, drives_of
 from fuzzyarm.fuzzy_policy.laws.elastic_target import ElasticTarget
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import kept_joints, place_in_schedule, schedule_of
+from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, kept_joints, schedule_of
 
 NAMES = ("planar-3r", "ur5")
 POLICIES = ("computed-torque", "computed-torque-tip", "elastic-observer")
@@ -115,12 +115,11 @@ def test_the_schedule_keeps_the_angles_that_the_mass_matrix_depends_on():
     robot = robot_named("ur5")
     schedule, kept = schedule_of(robot), kept_joints(robot)
     assert 0 not in kept and len(kept) == 2
-    index, weight = np.zeros(4, dtype=np.int64), np.zeros(4)
     q = np.zeros(6)
     q[list(kept)] = 2.0 * np.pi * np.array([3.25, -1.5]) / 8
-    place_in_schedule(q, schedule.kept, False, 8, index, weight)
-    assert weight.sum() == pytest.approx(1.0)
-    found = {divmod(int(i), 8): w for i, w in zip(index, weight, strict=True)}
+    corners = corners_of(q.tolist(), kept, False, 8)
+    assert sum(weight for _, weight in corners) == pytest.approx(1.0)
+    found = {divmod(int(place), 8): weight for place, weight in corners}
     assert found == pytest.approx({(3, 6): 0.375, (4, 6): 0.125, (3, 7): 0.375, (4, 7): 0.125})
 
 
