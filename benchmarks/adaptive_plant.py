@@ -11,19 +11,24 @@ About a minute on one core.
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import math
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fuzzyarm import load_policy, run_episode
 from fuzzyarm.common.files import write_atomically
+from fuzzyarm.envs.physics.elementwise import gaussian, sine_cosine
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.provenance import current_provenance
+from fuzzyarm.learned_policy.functions import hyperbolic_tangent
+from fuzzyarm.numbers.functions import flat, like, repeat, zeros
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 ARM = ArmParameters()
 PERIOD, STEP, SMOOTHING = 1e-3, 4e-6, 1e-3  # s, s, rad/s
@@ -53,44 +58,60 @@ THETA, Q, DTHETA, DQ = range(4)
 """Rows of a state (4, 2) [rad, rad/s], a column for each joint."""
 
 
-@njit
-def rate(x, torque, force, a, out):
-    """Fill ẋ (4, 2) of a state x, with a `Plant` a."""
-    (q1, q2), (v1, v2) = (x[Q, 0], x[Q, 1]), (x[DQ, 0], x[DQ, 1])
-    (l1, l2), (c1, c2, c3), (c4, c5) = a.length, a.inertia, a.gravity
-    bend1 = a.stiffness[0] * (x[THETA, 0] - q1) + a.damping[0] * (x[DTHETA, 0] - v1)
-    bend2 = a.stiffness[1] * (x[THETA, 1] - q2) + a.damping[1] * (x[DTHETA, 1] - v2)
-    m11, m12 = c1 + 2.0 * c2 * math.cos(q2), c3 + c2 * math.cos(q2)
-    h = c2 * math.sin(q2)
-    jx1, jy1 = -l1 * math.sin(q1) - l2 * math.sin(q1 + q2), l1 * math.cos(q1) + l2 * math.cos(q1 + q2)
-    jx2, jy2 = -l2 * math.sin(q1 + q2), l2 * math.cos(q1 + q2)
-    right1 = bend1 + h * v2 * (2.0 * v1 + v2) - c4 * math.sin(q1) - c5 * math.sin(q1 + q2)
-    right2 = bend2 - h * v1 * v1 - c5 * math.sin(q1 + q2)
-    right1 += jx1 * force[0] + jy1 * force[1]
-    right2 += jx2 * force[0] + jy2 * force[1]
-    determinant = m11 * c3 - m12 * m12
-    out[THETA], out[Q] = x[DTHETA], x[DQ]
-    for j in range(2):
-        v = x[DTHETA, j]
-        slip = a.coulomb[j] + (a.static[j] - a.coulomb[j]) * math.exp(-((v / a.stribeck) ** 2))
-        bend = bend1 if j == 0 else bend2
-        driving = torque[j] - bend - a.viscous[j] * v - slip * math.tanh(v / a.smoothing)
-        out[DTHETA, j] = driving / a.motor_inertia[j]
-    out[DQ, 0] = (c3 * right1 - m12 * right2) / determinant
-    out[DQ, 1] = (m11 * right2 - m12 * right1) / determinant
+def rate(x, torque, force, a):
+    """Return ẋ, pairs in the order of a state x, with a `Plant` a."""
+    (theta, (q1, q2), dtheta, (v1, v2)), (l1, l2) = x, a.length
+    (c1, c2, c3), (c4, c5), ((s1, k1), (s2, k2), (s12, k12)) = a.inertia, a.gravity, map(sine_cosine, (q1, q2, q1 + q2))
+    bend1 = a.stiffness[0] * (theta[0] - q1) + a.damping[0] * (dtheta[0] - v1)
+    bend2 = a.stiffness[1] * (theta[1] - q2) + a.damping[1] * (dtheta[1] - v2)
+    m11, m12, h = c1 + 2.0 * c2 * k2, c3 + c2 * k2, c2 * s2
+    right1 = bend1 + h * v2 * (2.0 * v1 + v2) - c4 * s1 - c5 * s12
+    right2 = bend2 - h * v1 * v1 - c5 * s12
+    right1 = right1 - (l1 * s1 + l2 * s12) * force[0] + (l1 * k1 + l2 * k12) * force[1]
+    right2 = right2 - l2 * s12 * force[0] + l2 * k12 * force[1]
+    determinant, motors = m11 * c3 - m12 * m12, []
+    for v, u, bend, inertia, viscous, coulomb, static in zip(
+        dtheta, torque, (bend1, bend2), a.motor_inertia, a.viscous, a.coulomb, a.static, strict=True
+    ):
+        slip = coulomb + (static - coulomb) * gaussian(v / a.stribeck)
+        motors.append((u - bend - viscous * v - slip * hyperbolic_tangent(v / a.smoothing)) / inertia)
+    links = (c3 * right1 - m12 * right2) / determinant, (m11 * right2 - m12 * right1) / determinant
+    return dtheta, (v1, v2), tuple(motors), links
 
 
-@njit
-def advance(x, torque, force_ends, a, step, count):
-    """Advance x by `count` Runge-Kutta steps; the force goes in a line between its ends (2, 2)."""
-    k1, k2, k3, k4, force = np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2)), np.empty(2)
-    for n in range(count):
-        force[:] = force_ends[0] + (n + 0.5) / count * (force_ends[1] - force_ends[0])
-        rate(x, torque, force, a, k1)
-        rate(x + 0.5 * step * k1, torque, force, a, k2)
-        rate(x + 0.5 * step * k2, torque, force, a, k3)
-        rate(x + step * k3, torque, force, a, k4)
-        x += step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+@functools.cache
+def _advancing() -> Kernel:
+    def advance(x, torque, ends, given):
+        a, step, count = given
+        (first, last), y = ends, x
+
+        def runge_kutta(carried):
+            n, x = carried
+            share = (n + 0.5) / count
+            force = [low + share * (high - low) for low, high in zip(first, last, strict=True)]
+            slopes = [rate(x, torque, force, a)]
+            for part in (0.5, 0.5, 1.0):
+                slopes.append(rate(moved(x, part * step, slopes[-1]), torque, force, a))
+            total = [p + 2.0 * q + 2.0 * r + s for p, q, r, s in zip(*map(flat, slopes), strict=True)]
+            return n + 1.0, moved(x, step / 6.0, like(x, iter(total)))
+
+        return repeat(count, runge_kutta, (0.0, y))[1], torque, ends
+
+    pair = 0.0, 0.0
+    return Kernel(Program(advance, ((pair,) * 4, pair, (pair, pair)), (zeros(plant(0.0)), 0.0, 0.0)))
+
+
+def moved(x, factor, slope):
+    """Return x + factor slope."""
+    return like(x, (number + factor * change for number, change in zip(flat(x), flat(slope), strict=True)))
+
+
+def advance(x: np.ndarray, torque: np.ndarray, force_ends: np.ndarray, a: Plant, step: float, count: int) -> None:
+    """Advance x (4, 2) by `count` Runge-Kutta steps; the force goes in a line between its ends (2, 2)."""
+    state = x.reshape(1, -1)
+    given = np.array([*flat(a), step, count], dtype=np.float64)
+    _advancing()((state, np.array(torque, dtype=np.float64)[np.newaxis], force_ends.reshape(1, -1).copy()), given)
+    x[:] = state.reshape(4, 2)
 
 
 def plant(payload: float) -> Plant:

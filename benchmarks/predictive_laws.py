@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
-from predictive_plan import ARM, HORIZON, LIMIT, PERIOD, STATES, SUBSTEPS, Model, Optimum, plan_of
+from predictive_plan import ARM, HORIZON, LIMIT, PERIOD, STATES, Model, Optimum, plan_of
 
-from fuzzyarm.envs.observation import JOINTS, observed
+from fuzzyarm.envs.observation import JOINTS, PARTS
 from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.records import in_columns, reader
+from fuzzyarm.envs.physics.records import PerJoint, flat
 from fuzzyarm.envs.scenario.reference import JointReference
+from fuzzyarm.fuzzy_policy.law import seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, Memory, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, places, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import gain_share
-from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
-from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
+from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.gain_schedule import place_in_schedule
-from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
-from fuzzyarm.fuzzy_policy.laws.observer_steps import begin_of, correct_of, predict_of
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
+from fuzzyarm.numbers.functions import Cells, array, each, only
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 __all__ = ["OnAdaptiveEstimate", "OnElasticEstimate"]
 
@@ -46,31 +46,27 @@ class OnElasticEstimate:
         self._steps, weights = round(reference.duration / PERIOD), self._observer.weights
         t = PERIOD * np.arange(self._steps + HORIZON + 2)
         self.plan = plan_of(reference, t, model, weights.link_angle, weights.link_velocity)
-        physics, self._arm = equations_of(ARM), model.arm
-        self._begin, self._correct, self._predict = begin_of(physics), correct_of(JOINTS), predict_of(physics)
-        self._per_joint = reader(physics.PerJoint, in_columns)
+        observer, schedule = self._observer, self._observer._schedule
+        kept = tuple(schedule.kept.tolist())
+        self._correct, _, self._predict = observer_steps_of(equations_of(ARM), kept, schedule.cosine, schedule.points)
+        constants = observer.control_law.constants
+        self._constants = constants._replace(target=constants.target._replace(arm=model.arm))
+        self._gains = observer.control_law.tables[1]
 
     def predict(
         self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return torques (2,) [N m] and the next state: the sample's number and the prediction (1, 10)."""
-        o = observed(np.asarray(observation, dtype=float)[np.newaxis])
-        if state is None:
-            k, predicted = 0, np.zeros((1, estimate_parts(JOINTS).load.stop))
-            self._begin(0, o.q_motor, o.dq_motor, predicted, np.array(ARM.stiffness), self._arm)
-        else:
-            k, predicted = state[0], state[1].copy()
-        schedule = self._observer._schedule
-        index, weight = np.empty(2, dtype=np.int64), np.empty(2)
-        place_in_schedule(o.q_motor[0], schedule.kept, schedule.cosine, schedule.points, index, weight)
-        self._correct(0, o, predicted, self._observer.observer, index, weight, np.empty(2 * JOINTS))
-        load = predicted[0, estimate_parts(JOINTS).load]
-        error = predicted[0, state_part(JOINTS)] - self.plan.x[k]
+        """Return torques (2,) [N m] and the next state: the sample's number and what the observer remembers."""
+        parts = np.asarray(observation, dtype=float).reshape(PARTS, JOINTS).tolist()
+        seen = type(seen_by(JOINTS))(*(PerJoint(*part) for part in parts))
+        k, memory = (0, self._observer.control_law.memory) if state is None else state
+        found = self._correct(memory, seen, self._constants, self._gains)
+        load = np.array(found.x.load)
+        error = np.array(flat(found.x[:4])) - self.plan.x[k]
         error[:JOINTS] += load / np.array(ARM.stiffness)
         torque = np.clip(self.plan.u[k] - load + self.optimum(self.plan, k, error, -load), -LIMIT, LIMIT)
-        physics_torque, physics_load = self._per_joint(torque[np.newaxis], 0), self._per_joint(load[np.newaxis], 0)
-        self._predict(predicted, 0, physics_torque, physics_load, self._arm, PERIOD / SUBSTEPS, SUBSTEPS)
-        return torque, (min(k + 1, self._steps), predicted)
+        predicted = self._predict(found.x, tuple(torque.tolist()), self._constants)
+        return torque, (min(k + 1, self._steps), memory._replace(past=found.past, started=1.0, predicted=predicted))
 
 
 class OnAdaptiveEstimate:
@@ -93,8 +89,9 @@ class OnAdaptiveEstimate:
         self._starting = 0 if own_start else STARTING
         policy = AdaptiveObserverPolicy(ARM, PERIOD)
         self._settings, self._weights, belief = policy.settings, policy.weights, policy.belief
-        self._memory, self._room = np.zeros(policy.memory.noise.stop), room_for(policy.settings)
-        self._parts = remembered(self._memory, JOINTS, len(policy.settings.guess), len(policy.settings.reopening))
+        self._memory, self._found = np.zeros((1, policy.memory.noise.stop)), np.empty((1, _found().size))
+        self._parts = remembered(self._memory[0], JOINTS, len(policy.settings.guess), len(policy.settings.reopening))
+        self._tables = tables_of(policy.settings)
         self._belief = {name: slice(STATES + at.start, STATES + at.stop) for name, at in belief._asdict().items()}
         self._k, self._torque, self._planned_at, self._payload = 0, np.zeros(JOINTS), 0, np.inf
 
@@ -106,18 +103,19 @@ class OnAdaptiveEstimate:
         Raises:
             SystemExit: the filter has diverged.
         """
-        seen, law = np.asarray(observation, dtype=float)[np.newaxis], np.empty(JOINTS)
-        known = np.zeros((KEPT + 1, len(self._settings.reopening) - 1))
-        _sample()(seen, self._parts, self._torque, known, self._settings, self._room, law)
+        seen = np.array(observation, dtype=float)[np.newaxis]
+        _sample()((self._memory, seen, self._torque[np.newaxis].copy(), self._found), np.empty(0), self._tables)
+        self._room = room = _found().of(self._found[0])
+        law = room.torque
         if not np.isfinite(law).all():
             raise SystemExit(f"the filter has diverged at sample {self._k}")
-        z = self._room.acted
+        z = room.acted
         self._plan_anew_if_needed(z)
         late = float(z[self._belief["lateness"]][0])
         now, rest = self._k - self._planned_at + int(late), late % 1.0
-        change = self._room.link_torque[0] - self.plan.torque[self._k - self._planned_at]
+        change = room.link_torque[0] - self.plan.torque[self._k - self._planned_at]
         shift = change - z[self._belief["offset"]] + rest * (self.plan.u[now + 1] - self.plan.u[now])
-        error = self._room.one[0][:, 0] - ((1.0 - rest) * self.plan.x[now] + rest * self.plan.x[now + 1])
+        error = room.state - ((1.0 - rest) * self.plan.x[now] + rest * self.plan.x[now + 1])
         arm = self._arm
         error[:JOINTS] -= change / np.array([arm.stiffness1, arm.stiffness2])
         share = gain_share(self._parts, self._settings)
@@ -136,29 +134,66 @@ class OnAdaptiveEstimate:
         self.plan = plan_of(self._reference, t, model, weights.link_angle, weights.link_velocity)
 
 
-@functools.cache
-def _sample() -> Callable[..., None]:
-    """Return the compiled ``sample(observation, m, commanded, known, s, room, torque)``: one sample of the filter.
+class Found(NamedTuple):
+    """What a sample leaves: z on which the law acts, τ_d, x when the command acts, the arm's numbers, and u_a."""
 
-    From the second sample on it first predicts, with what was commanded at the last one. It fills `torque` (2,) [N m]
-    with what `adaptive-observer` would command, and `room` with what it acts on.
+    acted: Any
+    link_torque: Any
+    state: Any
+    numbers: Any
+    torque: Any
+
+
+class _found:
+    """The places of `Found` in a row of numbers."""
+
+    def __init__(self) -> None:
+        policy = _policy()
+        size, numbers = len(policy.settings.spread), len(policy.settings.base)
+        self.cells = Found(*map(Cells, ((size,), (KEPT, JOINTS), (STATES,), (numbers,), (JOINTS,))))
+        self.size = sum(cell.size for cell in self.cells)
+
+    def of(self, row: np.ndarray) -> Found:
+        """Return the parts of a row."""
+        ends = np.cumsum([cell.size for cell in self.cells])[:-1]
+        return Found(*(part.reshape(cell.shape) for part, cell in zip(np.split(row, ends), self.cells, strict=True)))
+
+
+@functools.cache
+def _policy() -> AdaptiveObserverPolicy:
+    return AdaptiveObserverPolicy(ARM, PERIOD)
+
+
+@functools.cache
+def _sample() -> Kernel:
+    """Return the kernel of one sample of the filter, on memory, observation, commanded torques and `Found`.
+
+    From the second sample on it first predicts, with what was commanded at the last one.
     """
     correct, act, predict = steps_of(equations_of(ARM))
+    policy, cells = _policy(), _found().cells
 
-    @njit(error_model="numpy")
-    def sample(
-        observation: np.ndarray,
-        m: Memory,
-        commanded: np.ndarray,
-        known: np.ndarray,
-        s: Settings,
-        room: Room,
-        torque: np.ndarray,
-    ) -> None:
-        if m.flags[FLAG.samples] > 0.0:
-            m.commands[0] = commanded
+    def sample(m: Any, seen: Any, commanded: Any, found: Found, _: Any, *tables: Any) -> tuple[Any, ...]:
+        s = with_tables(policy.settings, tables)
+        room, known = room_for(s), array(KEPT + 1, JOINTS)
+        for k in each(KEPT + 1):
+            for i in each(JOINTS):
+                known[k, i] = 0.0
+        for _ in only(m.flags[FLAG.samples] > 0.0):
+            for j in range(JOINTS):
+                m.commands[0, j] = commanded[j]
             predict(m, s, room, commanded)
-        correct(0, observed(observation), m, s, room)
-        act(room.acted, m, s, room, known, torque)
+        correct(seen, m, s, room)
+        act(room.acted, m, s, room, known, found.torque)
+        for part, held in (
+            (found.acted, room.acted), (found.state, room.one[0][:, 0]), (found.numbers, room.numbers),
+        ):  # fmt: skip
+            for i in each(len(part)):
+                part[i] = held[i]
+        for k in each(KEPT):
+            for j in each(JOINTS):
+                found.link_torque[k, j] = room.link_torque[k, j]
+        return m, seen, commanded, found
 
-    return sample
+    ports = places(JOINTS, policy.belief), seen_by(JOINTS), (0.0,) * JOINTS, cells
+    return Kernel(Program(sample, ports, (), [table.shape for table in tables_of(policy.settings)]))

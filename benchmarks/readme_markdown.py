@@ -38,7 +38,8 @@ def _machine(made: Mapping[str, Any]) -> str:
     machine, versions = made.get("machine"), made.get("versions")
     if machine is None or versions is None:
         return str(made.get("cpu", ""))
-    libraries = ", ".join(f"{name} {versions[name]}" for name in ("numpy", "numba", "clarabel"))
+    names = [name for name in ("numpy", "numba", "llvmlite", "clarabel") if name in versions]  # numba: older results
+    libraries = ", ".join(f"{name} {versions[name]}" for name in names)
     return f"{machine['cpu']}, {machine['cores']} cores, Python {versions['python']}, {libraries}"
 
 

@@ -39,20 +39,6 @@ def _environment():
     return os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 
 
-def test_an_edit_of_a_source_changes_the_name_of_its_machine_code(monkeypatch):
-    """Numba caches by file: the digest in the kernel's name is what keeps stale code out."""
-    from fuzzyarm.envs.physics.compiled import _digest
-    from fuzzyarm.fuzzy_policy.policy import limit
-
-    physics, laws = ("common", "envs"), ("common", "envs", "fuzzy_policy")
-    assert limit.py_func.__qualname__.endswith(_digest(laws))
-    read = Path.read_bytes
-    edited = PACKAGE / "fuzzy_policy" / "laws" / "fuzzy.py"
-    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b" " * (path == edited))
-    afresh = _digest.__wrapped__  # what is compiled later keeps the digests that are cached
-    assert afresh(laws) != _digest(laws) and afresh(physics) == _digest(physics)
-
-
 PACKAGE = ROOT / "fuzzyarm"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 MENTIONED = re.compile(r"(?<!`)`((?:\w+\.)+\w+)`(?!`)")

@@ -11,7 +11,7 @@ from typing import Any
 
 __all__ = ["current_provenance", "installed"]
 
-_LIBRARIES = ("fuzzyarm", "numpy", "numba", "gymnasium", "scipy", "clarabel", "python-flint")
+_LIBRARIES = ("fuzzyarm", "numpy", "llvmlite", "gymnasium", "scipy", "clarabel", "python-flint")
 
 
 def current_provenance() -> dict[str, Any]:

@@ -116,7 +116,14 @@ def recorded(
     finally:
         RECORDERS.pop()
     sources = (source, *(f"{name}" for name in trace.functions))
-    return Program(trace, trace.block, tuple(flat(after)), tuple(result), len(given), sources, words)
+    return Program(trace, trace.block, tuple(_numbers(after)), tuple(result), len(given), sources, words)
+
+
+def _numbers(tree: Any) -> list[Any]:
+    """Return the numbers of nested tuples and arrays, in order."""
+    if isinstance(tree, tuple):
+        return [number for part in tree for number in _numbers(part)]
+    return tree.ravel().tolist() if isinstance(tree, np.ndarray) else [tree]
 
 
 def _arrays(tree: Any) -> list[np.ndarray]:

@@ -138,6 +138,18 @@ class Value:
             return self._trace.operation(operation, *pair, kind=Kind.TRUTH)
         return self._trace.arithmetic(operation, *pair)
 
+    def __floor__(self) -> Value:
+        """Record the largest whole number that is not above x."""
+        return self._trace.operation("floor", self, kind=Kind.REAL)
+
+    def rint(self) -> Value:
+        """Record the nearest whole number."""
+        return self._trace.operation("rint", self, kind=Kind.REAL)
+
+    def sqrt(self) -> Value:
+        """Record the square root."""
+        return self._trace.operation("sqrt", self, kind=Kind.REAL)
+
     def __neg__(self) -> Value:
         """Record -x."""
         return self._trace.operation("neg", self, kind=self.kind)

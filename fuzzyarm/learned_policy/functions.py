@@ -77,7 +77,7 @@ def area_sine(x: Any) -> Any:
 
 
 def add_product(x: Any, transposed: Any, y: Any) -> None:
-    """Add G x to y (rows,), G given as `transposed` (columns, rows): four terms while y_j is at hand, in their order."""
+    """Add G x to y (rows,), G given as `transposed` (columns, rows): four terms while y_j is at hand."""
     columns, rows = len(x), len(y)
     if RECORDERS and hasattr(RECORDERS[-1], "rolled"):
         RECORDERS[-1].rolled("add_product", (x, transposed, y), (False, False, True))

@@ -66,7 +66,7 @@ class Base:
         if self._action.gate > 0.0:
             share = gate(self.innovation(memory, seen), self._action.gate)
             extra = [share * u for u in told]
-            return self.law.act(memory, seen, given[0], *tables, extra=extra)  # type: ignore[call-arg]
+            return self.law.act(memory, seen, given[0], *tables, extra=extra)
         command = within_limits(self.law, self.policy.joints, self.policy.integral_at)
         motors = type(seen.q_motor)(*(q - shift for q, shift in zip(seen.q_motor, told, strict=True)))
         return command(memory, seen._replace(q_motor=motors), given, *tables)

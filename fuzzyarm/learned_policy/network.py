@@ -67,8 +67,8 @@ class Network:
         choice("activation", self.activation, ACTIVATIONS)
         choice("output", self.output, OUTPUTS)
         for name in ("weights", "biases"):
-            for array in instance(name, getattr(self, name), tuple):
-                _numbers(name, array)
+            for one in instance(name, getattr(self, name), tuple):
+                _numbers(name, one)
         for name in ("mean", "std"):
             _numbers(name, getattr(self, name))
         if self.mean.ndim != 1 or any(bias.ndim != 1 for bias in self.biases):

@@ -107,7 +107,7 @@ class LearnedPolicy(LawPolicy):
 
 
 class _Memory(NamedTuple):
-    """Of a lane: the calls since its last action, 0 if the next one is due; that action, and what the parts remember."""
+    """Of a lane: the calls since its last action, 0 if the next one is due; that action; what the parts remember."""
 
     phase: Any
     action: Any

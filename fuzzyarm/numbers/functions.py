@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 __all__ = [
-    "KINDS", "RECORDERS", "Cells", "apart", "array", "bits", "each", "entry", "flat", "floor", "like", "maximum", "minimum",
-    "number", "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
+    "KINDS", "RECORDERS", "Cells", "apart", "array", "bits", "each", "entry", "flat", "floor", "like", "maximum",
+    "minimum", "number", "only", "repeat", "row", "select", "when", "whole", "word", "zeros",
 ]  # fmt: skip
 
 KINDS: dict[type, Any] = {}
@@ -136,7 +136,7 @@ class Cells:
 
 def array(*shape: int) -> Any:
     """Return an array whose content is not known; what runs for many arms has one for each of them."""
-    return RECORDERS[-1].array(shape) if RECORDERS else np.full(shape, np.nan, dtype=object)
+    return RECORDERS[-1].array(shape) if RECORDERS else np.full(shape, np.nan)
 
 
 def each(count: Any) -> Iterable[Any]:
@@ -157,12 +157,12 @@ def only(condition: Any) -> Iterable[None]:
 
 
 def flat(tree: Any) -> list[Any]:
-    """Return the numbers of nested tuples, in order; those of an array row by row."""
+    """Return the numbers of nested tuples, in order; an array of lanes is one of them, `Cells` are as many zeros."""
     if isinstance(tree, tuple):
         return [number for part in tree for number in flat(part)]
     if isinstance(tree, Cells):
         return [0.0] * tree.size
-    return tree.ravel().tolist() if isinstance(tree, np.ndarray) else [tree]
+    return [tree]
 
 
 def like(tree: Any, numbers: Iterator[Any]) -> Any:

@@ -79,7 +79,7 @@ class _Writer:
         self.program, self.layouts, self.width = program, layouts, width
         self.repeated = repeated or bool(program.cells)  # numbers of ports lie in an array of the group's own
         self.masks = list[str]()
-        self.places = [dict[Any, str]()]
+        self.places: list[dict[Any, str]] = [{}]
         self.lines, self.here, self.blocks, self.names = list[str](), "entry", 0, 0
         wide = f"<{width} x " if width > 1 else ""
         self.kinds = {kind: f"{wide}{one}>" if wide else one for kind, one in _KINDS.items()}

@@ -164,7 +164,7 @@ class Index:
         return self + -Index.of(other)
 
     def __rsub__(self, other: Any) -> Index:
-        return -self + other
+        return Index.of(other) + -self
 
     __radd__, __rmul__ = __add__, __mul__
 

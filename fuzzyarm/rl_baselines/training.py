@@ -180,7 +180,7 @@ class Training:
             training={"algorithm": spec.title, "steps_done": self.algorithm.steps, **config.to_dict()},
             seed=config.seed,
             curve=[row for row in self.rows if COLUMNS[0] in row],
-            versions={name: version(name) for name in ("fuzzyarm", "numpy", *spec.libraries, "gymnasium", "numba")},
+            versions={name: version(name) for name in ("fuzzyarm", "numpy", *spec.libraries, "gymnasium", "llvmlite")},
             arm=arm_definition(self.arm),
         )
 

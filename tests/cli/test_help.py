@@ -41,7 +41,7 @@ def help_at_80_columns(*words):
 LOADED = """
 import sys
 from fuzzyarm.cli import main
-heavy = ("numba", "scipy", "matplotlib", "torch", "ray", "joblib", "clarabel", "flint")
+heavy = ("llvmlite", "scipy", "matplotlib", "torch", "ray", "joblib", "clarabel", "flint")
 for line in sys.argv[1:]:
     main(line.split())
     print("loaded", [name for name in heavy if name in sys.modules])
@@ -103,7 +103,7 @@ def test_the_version(capsys):
     first, *others = printed(capsys, "--version").splitlines()
     assert first == f"fuzzyarm {__version__}"
     versions = dict(line.split(" ", maxsplit=1) for line in others)
-    assert {"Python", "numpy", "numba", "scipy", "gymnasium", "clarabel", "python-flint", "on"} <= set(versions)
+    assert {"Python", "numpy", "llvmlite", "scipy", "gymnasium", "clarabel", "python-flint", "on"} <= set(versions)
     assert versions["Python"] == platform.python_version() and versions["numpy"] == metadata.version("numpy")
     assert ("torch" in versions) == (importlib.util.find_spec("torch") is not None)
 

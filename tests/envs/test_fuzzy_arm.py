@@ -159,7 +159,7 @@ def test_making_and_stepping_loads_nothing_heavy():
     # SciPy's linalg is loaded by Numba itself; of SciPy, this project needs `interpolate`, and only for splines.
     heavy = "cvxpy clarabel torch matplotlib pygame scipy.interpolate scipy.optimize stable_baselines3 rich"
     code = (
-        "import sys, gymnasium, fuzzyarm; assert 'numba' not in sys.modules; "
+        "import sys, gymnasium, fuzzyarm; assert 'llvmlite' not in sys.modules; "
         "env = gymnasium.make('FuzzyArm-v0'); env.reset(seed=0); env.step(env.action_space.sample()); env.close(); "
         f"print([name for name in {heavy.split()} if name in sys.modules])"
     )

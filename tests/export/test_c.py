@@ -15,17 +15,17 @@ import pytest
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
 from fuzzyarm.cli.show import loaded
-from fuzzyarm.envs.physics.elementwise import sine_cosine
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.export.c_files import c_name, export_c, sources_of
-from fuzzyarm.export.c_program import MOST_REMEMBERED, program_of
+from fuzzyarm.export.c_program import LAW, MOST_REMEMBERED, program_of, recorded
 from fuzzyarm.export.c_text import Writer, pruned
 from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
-from fuzzyarm.export.partial import Interpreter
 from fuzzyarm.export.refusals import Unsupported
-from fuzzyarm.export.trace import Branch, Kind, Step, Value
+from fuzzyarm.export.trace import Branch, Kind, Step, Trace, Value
 from fuzzyarm.export.vectors import random_observations
+from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
+from fuzzyarm.numbers.functions import array, only, select, when
 from fuzzyarm.synthesis import ScheduledSpecification, design_scheduled
 
 COMPILERS = compilers()
@@ -236,12 +236,12 @@ def test_the_source_allocates_nothing_and_calls_no_library(tmp_path):
 
 
 def branching(x, flag):
-    y, kept = np.empty(2), 1.0
+    y = array(2)
     y[0] = y[1] = x
-    if flag > 0.0:
+    for _ in only(flag > 0.0):
         y[1] = -x
-        kept = 2.0 * x
-    return y[0] + y[1] if kept > x else kept
+    kept = when(flag > 0.0, lambda: 2.0 * x, 1.0)
+    return select(kept > x, y[0] + y[1], kept)
 
 
 def evaluated(block, known):
@@ -256,6 +256,11 @@ def evaluated(block, known):
             evaluated(step.then if known[step.condition] else step.otherwise, known)
             for value, first, second in step.merged:
                 known[value] = number(first if known[step.condition] else second)
+        elif step.operation == "input":
+            continue
+        elif step.operation == "select":
+            condition, *ways = map(number, step.operands)
+            known[step.results[0]] = ways[0] if condition else ways[1]
         elif step.operation == "neg":
             known[step.results[0]] = -number(step.operands[0])
         else:
@@ -264,41 +269,51 @@ def evaluated(block, known):
 
 
 def test_branches_are_merged_as_python_takes_them():
-    own = Interpreter(())
-    x, flag = Value(own.trace, Kind.REAL), Value(own.trace, Kind.REAL)
-    result = own.call(branching, (x, flag))
+    program = recorded(lambda given, memory: (memory, (branching(*given),)), ["x", "flag"], (), LAW, "branching")
+    x, flag = (step.results[0] for step in program.trace.block if isinstance(step, Step) and step.operation == "input")
     for numbers in itertools.product((-2.0, 0.0, 0.5, 3.0), (-1.0, 1.0)):
         known = dict(zip((x, flag), numbers, strict=True))
-        evaluated(own.trace.block, known)
-        assert known[result] == branching(*numbers)
+        evaluated(program.trace.block, known)
+        assert known[program.result[0]] == branching(*numbers)
 
 
 def test_a_number_that_both_sides_of_a_branch_give_is_not_chosen():
-    own = Interpreter(())
-    branch = Branch(Value(own.trace, Kind.TRUTH), [], [])
-    assert own.trace.merged(branch, np.float64(0.5), 0.5) == 0.5
+    own = Trace()
+    branch = Branch(Value(own, Kind.TRUTH), [], [])
+    assert own.merged(branch, np.float64(0.5), 0.5) == 0.5
     assert not branch.merged
     for first, second in ((0.0, -0.0), (0.5, np.nextafter(0.5, 1.0)), (1, 1.0), (True, 1)):
-        assert isinstance(own.trace.merged(branch, first, second), Value)
+        assert isinstance(own.merged(branch, first, second), Value)
     assert len(branch.merged) == 4
 
 
 def test_what_nothing_needs_is_left_out():
-    own = Interpreter(())
-    x = Value(own.trace, Kind.REAL)
+    own = Trace()
+    x = Value(own, Kind.REAL)
     kept, _ = x + 1.0, x * 2.0
-    assert [step.operation for step in pruned(own.trace.block, {kept}) if isinstance(step, Step)] == ["+"]
+    assert [step.operation for step in pruned(own.block, {kept}) if isinstance(step, Step)] == ["+"]
 
 
-def test_what_cannot_be_written_says_where():
-    own = Interpreter((sine_cosine,))
-    x = Value(own.trace, Kind.REAL)
-    with pytest.raises(Unsupported, match=r"arctan of numbers that are not known \(in .*test_c, line \d+\)"):
-        own.call(unsupported, (x,))
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda x: np.arctan(x), "own.law does something with a number that is not known: .*arctan"),
+        (lambda x: x if x > 0.0 else -x, "branches on a number that is not known; use select, when or only"),
+        (lambda x: [1.0, 2.0][int(x)], "own.law does something with a number that is not known"),
+    ],
+)
+def test_what_cannot_be_written_says_what(wrong, message):
+    with pytest.raises(Unsupported, match=message):
+        recorded(lambda given, memory: (memory, (wrong(*given),)), ["x"], (), LAW, "own.law")
 
 
-def unsupported(x):
-    return np.arctan(x)
+def test_a_policy_without_a_law_is_refused():
+    class Own(ComputedTorquePolicy):
+        def act(self, observation, memory, torque):
+            torque[:] = 0.0
+
+    with pytest.raises(Unsupported, match="Own has no law that can be written as C; make it a `LawPolicy`"):
+        program_of(Own())
 
 
 def test_a_law_that_remembers_too_much_is_refused_before_it_is_written():

@@ -15,9 +15,7 @@ from fuzzyarm.export.c_files import export_c
 from fuzzyarm.export.c_helpers import helper_text
 from fuzzyarm.export.c_text import Writer
 from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
-from fuzzyarm.export.loops import loops_text, written
 from fuzzyarm.export.vectors import random_observations
-from fuzzyarm.learned_policy.functions import add_product
 from fuzzyarm.learned_policy.network import Network
 
 COMPILERS = compilers()
@@ -96,13 +94,6 @@ def test_layers_are_loops_over_tables(tmp_path):
     assert bounds == {"9", "5", "x_size", "y_size", str(load_policy("ppo-robust").memory_size)}
     for lengths in re.findall(r"\badd_product\(given\w*, (\d+), &weights\d*\[0\]\[0\], (\d+), sums\w*, (\d+)\);", text):
         assert all(int(length) in (2, 20, 128) for length in lengths)
-
-
-def test_loops_are_translated_line_by_line():
-    assert written(add_product) == (False, False, True)
-    text = loops_text(add_product, "float")
-    assert "static void add_product(const float *x, int x_size, const float *transposed" in text
-    assert "y[j] = y[j] + (transposed[(k * transposed_columns) + j] * x[k]);" in text
 
 
 def test_a_network_that_is_too_large_is_one_line(tmp_path, capsys):

@@ -1,10 +1,12 @@
 """tanh, the logistic function and asinh of learned policies, against numbers of more digits, and their symmetries."""
 
-import numba
 import numpy as np
 import pytest
 
 from fuzzyarm.learned_policy.functions import LARGEST, add_product, area_sine, hyperbolic_tangent, logistic
+from fuzzyarm.numbers.functions import Cells
+from fuzzyarm.numbers.machine import Kernel
+from fuzzyarm.numbers.symbols import Program
 
 RANDOM = np.random.default_rng(0)
 SIZES = 10.0 ** RANDOM.uniform(-12.0, 2.0, 300)
@@ -52,19 +54,21 @@ def test_products_are_those_of_the_matrix():
     np.testing.assert_allclose(y, expected, rtol=1e-14)
 
 
-@numba.njit
-def _compiled_product(x, transposed, y):
-    add_product(x, transposed, y)
-
-
 @pytest.mark.parametrize("columns", [1, 4, 5, 12, 63])
-def test_compiled_products_have_the_same_bits(columns):
-    """They take four terms at a time; that order counts shows in the sum taken backwards."""
+def test_products_on_the_machine_have_the_same_bits(columns):
+    """That order counts shows in the sum taken backwards."""
     transposed, x = RANDOM.normal(size=(columns, 7)), RANDOM.normal(size=columns)
     start = RANDOM.normal(size=7)
-    plain, compiled, backwards = start.copy(), start.copy(), start.copy()
+    plain, backwards, found = start.copy(), start.copy(), start.copy()[np.newaxis]
+
+    def product(x, y, _, transposed):
+        add_product(x, transposed, y)
+        return x, y
+
     add_product(x, transposed, plain)
-    _compiled_product(x, transposed, compiled)
+    Kernel(Program(product, (Cells((columns,)), Cells((7,))), (), [transposed.shape]))(
+        (x[np.newaxis].copy(), found), np.empty(0), (transposed,)
+    )
     add_product(x[::-1], transposed[::-1], backwards)
-    np.testing.assert_array_equal(compiled, plain)
+    np.testing.assert_array_equal(found[0], plain)
     assert columns < 12 or (backwards != plain).any()

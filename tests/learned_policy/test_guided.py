@@ -10,7 +10,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import START
 from fuzzyarm.learned_policy.definition import ActionDefinition, FeatureDefinition
 from fuzzyarm.learned_policy.features import Features
-from fuzzyarm.learned_policy.guided import gate
+from fuzzyarm.learned_policy.guided import Base, gate
 from fuzzyarm.learned_policy.policy import LearnedPolicy
 
 BESIDE = ActionDefinition(scale=(30.0, 20.0), period=1e-3, base="elastic-observer", gate=2.0)
@@ -53,6 +53,7 @@ def test_the_action_is_a_torque_of_which_the_observer_knows():
     policy, state = beside(), None
     base = policy.base
     memory, torque = np.zeros((3, base.memory_size)), np.empty((3, 2))
+    guide = Base(base, policy.bundle.action)
     own = Features(policy.bundle.features, 1e-3)
     past, action = np.zeros((3, own.memory_size)), np.empty((3, 2))
     means = np.zeros((2, 3, 4))
@@ -72,7 +73,8 @@ def test_the_action_is_a_torque_of_which_the_observer_knows():
         extra = gate(innovation.T, 2.0)[:, np.newaxis] * [30.0, 20.0] * action
         alone, silent = memory.copy(), np.empty((3, 2))
         base.command(observation, alone, silent)
-        base.act_beside(observation, memory, extra, torque)
+        torque[:] = [30.0, 20.0] * action
+        guide.guide_lanes(observation, memory, torque)
         found, state = policy.predict(observation, state)
         np.testing.assert_allclose(found, torque, rtol=1e-12)
         np.testing.assert_allclose(found, silent + extra, rtol=1e-9, atol=1e-9)

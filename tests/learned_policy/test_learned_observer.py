@@ -135,7 +135,7 @@ class Oracle:
             self.predicted = np.concatenate([o[:2], q, o[2:4], o[2:4], np.zeros(2)])
         m, room, u_a = remembered(self.filter, 2, len(self.settings.guess), 3), room_for(self.settings), np.empty(2)
         innovation = (o[:4] - m.z[[0, 1, 4, 5]]) * (m.flags[FLAG.samples] > 0)
-        CORRECT(0, observed(o[np.newaxis]), m, self.settings, room)
+        CORRECT(observed(o), m, self.settings, room)
         ACT(room.acted, m, self.settings, room, np.zeros((KEPT + 1, 2)), u_a)
         slow, estimate, u = self.correct(o, desired[0], feedforward[0])
         (belief, trust), gap = self.beliefs(m), u_a - u

@@ -21,7 +21,7 @@ from fuzzyarm.learned_policy.definition import ArmDefinition
 from fuzzyarm.learned_policy.estimate.bundle import EstimateBundle
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, shapes_of
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.learned_policy.estimate.signals import context_parts, signals_of
+from fuzzyarm.learned_policy.estimate.signals import context_of, context_parts
 from fuzzyarm.learned_policy.estimate.units import scale_of, turns_of, units_of
 from fuzzyarm.learned_policy.folder import BundleError
 
@@ -86,9 +86,9 @@ def test_the_context_of_a_robot_is_its_equations(name):
     part, generator = context_parts(joints, 3), np.random.default_rng(0)
     c, o, feedforward = np.empty(part.motion.stop), generator.normal(size=5 * joints), generator.normal(size=joints)
     limit, turns = robot.drive("torque_limit"), turns_of(robot)
-    seen = observed(o[np.newaxis])
+    seen = observed(o)
     arm = filled(physics.Arm, constants_of(robot))
-    signals_of(physics).context(0, seen, feedforward, limit, turns, arm, units, c)
+    context_of(physics)(seen, feedforward, limit, turns, arm, units, c)
     q, _, _, dq, ddq = np.split(o, 5)
     jacobian = tip_jacobian(robot, q)
     velocity = jacobian @ dq

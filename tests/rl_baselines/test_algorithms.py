@@ -94,7 +94,7 @@ def test_an_algorithm_from_outside_is_trained_shipped_and_resumed(added, tmp_pat
     assert len(lines) == 11
     bundle = PolicyBundle.load(tmp_path / "whole" / "policy")
     assert bundle.training["algorithm"] == "random search" and bundle.training["spread"] == 0.1
-    assert set(bundle.versions) == {"fuzzyarm", "numpy", "gymnasium", "numba"}
+    assert set(bundle.versions) == {"fuzzyarm", "numpy", "gymnasium", "llvmlite"}
     action, _ = load_policy(tmp_path / "whole" / "policy").predict(np.ones(10))
     assert np.abs(action).max() > 1.0
 

@@ -23,7 +23,7 @@ from fuzzyarm.envs.scenario.reference_family import reference_family  # noqa: E4
 from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
-from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, residual_of  # noqa: E402
+from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
 from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts  # noqa: E402
 from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, scale_of, units_of  # noqa: E402
 from fuzzyarm.rl_baselines.estimate import courses as courses_module  # noqa: E402
@@ -72,9 +72,9 @@ def test_the_network_in_torch_is_the_one_that_is_shipped():
     tensors = [torch.from_numpy(part).float()[None] for part in (z, c)]
     rho, after = made(*tensors, torch.from_numpy(h).float(), torch.ones(1, 4, 1))
     for lane in range(4):
-        memory, answer = h[lane].copy(), np.empty(2)
+        memory, network = h[lane].copy(), made.network()
         gap = GAP_SHARE * torques * np.sinh(z[lane, unexplained_parts(2, 2).gap])
-        residual_of(2, 2)[1](z[lane], c[lane], memory, gap, torques, answer, made.network().layers)
+        answer = respond(z[lane], c[lane], memory, gap, torques, network.layers, 2)
         np.testing.assert_allclose(rho[0, lane].detach().numpy(), answer, atol=1e-6)
         np.testing.assert_allclose(after[0, lane].detach().numpy(), memory, atol=1e-6)
 

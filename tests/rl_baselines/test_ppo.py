@@ -52,7 +52,7 @@ def test_settings_and_presets_can_be_read_without_torch():
     code = (
         "import sys; sys.modules['torch'] = sys.modules['stable_baselines3'] = None\n"
         "from fuzzyarm.rl_baselines.algorithms import ALGORITHMS\n"
-        "print(list(ALGORITHMS['ppo'].presets), 'numba' in sys.modules)"
+        "print(list(ALGORITHMS['ppo'].presets), 'llvmlite' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "['nominal', 'robust', 'residual', 'observer'] False"

@@ -44,7 +44,7 @@ SOURCES = (
 def made_with() -> dict[str, str]:
     """Return the versions, and a digest of the sources, that this process computes with."""
     root = Path(fuzzyarm.__file__).parent
-    versions = {name: version(name) for name in ("fuzzyarm", "numpy", "numba", "llvmlite")}
+    versions = {name: version(name) for name in ("fuzzyarm", "numpy", "llvmlite")}
     return {"python": platform.python_version(), **versions, "code": _digest_of(root / name for name in SOURCES)}
 
 

@@ -37,8 +37,8 @@ from fuzzyarm.learned_policy.functions import area_sine
 from fuzzyarm.numbers.functions import each, maximum, only
 
 __all__ = [
-    "ContextParts", "UnexplainedParts", "context_of", "context_parts", "see_beliefs", "see_innovation", "see_unexplained",
-    "unexplained_parts",
+    "ContextParts", "UnexplainedParts", "context_of", "context_parts", "see_beliefs", "see_innovation",
+    "see_unexplained", "unexplained_parts",
 ]  # fmt: skip
 
 _SENSELESS = 1e6  # rad and rad/s, an innovation of a filter that has diverged

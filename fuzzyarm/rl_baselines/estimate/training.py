@@ -100,7 +100,7 @@ class EstimateTraining:
 
     def bundle(self, seconds: float = 0.0) -> EstimateBundle:
         """Return the student as it is shipped, after a training of so much processor time [s]."""
-        versions = {name: version(name) for name in ("fuzzyarm", "numpy", "torch", "numba")}
+        versions = {name: version(name) for name in ("fuzzyarm", "numpy", "torch", "llvmlite")}
         training = {**self.config.to_dict(), "cpu_time_s": round(seconds, 1)}
         arm = self._arm if isinstance(self._arm, ArmParameters) else ArmDefinition(self._arm.name, self._arm.digest)
         return EstimateBundle(self.student.network(), arm, PERIOD, training, self.config.seed, self.rows, versions)

@@ -3,8 +3,8 @@
 import mpmath
 import numpy as np
 import pytest
+from support.machine_code import on_machine
 
-from fuzzyarm.envs.physics.compiled import kernel
 from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, root, select, sign, sine_cosine, smaller
 
 PRECISE = mpmath.MPContext()
@@ -156,42 +156,22 @@ def test_select_takes_the_first_where_the_condition_holds():
 # --- one code, the same bits -------------------------------------------------------------------------------------
 
 
-@kernel
-def _one(x, y):
-    first, second = sine_cosine(x)
-    return first, second, gaussian(x), sign(x), positive_part(x), smaller(x, y), root(abs(x)), select(x < y, x, y)
+def everything(a, b):
+    return (
+        *sine_cosine(a), gaussian(a), root(abs(a)), sign(a), positive_part(a), smaller(a, b), select(a > b, a, b)
+    )  # fmt: skip
 
 
-@kernel
-def _loop(x, y, out):
-    for i in range(len(x)):
-        first, second = sine_cosine(x[i])
-        out[0, i], out[1, i], out[2, i], out[3, i] = first, second, gaussian(x[i]), sign(x[i])
-        out[4, i], out[5, i] = positive_part(x[i]), smaller(x[i], y[i])
-        out[6, i], out[7, i] = root(abs(x[i])), select(x[i] < y[i], x[i], y[i])
-
-
-def test_numpy_compiled_scalars_and_compiled_loops_give_the_same_bits():
+@pytest.mark.parametrize("lanes", [1, 4000])
+def test_numpy_floats_and_machine_code_give_the_same_bits(lanes):
     x = numbers()
-    y = np.random.default_rng(7).permutation(x)
+    pairs = np.stack([x, x[::-1]], axis=1)[: max(lanes, 40) if lanes > 1 else 40]
     with np.errstate(all="ignore"):
-        arrays = np.array(_one.py_func(x, y))
-        alone = np.array([_one.py_func(*pair) for pair in zip(x[-500:], y[-500:], strict=True)]).T
-    scalars = np.array([_one(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)]).T
-    loop = np.empty_like(arrays)
-    _loop(x, y, loop)
-    assert np.array_equal(bits(scalars), bits(arrays))
-    assert np.array_equal(bits(loop), bits(arrays))
-    assert np.array_equal(bits(alone), bits(arrays[:, -500:]))
-    assert np.isfinite(arrays).mean() > 0.9
-
-
-def test_tensors_use_torchs_own_functions():
-    torch = pytest.importorskip("torch")
-    x = torch.tensor(angles())
-    sine, cosine = sine_cosine(x)
-    assert torch.equal(sine, torch.sin(x)) and torch.equal(cosine, torch.cos(x))
-    assert torch.equal(gaussian(x), torch.exp(-x * x)) and torch.equal(root(x * x), torch.sqrt(x * x))
-    for function in (sign, positive_part):
-        assert np.array_equal(function(x).numpy(), function(x.numpy()))
-    assert np.array_equal(smaller(x, -x).numpy(), -np.abs(x.numpy()))
+        in_arrays = np.stack(everything(*pairs.T), axis=1)
+        in_floats = np.array([everything(*map(np.float64, pair)) for pair in pairs])
+    found = (
+        on_machine(everything, pairs)
+        if lanes > 1
+        else np.vstack([on_machine(everything, pairs[[k]]) for k in range(40)])
+    )
+    assert np.array_equal(bits(found), bits(in_arrays)) and np.array_equal(bits(in_floats), bits(in_arrays))

@@ -87,7 +87,7 @@ def test_the_paper_s_arm_moves_as_by_the_hand_written_equations():
     np.testing.assert_allclose(np.array(state), np.array(other), atol=1e-12)
 
 
-def test_numpy_numba_and_torch_agree_and_a_lane_is_the_single_arm_bit_for_bit():
+def test_numpy_machine_code_and_torch_agree_and_a_lane_is_the_single_arm_bit_for_bit():
     robot = robot_named("planar-3r")
     physics, arm = physics_of(robot), arm_of(robot)
     hold, generator = hold_of(physics), np.random.default_rng(1)

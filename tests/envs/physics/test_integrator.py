@@ -155,7 +155,7 @@ def random_lanes(lanes, seed=0):
 
 
 @pytest.mark.parametrize("lanes", [1, 31, 32, 33, 200])
-def test_numba_is_numpy_bit_for_bit(lanes):
+def test_machine_code_is_numpy_bit_for_bit(lanes):
     state, torque, force, arms = random_lanes(lanes)
     expected = hold_numpy(PHYSICS, state, torque, force, arms, 1e-4, 10)
     hold(state, torque, force, arms, 1e-4, 10)

@@ -42,7 +42,7 @@ def test_the_digest_covers_every_module_that_runs_an_episode():
 
 def test_every_source_exists():
     assert all((ROOT / source).exists() for source in SOURCES)
-    assert set(made_with()) == {"python", "fuzzyarm", "numpy", "numba", "llvmlite", "code"}
+    assert set(made_with()) == {"python", "fuzzyarm", "numpy", "llvmlite", "code"}
 
 
 def test_the_identity_holds_the_digest_of_every_file_of_a_policy():

@@ -113,7 +113,7 @@ def test_the_observer_rests_under_gravity_without_correction():
 def test_the_schedule_keeps_the_angles_that_the_mass_matrix_depends_on():
     assert kept_joints(robot_named("planar-3r")) == (1, 2)
     robot = robot_named("ur5")
-    schedule, kept = schedule_of(robot), kept_joints(robot)
+    kept = kept_joints(robot)
     assert 0 not in kept and len(kept) == 2
     q = np.zeros(6)
     q[list(kept)] = 2.0 * np.pi * np.array([3.25, -1.5]) / 8

@@ -203,7 +203,8 @@ class Centre:
         joint = [stiffness[j] * (x[j] - x[2 + j]) + damping[j] * (v[j] - v[2 + j]) for j in range(JOINTS)]
         outer = tip_force_torque(sin1, cos1, sin12, cos12, force[0], force[1], arm)
         coriolis, gravity = coriolis_torque(np.sin(q2), v[2], v[3], arm), gravity_torque(sin1, sin12, arm)
-        links = solve_mass_matrix(np.cos(q2), *(joint[j] + outer[j] - coriolis[j] - gravity[j] for j in (0, 1)), arm)
+        first, second = (joint[j] + outer[j] - coriolis[j] - gravity[j] for j in (0, 1))
+        links = solve_mass_matrix(np.cos(q2), first, second, arm)
         motors = []
         for j, mode in enumerate(modes):
             if mode == Mode.REST:

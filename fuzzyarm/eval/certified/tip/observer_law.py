@@ -21,10 +21,9 @@ from fuzzyarm.eval.certified.tip.predictor import ROUNDED, Predictor
 from fuzzyarm.eval.certified.tip.response import LAW_ROUNDING, MEASURED, Response, smooth_part
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
 from fuzzyarm.fuzzy_policy.known_arm import constants_of
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.elastic_observer import STATICS_STEPS, ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_target import target_parts
 from fuzzyarm.fuzzy_policy.laws.observer_gains import estimate_parts, state_part
-from fuzzyarm.fuzzy_policy.laws.observer_steps import STATICS_STEPS
 
 __all__ = ["ObserverLaw"]
 

@@ -182,7 +182,7 @@ class Predictor:
             torque = stiffness[j] * (m[MIDDLE.start + j] - q[j]) + damping[j] * (speed - dq[j])
             alpha.append((m[TORQUE.start + j] - torque - viscous[j] * speed) / self._inertia[j].item())
             outer.append(torque + m[LOAD.start + j] - others[j])
-        return alpha, list(solve_mass_matrix(q[1].cos(), *outer, arm))
+        return alpha, list(solve_mass_matrix(q[1].cos(), outer[0], outer[1], arm))
 
     def _others_size(self, speed: np.ndarray) -> float:
         """Return a bound of all terms of C q̇ + g and of the friction, for |q̇| <= speed [N m]."""
@@ -192,7 +192,7 @@ class Predictor:
 
     def _others(self, q: list[Any], dq: list[Any]) -> list[Any]:
         """Return C q̇ + g [N m]."""
-        coriolis = coriolis_torque(q[1].sin(), *dq, self._arm)
+        coriolis = coriolis_torque(q[1].sin(), dq[0], dq[1], self._arm)
         gravity = gravity_torque(q[0].sin(), (q[0] + q[1]).sin(), self._arm)
         return [a + b for a, b in zip(coriolis, gravity, strict=True)]
 

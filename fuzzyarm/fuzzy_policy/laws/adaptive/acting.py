@@ -52,16 +52,16 @@ def _desire_of(physics: Physics) -> Any:
             q, dq, ddq = m.references[k, 0], m.references[k, 1], m.references[k, 2]
             travel = tip_direction(q, dq, arm)
             force = [known[k, i] + p[0] * travel[i] + p[1 + i] for i in range(axes)]
-            for i, number in enumerate(travel):
-                room.travel[k, i] = number
-            for j, number in enumerate(link_torque(q, dq, ddq, force, arm)):
-                room.link_torque[k, j] = number
+            for i, along in enumerate(travel):
+                room.travel[k, i] = along
+            for j, tau in enumerate(link_torque(q, dq, ddq, force, arm)):
+                room.link_torque[k, j] = tau
         for j in each(joints):
             dq, ddq = m.references[0, 1, j], m.references[0, 2, j]
             next_q[j] = m.references[0, 0, j] + period * (dq + 0.5 * period * ddq)
             next_dq[j] = dq + period * ddq
-        for i, number in enumerate(tip_direction(next_q, next_dq, arm)):
-            room.travel[KEPT, i] = number
+        for i, along in enumerate(tip_direction(next_q, next_dq, arm)):
+            room.travel[KEPT, i] = along
         for i in range(axes):
             now, then = room.travel[0, i], room.travel[KEPT, i]
             room.directions[i, 0], room.directions[axes + i, 0] = 0.5 * (now + then), then - now

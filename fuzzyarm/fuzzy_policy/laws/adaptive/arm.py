@@ -22,7 +22,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, size
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.fuzzy_policy.known_arm import Drives
-from fuzzyarm.numbers.functions import each, flat, like
+from fuzzyarm.numbers.functions import each, flat, like, maximum
 
 __all__ = ["ArmFunctions", "arm_functions", "dry_friction", "numbers_of"]
 
@@ -113,7 +113,7 @@ def arm_functions(physics: Physics) -> ArmFunctions:
         for v in velocity:
             square = square + v * v
         speed = root(square)
-        scale = select(speed > REST, 1.0 / speed, 0.0)
+        scale = select(speed > REST, 1.0 / maximum(speed, REST), 0.0)
         return [v * scale for v in velocity]
 
     return ArmFunctions(hold, link_torque, tip_direction, _drive_of(physics), constants_in)

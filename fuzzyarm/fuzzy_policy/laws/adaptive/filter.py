@@ -106,7 +106,7 @@ def correct(
     cautious: Any,
     gate: float,
     column: Any,
-) -> float:
+) -> Any:
     """Correct z and P by motor angles and velocities; return the mean of ν²/(P_yy + r).
 
     `silent` (2 n,) are the a of the module's docstring; `cautious` says which numbers of z learn only a share.

@@ -168,7 +168,7 @@ def _noise_share(samples: Any, first: Any) -> Any:
 
     The first change of e is that of the third sample; no share is larger than `first`.
     """
-    return select(samples > 2.0, minimum(maximum(NOISE_SHARE, 1.0 / (samples - 2.0)), first), 0.0)
+    return select(samples > 2.0, minimum(maximum(NOISE_SHARE, 1.0 / maximum(samples - 2.0, 1.0)), first), 0.0)
 
 
 def _note_noise(m: Memory, s: Settings, room: Room) -> None:

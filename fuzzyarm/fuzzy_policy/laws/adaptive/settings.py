@@ -82,8 +82,8 @@ class Settings(NamedTuple):
 
 
 _TABLES = (
-    "feedback_rows", "base", "slopes", "guess", "spread", "shared", "low", "high", "noise", "doubt", "reopening", "steps",
-    "variances", "cautious", "limit",
+    "feedback_rows", "base", "slopes", "guess", "spread", "shared", "low", "high", "noise", "doubt", "reopening",
+    "steps", "variances", "cautious", "limit",
 )  # fmt: skip
 
 

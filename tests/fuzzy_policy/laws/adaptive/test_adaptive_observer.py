@@ -26,7 +26,11 @@ ARM = ArmParameters()
 NOISE = EncoderNoise(position=1e-5, velocity=1e-3)
 POLICY = AdaptiveObserverPolicy()
 MEMORY = POLICY.memory
-link_torque = arm_functions(two_joints()).link_torque
+_, _link_torque, _, _, constants_in = arm_functions(two_joints())
+
+
+def link_torque(q, dq, ddq, force, numbers, torque):
+    torque[:] = _link_torque(q, dq, ddq, force, constants_in(numbers))
 
 
 def follow(policy, disturbances, steps=1499, arms=None, late=0):

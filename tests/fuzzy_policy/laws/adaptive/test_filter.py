@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numba import njit
 
 from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
@@ -15,14 +14,14 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, numbers_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers, belief_of, first_guess, forces_in
 
 ARM = ArmParameters()
-BELIEF, (hold, link_torque, tip_direction, _) = belief_of(two_joints()), arm_functions(two_joints())
+BELIEF, (hold, link_torque, tip_direction, _, constants_in) = belief_of(two_joints()), arm_functions(two_joints())
 BELIEFS, FORCES = BELIEF.lateness.stop, forces_in(BELIEF)
 STATES, SIZE = 8, 8 + BELIEFS
 MEASURED = [0, 1, 4, 5]
 NO_GATE, NOTHING_SILENT = 1e300, np.zeros(4)
 
-correct, confine, lanes_of = njit(parts.correct), njit(parts.confine), njit(parts.lanes_of)
-fill_lanes, filter_step, read_noise = njit(parts.fill_lanes), njit(parts.step), njit(parts.read_noise)
+correct, confine, lanes_of = parts.correct, parts.confine, parts.lanes_of
+fill_lanes, filter_step, read_noise = parts.fill_lanes, parts.step, parts.read_noise
 
 
 def covariance(rng, scale=1.0):
@@ -181,12 +180,12 @@ def test_link_torque_is_the_rigid_arms_less_the_forces():
     rng = np.random.default_rng(8)
     q, dq, ddq, force = rng.normal(size=(4, 2))
     torque, direction, constants = np.empty(2), np.empty(2), np.array(arm_constants(ARM))
-    njit(link_torque)(q, dq, ddq, force, constants, torque)
+    torque = np.array(link_torque(q, dq, ddq, force, constants_in(constants)))
     J = tip_jacobian(q, ARM.length)
     np.testing.assert_allclose(torque, rigid_inverse_dynamics(q, dq, ddq, arm_constants(ARM)) - J.T @ force, rtol=1e-12)
-    njit(tip_direction)(q, dq, constants, direction)
+    direction = np.array(tip_direction(q, dq, constants_in(constants)))
     np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), rtol=1e-12)
-    njit(tip_direction)(q, np.zeros(2), constants, direction)
+    direction = np.array(tip_direction(q, np.zeros(2), constants_in(constants)))
     np.testing.assert_array_equal(direction, 0.0)
 
 
@@ -195,10 +194,10 @@ def test_functions_of_six_joints_are_those_of_the_robot_with_its_payload():
     physics, loaded = equations_of(robot), robot.with_payload(2.0)
     functions, numbers = arm_functions(physics), numbers_of(robot, physics, 2.0)
     (q, dq, ddq), force, torque, direction = rng.normal(size=(3, 6)), rng.normal(size=3), np.empty(6), np.empty(3)
-    functions.link_torque(q, dq, ddq, force, numbers, torque)
+    torque = np.array(functions.link_torque(q, dq, ddq, force, functions.constants_in(numbers)))
     J = rigid_body.tip_jacobian(robot, q)
     np.testing.assert_allclose(torque, rigid_body.inverse_dynamics(loaded, q, dq, ddq) - J.T @ force, atol=1e-10)
-    functions.tip_direction(q, dq, numbers, direction)
+    direction = np.array(functions.tip_direction(q, dq, functions.constants_in(numbers)))
     np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), atol=1e-12)
     drives = [functions.drive(numbers, j) for j in range(6)]
     for name in drives[0]._fields:
