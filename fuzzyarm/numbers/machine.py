@@ -180,7 +180,7 @@ class _Writer:
         key = memory, constant, tuple(sorted(terms))
         for held in reversed(self.places):
             if key in held:
-                return held[key]
+                return str(held[key])
         apart, pointer = 1 if memory.startswith("table") else self.width, self.fresh()
         at = self.place(apart * constant, [(loop, apart * factor) for loop, factor in key[2]])
         self.put(f"{pointer} = getelementptr double, ptr %{memory}, i64 {at}")
