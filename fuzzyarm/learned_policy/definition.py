@@ -1,6 +1,6 @@
 """What a learned policy sees and does, as data: the part of a bundle that states it.
 
-Nothing here loads Numba, so that the command line can read these definitions quickly.
+Nothing here loads what acts, so that the command line can read these definitions quickly.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The functions are made of +, -, *, / and the square root, which IEEE 754 rounds correctly, and not taken from the C
 library, whose last digits differ from one machine to the next. A policy is then the same numbers everywhere, also in
-exported C, and Numba makes SIMD code of a layer.
+exported C.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-VERSIONS = dict.fromkeys(("python", "numpy", "numba", "clarabel"), "1")
+VERSIONS = dict.fromkeys(("python", "numpy", "llvmlite", "clarabel"), "1")
 MADE = {"commit": "a" * 40, "versions": VERSIONS, "machine": {"cpu": "one", "cores": 2}}
-ONE = "one, 2 cores, Python 1, numpy 1, numba 1, clarabel 1"
+ONE = "one, 2 cores, Python 1, numpy 1, llvmlite 1, clarabel 1"
 
 
 @pytest.fixture

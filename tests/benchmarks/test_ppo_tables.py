@@ -4,7 +4,7 @@ import pytest
 
 MADE = {
     "commit": "0" * 40,
-    "versions": dict.fromkeys(("python", "numpy", "numba", "clarabel"), "1"),
+    "versions": dict.fromkeys(("python", "numpy", "llvmlite", "clarabel"), "1"),
     "machine": {"cpu": "a processor", "cores": 2},
 }
 

@@ -48,7 +48,7 @@ def test_below_a_micrometre_the_table_gives_no_number_and_above_it_two_digits(mo
         {"policy": "a", "case": case, "tip_error_rms_mm": rms, "tip_error_max_mm": largest}
         for case, (rms, largest) in errors.items()
     ]
-    versions = dict.fromkeys(("python", "numpy", "numba", "clarabel"), "1")
+    versions = dict.fromkeys(("python", "numpy", "llvmlite", "clarabel"), "1")
     made = {"versions": versions, "machine": {"cpu": "x", "cores": 2}, "commit": "c"}
     text = module("readme_results").overview_table(
         {"results": results, "certificates": {"a": None}, **made}, {"rows": [], "command": "y"}

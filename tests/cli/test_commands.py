@@ -345,7 +345,7 @@ def test_bench_prints_a_table_and_writes_nothing(tmp_path, capsys, monkeypatch, 
     monkeypatch.chdir(tmp_path)
     assert main(quick_bench) == 0
     out = capsys.readouterr().out
-    for part in ("FuzzyArm-v0, Numba", "steps/s [thousand]", "5 rounds of 0.0001 s", "321 bytes"):
+    for part in ("FuzzyArm-v0, machine code", "steps/s [thousand]", "5 rounds of 0.0001 s", "321 bytes"):
         assert part in out
     assert "\x1b" not in out
     assert list(tmp_path.iterdir()) == []

@@ -156,7 +156,7 @@ def test_module_prefix_registers_without_an_import():
 
 @pytest.mark.slow
 def test_making_and_stepping_loads_nothing_heavy():
-    # SciPy's linalg is loaded by Numba itself; of SciPy, this project needs `interpolate`, and only for splines.
+    # Of SciPy, this project needs `interpolate`, and only for splines.
     heavy = "cvxpy clarabel torch matplotlib pygame scipy.interpolate scipy.optimize stable_baselines3 rich"
     code = (
         "import sys, gymnasium, fuzzyarm; assert 'llvmlite' not in sys.modules; "

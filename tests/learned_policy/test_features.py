@@ -115,5 +115,5 @@ def test_what_is_out_of_range_is_named(values, message):
 
 
 def test_the_definition_counts_the_joints_of_the_observation():
-    """It has a number of its own, because the module of the observation loads Numba."""
+    """It has a number of its own, because the module of the observation loads more than a definition needs."""
     assert FeatureDefinition(past_errors=0, past_actions=0, integral_time=0.0).size == JOINTS * len(Observation._fields)

@@ -1,9 +1,9 @@
 """The few functions the physics needs beyond arithmetic, for every number type it runs on.
 
-The plant is written once, on scalars: Numba compiles it, and its loop over lanes becomes SIMD code; NumPy runs it on
-arrays, torch on tensors. Sine, cosine and exponential are polynomials here, because Numba cannot vectorise the
-C library's, and vector libraries round differently from scalar ones: lane i of a batch would no longer be the
-single arm, bit for bit. Tensors use torch's own functions.
+The plant is written once, on scalars: `numbers` records it and makes machine code for one arm and for many at once;
+NumPy runs it on arrays, torch on tensors. Sine, cosine and exponential are polynomials here, because vector libraries
+round differently from scalar ones: lane i of a batch would no longer be the single arm, bit for bit. Tensors use
+torch's own functions.
 """
 
 from __future__ import annotations

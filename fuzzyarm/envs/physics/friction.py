@@ -1,7 +1,7 @@
 """Stribeck friction of the motors with exact stick (paper section 2).
 
 Elementwise source: every argument is a scalar, an array or a tensor of lanes, and no line branches, so the same lines
-run in plain NumPy, on torch tensors and, compiled by Numba, inside the step kernel; see `elementwise`.
+run in plain NumPy, on torch tensors and, recorded, as machine code; see `elementwise`.
 """
 
 from __future__ import annotations

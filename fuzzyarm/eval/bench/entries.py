@@ -1,4 +1,4 @@
-"""Entries of the speed table, and those of this project: one environment, the Numba batch, the torch batch.
+"""Entries of the speed table, and those of this project: one environment, the batch, the torch batch.
 
 Opening an entry gives a function that runs for a wall time and returns environment steps per second. A step is a
 control step with observation, reward and the resets that are due, under actions drawn beforehand.
@@ -28,8 +28,18 @@ from fuzzyarm.eval.bench.accuracy import exact_tips, max_tip_difference, stepped
 from fuzzyarm.policies import load_policy
 
 __all__ = [
-    "TORCH_LANES", "UNAVAILABLE", "Entry", "Measure", "NotMeasured", "draw_actions", "numba_batch", "own_batches",
-    "own_single", "single_environment", "timed", "timed_batch",
+    "TORCH_LANES",
+    "UNAVAILABLE",
+    "Entry",
+    "Measure",
+    "NotMeasured",
+    "compiled_batch",
+    "draw_actions",
+    "own_batches",
+    "own_single",
+    "single_environment",
+    "timed",
+    "timed_batch",
 ]  # fmt: skip
 
 Measure = Callable[[float], float]
@@ -79,7 +89,7 @@ class Entry:
 def own_single() -> Entry:
     """Return one environment as `gymnasium.make` gives it."""
     opened = functools.partial(single_environment, "FuzzyArm-v0", TORQUE_SCALE)
-    return Entry("FuzzyArm-v0, Numba", 1, 1, SUBSTEPS, "float64", opened, tip_error=_single_tip_error)
+    return Entry("FuzzyArm-v0, machine code", 1, 1, SUBSTEPS, "float64", opened, tip_error=_single_tip_error)
 
 
 TORCH_LANES = 4096
@@ -89,10 +99,10 @@ TORCH_LANES = 4096
 def own_batches(lanes: int, threads: int) -> list[Entry]:
     """Return this project's batched environments on at most so many threads, those in torch from `TORCH_LANES` on."""
     used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
-    opened = functools.partial(_numba, lanes, used)
-    numba = Entry("FuzzyArm-v0, Numba", lanes, used, SUBSTEPS, "float64", opened, tip_error=_numba_tip_error)
+    opened = functools.partial(_batch, lanes, used)
+    compiled = Entry("FuzzyArm-v0, machine code", lanes, used, SUBSTEPS, "float64", opened, tip_error=_batch_tip_error)
     in_torch = TORCH_TIP_ERRORS if lanes >= TORCH_LANES else ()
-    return [numba, *(_torch_entry(lanes, threads, *key) for key in in_torch)]
+    return [compiled, *(_torch_entry(lanes, threads, *key) for key in in_torch)]
 
 
 def _torch_entry(lanes: int, threads: int, device: str, dtype: str) -> Entry:
@@ -159,14 +169,14 @@ def single_environment(name: str, scale: float) -> Iterator[Measure]:
         env.close()
 
 
-def numba_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
+def compiled_batch(lanes: int, threads: int) -> gym.vector.VectorEnv:
     """Return the batched environment as `gymnasium.make_vec` gives it."""
     return gym.make_vec("FuzzyArm-v0", num_envs=lanes, vectorization_mode="vector_entry_point", threads=threads)
 
 
 @contextlib.contextmanager
-def _numba(lanes: int, threads: int) -> Iterator[Measure]:
-    envs = numba_batch(lanes, threads)
+def _batch(lanes: int, threads: int) -> Iterator[Measure]:
+    envs = compiled_batch(lanes, threads)
     try:
         envs.reset(seed=0)
         yield timed_batch(envs.step, draw_actions(envs.single_action_space, 4, (lanes,), TORQUE_SCALE), lanes)
@@ -220,8 +230,8 @@ def _single_tip_error() -> float:
     return max_tip_difference(stepped, _exact_tips())
 
 
-def _numba_tip_error() -> float:
-    envs = numba_batch(2, 1)
+def _batch_tip_error() -> float:
+    envs = compiled_batch(2, 1)
     try:
         observation, _ = envs.reset(seed=0)
         return _batch_tip_error(observation, envs.step)

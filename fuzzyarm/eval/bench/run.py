@@ -20,7 +20,7 @@ import numpy as np
 from fuzzyarm.common.checks import instance
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.bench.config import BenchConfig
-from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, numba_batch
+from fuzzyarm.eval.bench.entries import UNAVAILABLE, Entry, Measure, compiled_batch
 from fuzzyarm.eval.provenance import current_provenance
 
 __all__ = ["Row", "memory_per_lane", "race", "run_bench", "spread", "write_document"]
@@ -158,7 +158,7 @@ def memory_per_lane() -> dict[str, Any]:
         gc.collect()
         tracemalloc.start()
         try:
-            envs = numba_batch(lanes, 1)
+            envs = compiled_batch(lanes, 1)
             envs.reset(seed=0)
             last = envs.step(actions)
             size = tracemalloc.get_traced_memory()[0]

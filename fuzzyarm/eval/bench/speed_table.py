@@ -46,7 +46,7 @@ def speed_notes(document: dict[str, Any]) -> list[str]:
         f"Median (quartiles) of {method['rounds']} rounds of {method['seconds']:g} s in which the entries take "
         "turns; a ratio is FuzzyArm's speed over the peer's in the same round. A step is a control step of 1 ms with "
         "observation, reward and the resets that are due, in a sweep also with the policy; a peer's step is its own. "
-        f"The Numba batch uses as many of the {method['threads']} threads as help, the others use all. "
+        f"The batch uses as many of the {method['threads']} threads as help, the others use all. "
         "The same arm in MuJoCo has no observation, reward, reset or static friction peak, which favours it. Tip "
         "error: largest distance to the event integrator in the nominal case, with computed torque in the loop.",
         *([_BUSY.format(method["load_average"])] if (method["load_average"] or 0.0) > _QUIET else []),

@@ -85,7 +85,7 @@ def digest_of_identity(document: Mapping[str, Any]) -> str:
 
 
 def _digest_of(paths: Iterable[Path]) -> str:
-    """Return the SHA-256 of files and of all files in folders, except the caches of Python and Numba."""
+    """Return the SHA-256 of files and of all files in folders, except the caches of Python."""
     digest = hashlib.sha256()
     for path in paths:
         files = [path] if path.is_file() else sorted(path.rglob("*"))

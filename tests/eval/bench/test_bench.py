@@ -280,7 +280,7 @@ def test_memory_of_a_lane_is_what_one_more_takes(monkeypatch):
         def close(self):
             pass
 
-    monkeypatch.setattr(bench_module, "numba_batch", lambda lanes, threads: Batch(lanes))
+    monkeypatch.setattr(bench_module, "compiled_batch", lambda lanes, threads: Batch(lanes))
     assert memory_per_lane()["bytes"] == pytest.approx(8 * (30 + 10), abs=1.0)
 
 
@@ -288,7 +288,7 @@ def test_memory_without_a_batch(monkeypatch):
     def none(lanes, threads):
         raise gym.error.Error("no vector entry point")
 
-    monkeypatch.setattr(bench_module, "numba_batch", none)
+    monkeypatch.setattr(bench_module, "compiled_batch", none)
     assert memory_per_lane() == {"bytes": None, "reason": "no vector entry point"}
 
 
@@ -419,8 +419,8 @@ def test_the_batch_is_made_with_its_threads_and_closed(monkeypatch):
 
 @pytest.mark.parametrize(("lanes", "used"), [(1, 1), (1024, 1), (2047, 1), (2048, 2), (100_000, 3)])
 def test_the_batch_uses_as_many_threads_as_help(lanes, used):
-    numba, *in_torch = entries.own_batches(lanes, 3)
-    assert numba.threads == used
+    compiled, *in_torch = entries.own_batches(lanes, 3)
+    assert compiled.threads == used
     assert {torch.threads for torch in in_torch} == ({3} if lanes >= entries.TORCH_LANES else set())
 
 
