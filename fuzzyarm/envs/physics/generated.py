@@ -1,7 +1,8 @@
 """Equations of motion generated from the description of a robot: flat elementwise source for every number type.
 
-`source_of` takes what `symbolic` records and writes it down as Python, an operation a line, for every kind of number. What depends on the arm only, and not on its state, is not part of the step:
-`constants` computes it once an episode from the `Plant`, the numbers of the robot, and the step finds it in the `Arm`.
+`source_of` takes what `symbolic` records and writes it down as Python, an operation a line, for every kind of number.
+What depends on the arm only, and not on its state, is not part of the step: `constants` computes it once an episode
+from the `Plant`, the numbers of the robot, and the step finds it in the `Arm`.
 
 The source holds names made in this package and numbers; no text of a robot's file gets into it.
 """

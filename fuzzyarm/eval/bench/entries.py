@@ -100,7 +100,7 @@ def own_batches(lanes: int, threads: int) -> list[Entry]:
     """Return this project's batched environments on at most so many threads, those in torch from `TORCH_LANES` on."""
     used = min(threads, max(1, lanes // LANES_PER_THREAD))  # the environment's own default: as many as help
     opened = functools.partial(_batch, lanes, used)
-    compiled = Entry("FuzzyArm-v0, machine code", lanes, used, SUBSTEPS, "float64", opened, tip_error=_batch_tip_error)
+    compiled = Entry("FuzzyArm-v0, machine code", lanes, used, SUBSTEPS, "float64", opened, tip_error=_own_tip_error)
     in_torch = TORCH_TIP_ERRORS if lanes >= TORCH_LANES else ()
     return [compiled, *(_torch_entry(lanes, threads, *key) for key in in_torch)]
 
@@ -230,7 +230,7 @@ def _single_tip_error() -> float:
     return max_tip_difference(stepped, _exact_tips())
 
 
-def _batch_tip_error() -> float:
+def _own_tip_error() -> float:
     envs = compiled_batch(2, 1)
     try:
         observation, _ = envs.reset(seed=0)
