@@ -1,4 +1,4 @@
-"""A recorded program as LLVM's text: a function that takes the numbers of groups of arms, computes, and puts them back."""
+"""A recorded program as LLVM's text, which takes the numbers of groups of arms, computes, and puts them back."""
 
 from __future__ import annotations
 
