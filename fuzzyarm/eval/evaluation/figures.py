@@ -6,7 +6,6 @@ in `panels`. Matplotlib is used without pyplot, which keeps global state.
 
 from __future__ import annotations
 
-import io
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -20,11 +19,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from fuzzyarm.common.checks import instance, path_of, sequence_of
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.eval.episodes.rollout import Rollout
 from fuzzyarm.eval.evaluation.panels import OVERVIEW, Panel, time_figures
 from fuzzyarm.eval.evaluation.views import view_of
+from fuzzyarm.eval.figure_files import write_figure
 
 __all__ = [
     "BAND", "DASHES", "DIPS", "FOCUS", "LOWEST", "MAGNIFICATIONS", "REFERENCE", "ROOM", "SMALL", "TALLER",
@@ -81,17 +80,11 @@ def write_figures(
         ValueError: there are no rollouts.
         OSError: the folder is missing or not writable; no file is left half written.
     """
-    paths, folder = [], path_of("folder", folder)
+    paths, folder = list[Path](), path_of("folder", folder)
     rollouts = [instance("rollouts", run, Rollout) for run in sequence_of("rollouts", rollouts)]
     with _style():
         for name, figure in draw_figures(rollouts, titles).items():
-            figure.draw_without_rendering()
-            figure.set_layout_engine("none")  # laid out once, for both formats
-            for path, metadata in ((folder / f"{name}.png", {}), (folder / f"{name}.svg", {"Date": None})):
-                content = io.BytesIO()
-                figure.savefig(content, format=path.suffix[1:], metadata=metadata)
-                write_atomically(path, content.getvalue())
-                paths.append(path)
+            paths += write_figure(figure, folder, name)
             if progress is not None:
                 progress()
     return paths

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fuzzyarm.common.files import write_atomically
 from fuzzyarm.eval.evaluation.figures import DASHES
+from fuzzyarm.eval.figure_files import write_figure
 from fuzzyarm.eval.sweep.config import SweepConfig
 from fuzzyarm.eval.sweep.quantities import column_label
 from fuzzyarm.eval.sweep.results import SweepResults
@@ -90,17 +89,11 @@ def write_sweep_figures(
     Raises:
         OSError: the folder is missing or not writable; no file is left half written.
     """
-    paths = []
+    paths = list[Path]()
     with matplotlib.style.context("fuzzyarm.eval.fuzzyarm", after_reset=True):
         for name, figure in draw_sweep(config, results, rows).items():
-            figure.draw_without_rendering()
-            figure.set_layout_engine("none")  # laid out once, for both formats
-            for ending, metadata in ((".png", {}), (".svg", {"Date": None})):
-                content = io.BytesIO()
-                figure.savefig(content, format=ending[1:], metadata=metadata)
-                # Windows allows no colon in a file's name; the label of the user's own code has one.
-                paths.append(folder / f"{name.replace(':', '-')}{ending}")
-                write_atomically(paths[-1], content.getvalue())
+            # Windows allows no colon in a file's name; the label of the user's own code has one.
+            paths += write_figure(figure, folder, name.replace(":", "-"))
             progress()
     return paths
 

@@ -1,0 +1,36 @@
+"""A figure of Matplotlib as a PNG and an SVG file."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+from matplotlib import rcParams
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from fuzzyarm.common.files import write_atomically
+
+__all__ = ["write_figure"]
+
+
+def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write ``<name>.png`` and ``<name>.svg``, each atomically, and return their paths.
+
+    The figure is laid out once, and drawn once for each format: `Figure.savefig` would draw it twice. The PNG
+    file has Matplotlib's ``savefig.dpi``.
+
+    Raises:
+        OSError: the folder is missing or not writable; no file is left half written.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
+    pixels, shapes = io.BytesIO(), io.BytesIO()
+    figure.set_dpi(float(rcParams["savefig.dpi"]))
+    FigureCanvasAgg(figure).print_png(pixels)  # type: ignore[no-untyped-call]
+    FigureCanvasSVG(figure).print_svg(shapes, metadata={"Date": None})  # type: ignore[no-untyped-call]
+    for path, content in zip(paths, (pixels, shapes), strict=True):
+        write_atomically(path, content.getvalue())
+    return paths
