@@ -1,4 +1,4 @@
-"""Helpers of the torch arm: compensated angles, tables for look-up, and random streams."""
+"""Tensors as a kind of number, compensated angles, words of random streams, and tables for look-up."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fuzzyarm.envs.batch import randomness
-from fuzzyarm.envs.physics.elementwise import root, sine_cosine
+from fuzzyarm.numbers.functions import KINDS
 
-__all__ = ["Angle", "Table", "normal_pair", "uniform", "word"]
+__all__ = ["Angle", "Table", "Word"]
 
 
 class Angle:
@@ -114,43 +113,68 @@ class Table:
         return self.tensor.new_full((), value)
 
 
-# The streams of `randomness` on tensors. int64 computes like uint64 except for shifts; torch has no arithmetic for
-# uint64.
+class Word:
+    """Words of 64 bits, unsigned, for `fuzzyarm.envs.batch.randomness`; torch has no arithmetic for its uint64.
 
+    int64 computes like uint64, except for shifts.
 
-def word(key: Tensor, counter: int | Tensor) -> Tensor:
-    """Return word number `counter` of the streams `key`, both int64 of one shape: the bits of `randomness.draw`."""
-    offset = (counter + 1) * _GAMMA
-    mixed = key + (_wrapped(offset) if isinstance(offset, int) else offset)
-    mixed = (mixed ^ _shifted(mixed, 30)) * _FIRST
-    mixed = (mixed ^ _shifted(mixed, 27)) * _SECOND
-    return mixed ^ _shifted(mixed, 31)
-
-
-def uniform(key: Tensor, counter: int | Tensor, dtype: torch.dtype) -> Tensor:
-    """Return number `counter` of the streams `key`, of their shape, in [0, 1): `randomness.uniform`.
-
-    In float32 it is cut to its first 24 bits.
+    Args:
+        bits: (lanes,) int64.
+        dtype: of the numbers that are made of them.
     """
-    bits = 53 if dtype == torch.float64 else 24
-    return _shifted(word(key, counter), 64 - bits).to(dtype) * 2.0**-bits
+
+    def __init__(self, bits: Tensor, dtype: torch.dtype) -> None:
+        """Take the bits."""
+        self.bits, self.dtype = bits, dtype
+
+    def _with(self, bits: Tensor) -> Word:
+        return Word(bits, self.dtype)
+
+    def __add__(self, other: Any) -> Word:
+        return self._with(self.bits + _bits(other))
+
+    def __mul__(self, other: Any) -> Word:
+        return self._with(self.bits * _bits(other))
+
+    def __xor__(self, other: Any) -> Word:
+        return self._with(self.bits ^ _bits(other))
+
+    def __rshift__(self, places: int) -> Word:
+        return self._with((self.bits >> places) & ((1 << (64 - places)) - 1))
 
 
-def normal_pair(key: Tensor, counter: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """Return two independent standard normal numbers of the shape of `key`, see `randomness.normal_pair`."""
-    radius = root(-2.0 * torch.log(1.0 - uniform(key, counter, dtype)))
-    sine, cosine = sine_cosine(randomness.TWO_PI * uniform(key, counter + 1, dtype))
-    return radius * cosine, radius * sine
+def _bits(other: Any) -> Any:
+    """Return the bits of words as int64, or a whole number of Python modulo 2^64 as int64 has it."""
+    return other.bits if isinstance(other, Word) else (other + 2**63) % 2**64 - 2**63
 
 
-def _shifted(bits: Tensor, places: int) -> Tensor:
-    """Shift to the right and fill with zeros."""
-    return (bits >> places) & ((1 << (64 - places)) - 1)
+class _Tensors:
+    """What `numbers.functions` does with tensors."""
+
+    @staticmethod
+    def select(condition: Tensor, first: Any, second: Any) -> Any:
+        if isinstance(first, Angle):
+            value, rest = (second.value, second.rest) if isinstance(second, Angle) else (second, 0.0)
+            return Angle(torch.where(condition, first.value, value), torch.where(condition, first.rest, rest))
+        return torch.where(condition, first, second)
+
+    @staticmethod
+    def floor(x: Tensor) -> Tensor:
+        return x.floor()
+
+    @staticmethod
+    def whole(x: Tensor) -> Word:
+        return Word(x.to(torch.int64), torch.float64)
 
 
-def _wrapped(number: int) -> int:
-    """Return a number modulo 2^64 as int64 has it."""
-    return (number + 2**63) % 2**64 - 2**63
+class _Words:
+    """What `numbers.functions` does with words."""
+
+    @staticmethod
+    def number(of: Word) -> Tensor:
+        """Return a word below 2^53 as a number; in float32 its first 24 bits, as rounding might give 2^53."""
+        exact = of.bits if of.dtype == torch.float64 else of.bits & -(1 << 29)
+        return exact.to(of.dtype)
 
 
-_GAMMA, _FIRST, _SECOND = (_wrapped(int(x)) for x in (randomness.GAMMA, randomness.FIRST, randomness.SECOND))
+KINDS[Tensor], KINDS[Word] = _Tensors, _Words

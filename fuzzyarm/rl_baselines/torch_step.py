@@ -1,4 +1,4 @@
-"""One control step of the arm in tensors: the physics and the assessment of `fuzzyarm.envs`, line for line.
+"""One control step of the arm in tensors: the functions of `fuzzyarm.envs`, called with tensors.
 
 Nothing here waits for the device or depends on data: lanes that end begin anew by selection.
 """
@@ -13,27 +13,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fuzzyarm.envs.batch import randomness
-from fuzzyarm.envs.batch.beginning import resting_of, varied_of
+from fuzzyarm.envs.batch.beginning import drawn_of, resting_of, varied_of
 from fuzzyarm.envs.batch.layout import Noise
+from fuzzyarm.envs.batch.randomness import NEXT_KEY, draw
 from fuzzyarm.envs.batch.schedule import Schedule, reference_record, row_record
-from fuzzyarm.envs.control_step import ANGLE_ROOM, VELOCITY_ROOM
+from fuzzyarm.envs.control_step import assessed_of, reading_of
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import flat, places, size
-from fuzzyarm.envs.scenario.randomisation import draw_record
-from fuzzyarm.envs.task import assess_of, clipped, finite_of
-from fuzzyarm.envs.termination import reason_of
-from fuzzyarm.numbers.functions import like
-from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, normal_pair, uniform, word
+from fuzzyarm.envs.task import clipped
+from fuzzyarm.numbers.functions import like, select
+from fuzzyarm.rl_baselines.torch_numbers import Angle, Table, Word
 
 __all__ = [
     "Equations", "Lanes", "Outcome", "Shared", "advance", "begin", "by_step", "drawn", "following", "observed",
     "stacked", "write",
 ]  # fmt: skip
-
-# Counters of an episode's random stream as plain integers, which torch.compile takes for constants.
-_NEXT_KEY, _RANDOMISATION = int(randomness.NEXT_KEY), int(randomness.RANDOMISATION)
 
 
 class Lanes(NamedTuple):
@@ -75,12 +70,11 @@ class Equations:
         """Make the functions."""
         self.physics = physics
         self.numbers, self.angles = size(physics.State), 2 * physics.joints
-        self.assess, self.finite = assess_of(physics), finite_of(physics)
-        self.resting, self.varied = resting_of(physics), varied_of(physics)
-        self.read_state, self.read_draw = _reader(physics.State), _reader(draw_record(physics.joints))
+        self.held, self.assessed, self.reading = held_of(physics), assessed_of(physics), reading_of(physics)
+        self.drawn, self.resting, self.varied = drawn_of(physics.joints), resting_of(physics), varied_of(physics)
+        self.read_state = _reader(physics.State)
         self.read_row = _reader(row_record(physics.joints, physics.axes))
         self.read_reference = _reader(reference_record(physics.joints))
-        self.noise = int(randomness.noise_counter(physics.joints))
 
 
 def _reader(record: Any) -> Callable[[Iterable[Tensor]], Any]:
@@ -144,14 +138,15 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     asked = PerJoint(*(torch.where(sound, part, 0.0) for part in action.unbind(0)))
     torque = PerJoint(*map(clipped, asked, limits.torque))
     both = PerJoint(*(own + beside for own, beside in zip(torque, bias, strict=True)))
-    h = shared.period / shared.substeps
-    after_all = held_of(equations.physics)(_state(shared, lanes.numbers), both, mean, change, arm, h, shared.substeps)
-    numbers = _numbers(after_all, shared.rows.dtype)
-    sound = sound & (equations.finite(equations.read_state(numbers)) > 0.0)
-    after = Lanes(_where(sound, numbers, lanes.numbers), lanes.key, lanes.step + 1)
-    found = equations.assess(_state(shared, after.numbers), torque, bias, arm, limits, row.target)
+    h, before = shared.period / shared.substeps, _state(shared, lanes.numbers)
+    reached = equations.held(before, both, mean, change, arm, h, shared.substeps)
+    # After an action that is not finite the arm is where it would be after a step to infinity.
+    reached = like(reached, (select(sound, part, float("nan")) for part in flat(reached)))
+    moved = equations.assessed(before, reached, asked, torque, bias, mean, row.target, arm, limits)
+    found, dtype = moved.found, shared.rows.dtype
+    after = Lanes(_numbers(moved.state, dtype), lanes.key, lanes.step + 1)
 
-    reason = _reason(found, sound)
+    reason = moved.reason.to(torch.int64)
     terminated = reason > 0
     truncated = ~terminated & (after.step == steps)
     ended = terminated | truncated
@@ -160,14 +155,14 @@ def following(shared: Shared, lanes: Lanes, action: Tensor) -> tuple[Lanes, Outc
     outcome = Outcome(
         stacked(_where(ended, first, final)),
         stacked(final),
-        torch.where(sound, found.reward, 0.0),
+        found.reward.to(dtype),
         terminated,
         truncated,
         torch.stack(list(found.tip)),
         found.tip_error,
         found.reward_tracking,
         found.reward_effort,
-        torch.stack([own != told for own, told in zip(torque, asked, strict=True)]).any(0),
+        moved.clipped > 0.0,
         reason,
     )
     return Lanes(_where(ended, new.numbers, after.numbers), *_where(ended, new[1:], after[1:])), outcome
@@ -178,7 +173,7 @@ def begin(shared: Shared, key: Tensor) -> tuple[Lanes, Any]:
 
     At rest; the motors hold the gravity torque of the nominal arm.
     """
-    equations, key, nominal = shared.equations, word(key, _NEXT_KEY), shared.nominal()
+    equations, key, nominal = shared.equations, draw(Word(key, shared.rows.dtype), NEXT_KEY).bits, shared.nominal()
     now = drawn(shared, key)
     reference = equations.read_reference(shared.starts.at(now.reference.long()))
     link = [q + angle for q, angle in zip(reference.q, now.angle, strict=True)]
@@ -217,37 +212,15 @@ def _numbers(state: Any, dtype: torch.dtype) -> tuple[Tensor, ...]:
 
 def observed(shared: Shared, lanes: Lanes, reference: Any) -> list[Tensor]:
     """Return the rows (lanes,) of the observation: motors, with noise if there is any, then the reference."""
-    physics, numbers = shared.equations.physics, shared.equations.numbers
-    state, limits = shared.equations.read_state(lanes.numbers[:numbers]), physics.limits(shared.nominal())
-    motors, joints = [*state.motor, *state.motor_velocity], physics.joints
-    if max(shared.noise) > 0.0:
-        counter = lanes.step * (2 * joints) + shared.equations.noise
-        spreads = [shared.noise.angle] * joints + [shared.noise.velocity] * joints
-        for k in range(0, 2 * joints, 2):
-            first, second = normal_pair(lanes.key, counter + k, shared.rows.dtype)
-            motors[k] = motors[k] + spreads[k] * first
-            motors[k + 1] = motors[k + 1] + spreads[k + 1] * second
-    lowest, highest = physics.angle_range(limits)
-    rooms = [ANGLE_ROOM * (high - low) for low, high in zip(lowest, highest, strict=True)]
-    angles = [
-        torch.clamp(q, low - room, high + room)
-        for q, low, high, room in zip(motors[:joints], lowest, highest, rooms, strict=True)
-    ]
-    speeds = zip(motors[joints:], limits.velocity, strict=True)
-    velocities = [clipped(dq, VELOCITY_ROOM * limit) for dq, limit in speeds]
-    return [*angles, *velocities, *reference.q, *reference.dq, *reference.ddq]
+    equations = shared.equations
+    state, limits = equations.read_state(lanes.numbers[: equations.numbers]), equations.physics.limits(shared.nominal())
+    q, dq = equations.reading(state, limits, shared.noise, Word(lanes.key, shared.rows.dtype), lanes.step)
+    return [*q, *dq, *reference.q, *reference.dq, *reference.ddq]
 
 
 def drawn(shared: Shared, key: Tensor) -> Any:
     """Return what the episodes with these keys (n,) drew; numbers are of shape (n,), or () where nothing is drawn."""
-    entries = [
-        low + (high - low) * uniform(key, _RANDOMISATION + place, shared.rows.dtype)
-        if low < high
-        else shared.rows.number(low)
-        for place, (low, high) in enumerate(shared.ranges)
-    ]
-    entries[-1] = torch.floor(entries[-1])
-    return shared.equations.read_draw(entries)
+    return _tensors(shared.equations.drawn(Word(key, shared.rows.dtype), shared.ranges), shared.rows)
 
 
 def _arm(shared: Shared, nominal: Any, now: Any) -> Any:
@@ -257,15 +230,9 @@ def _arm(shared: Shared, nominal: Any, now: Any) -> Any:
 
 
 def _tensors(numbers: Any, rows: Table) -> Any:
-    """Return a nested record with its numbers as tensors of shape ()."""
-    parts = [_tensors(part, rows) if isinstance(part, tuple) else rows.number(part) for part in numbers]
-    return type(numbers)(*parts)
-
-
-def _reason(found: Any, sound: Tensor) -> Tensor:
-    """Return numbers of `Termination` as int64."""
-    reason: Tensor = reason_of(1.0 * sound, found.angles_inside, found.velocities_inside)
-    return reason.to(torch.int64)
+    """Return a nested record with its numbers of Python as tensors of shape ()."""
+    parts = flat(numbers)
+    return like(numbers, (part if isinstance(part, Tensor) else rows.number(part) for part in parts))
 
 
 def _where(condition: Tensor, first: Sequence[Tensor], second: Sequence[Tensor]) -> tuple[Tensor, ...]:

@@ -1,7 +1,6 @@
 """The arm in torch tensors against the NumPy one: physics, episodes, random streams, precision, compilation."""
 
 import dataclasses
-import itertools
 import os
 import shutil
 import subprocess
@@ -28,11 +27,10 @@ from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, Enco
 from fuzzyarm.envs.scenario.paths import Line
 from fuzzyarm.envs.scenario.randomisation import DomainRandomisation
 from fuzzyarm.envs.scenario.reference import JointReference
-from fuzzyarm.envs.task import assessment_record
 from fuzzyarm.envs.termination import Termination
+from fuzzyarm.numbers.functions import whole
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
-from fuzzyarm.rl_baselines.torch_numbers import Angle, normal_pair, uniform, word
-from fuzzyarm.rl_baselines.torch_step import _reason
+from fuzzyarm.rl_baselines.torch_numbers import Angle, Word
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 SHORT = JointReference(Line((0.4, 0.5), (0.402, 0.5)), duration=0.02)  # 20 steps
@@ -145,18 +143,18 @@ def test_streams_are_those_of_numpy_bit_for_bit(device):
     keys = np.array([0, 1, 2**63 - 1, 2**63, 2**64 - 1, *(randomness.key_of(seed) for seed in range(50))], np.uint64)
     key = torch.tensor(keys.view(np.int64), device=device)
     for counter in (0, 1, 32, 2**40):
-        with np.errstate(over="ignore"):
-            expected = randomness.draw(keys, np.uint64(counter))
-            fraction = randomness.uniform(keys, np.uint64(counter))
-            normal = randomness.normal_pair(keys, np.uint64(counter))
-        for given in (counter, torch.full_like(key, counter)):
-            assert_array_equal(word(key, given).cpu().numpy().view(np.uint64), expected)
-            assert_array_equal(uniform(key, given, torch.float64).cpu().numpy(), fraction)
-            cut = uniform(key, given, torch.float32)
+        expected = randomness.draw(keys, counter)
+        fraction = randomness.uniform(keys, counter)
+        normal = randomness.normal_pair(keys, counter)
+        exact, short = Word(key, torch.float64), Word(key, torch.float32)
+        for given in (counter, whole(torch.full_like(key, counter))):
+            assert_array_equal(randomness.draw(exact, given).bits.cpu().numpy().view(np.uint64), expected)
+            assert_array_equal(randomness.uniform(exact, given).cpu().numpy(), fraction)
+            cut = randomness.uniform(short, given)
             assert cut.dtype == torch.float32
             assert_array_equal(numbers(cut), np.floor(fraction * 2**24) / 2**24)
-        pair = normal_pair(key, torch.full_like(key, counter), torch.float64)
-        assert_allclose(np.array([numbers(part) for part in pair]), normal, rtol=1e-14, atol=1e-14)
+            pair = randomness.normal_pair(exact, given)
+            assert_allclose(np.array([numbers(part) for part in pair]), normal, rtol=1e-14, atol=1e-14)
 
 
 # ---- episodes: the NumPy environment's, lane by lane ----
@@ -233,17 +231,6 @@ def test_wild_episodes_are_the_numpy_ones_through_every_reset(expected_reasons, 
         assert_allclose(numbers(info["final_obs"]), last, rtol=0.0, atol=1e-10)
         seen |= set(info["reason"].tolist())
     assert seen == expected_reasons
-
-
-def test_of_several_reasons_the_first_counts_and_not_finite_before_all():
-    angles, velocities, sound = (
-        torch.tensor(list(flags)) for flags in zip(*itertools.product([0.0, 1.0], repeat=3), strict=True)
-    )
-    found = assessment_record(2, 2)(*[torch.zeros(8)] * 8, angles, velocities)
-    expected = [
-        3 if not s else 1 if not a else 2 if not v else 0 for a, v, s in zip(angles, velocities, sound, strict=True)
-    ]
-    assert _reason(found, sound > 0.0).tolist() == expected
 
 
 def test_the_episode_ends_with_its_reference(device):
@@ -546,6 +533,7 @@ compile_step(lambda x: x.sin())(torch.zeros(100))
 """
 WHOLE = """
 import torch
+
 from fuzzyarm.rl_baselines.torch_env import TorchFuzzyArm
 for compiled in (False, True):
     envs = TorchFuzzyArm(2, control_period=1e-4, substep=1e-4, compiled=compiled)

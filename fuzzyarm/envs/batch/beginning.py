@@ -12,9 +12,9 @@ from fuzzyarm.envs.batch.schedule import row_record
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places
 from fuzzyarm.envs.scenario.randomisation import draw_record
-from fuzzyarm.numbers.functions import bits, flat, floor, like, row, select, whole, word
+from fuzzyarm.numbers.functions import bits, flat, floor, like, row, select, when, whole, word
 
-__all__ = ["Given", "begun_of", "resting_of", "varied_of"]
+__all__ = ["Given", "begun_of", "drawn_of", "resting_of", "varied_of"]
 
 
 class Given(NamedTuple):
@@ -42,7 +42,7 @@ def begun_of(layout: Layout) -> Callable[..., tuple[Any, Any, Any, Any]]:
     """
     physics, Lane = layout.physics, layout.Lane
     Row, Plant, PerJoint = row_record(physics.joints, physics.axes), physics.Plant, physics.PerJoint
-    drawn_by, varied, resting = _drawn_of(physics.joints), varied_of(physics), resting_of(physics)
+    drawn_by, varied, resting = drawn_of(physics.joints), varied_of(physics), resting_of(physics)
 
     def begun(
         clock: Clock, given: Given, initial: Any, ranges: Any, plants: Any, starts: Any, schedule: Any
@@ -69,13 +69,15 @@ def _record(kind: Any, numbers: Any) -> Any:
 
 
 @functools.cache
-def _drawn_of(joints: int) -> Callable[[Any, Any], Any]:
+def drawn_of(joints: int) -> Callable[[Any, Any], Any]:
     """Return ``drawn(key, ranges)``, a `draw_record`: low + (high - low) u, rounded down for the reference."""
-    Draw = draw_record(joints)
+    Draw = places(draw_record(joints))
 
     def drawn(key: Any, ranges: Any) -> Any:
-        numbers = [low + (high - low) * uniform(key, int(RANDOMISATION) + k) for k, (low, high) in enumerate(ranges)]
-        draws = _record(Draw, numbers)
+        def number(low: Any, high: Any, counter: int) -> Any:
+            return when(low < high, lambda: (low + (high - low) * uniform(key, counter),), (low,))[0]
+
+        draws = like(Draw, (number(low, high, RANDOMISATION + k) for k, (low, high) in enumerate(ranges)))
         return draws._replace(reference=floor(draws.reference))
 
     return drawn

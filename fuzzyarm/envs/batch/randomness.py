@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.elementwise import logarithm, root, sine_cosine
 from fuzzyarm.envs.physics.records import size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers.functions import number
@@ -24,50 +24,50 @@ __all__ = [
     "NEXT_KEY", "RANDOMISATION", "draw", "key_before", "key_of", "mix", "noise_counter", "normal_pair", "uniform",
 ]  # fmt: skip
 
-GAMMA = np.uint64(0x9E3779B97F4A7C15)
-FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-FIRST_INVERSE, SECOND_INVERSE = (np.uint64(pow(int(factor), -1, 2**64)) for factor in (FIRST, SECOND))
-ONE, S27, S30, S31, S11 = np.uint64(1), np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
+GAMMA = 0x9E3779B97F4A7C15
+FIRST, SECOND = 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
+FIRST_INVERSE, SECOND_INVERSE = (pow(factor, -1, 2**64) for factor in (FIRST, SECOND))
 RESOLUTION = 2.0**-53
-NEXT_KEY, RANDOMISATION = np.uint64(0), np.uint64(1)  # counters, see above
+NEXT_KEY, RANDOMISATION = 0, 1  # counters, see above
 FIRST_NOISE = 32  # counter, for as many joints as leave room for it
 TWO_PI = 2.0 * np.pi
 
 
-def noise_counter(joints: int) -> np.uint64:
+def noise_counter(joints: int) -> int:
     """Return the counter from which the encoder noise of an episode is drawn."""
-    return np.uint64(max(FIRST_NOISE, int(RANDOMISATION) + size(draw_record(joints))))
+    return max(FIRST_NOISE, RANDOMISATION + size(draw_record(joints)))
 
 
 def mix(word: Any) -> Any:
     """Scramble 64-bit words (uint64); a bijection."""
-    word = (word ^ (word >> S30)) * FIRST
-    word = (word ^ (word >> S27)) * SECOND
-    return word ^ (word >> S31)
+    word = (word ^ (word >> 30)) * FIRST
+    word = (word ^ (word >> 27)) * SECOND
+    return word ^ (word >> 31)
 
 
 def draw(key: Any, counter: Any) -> Any:
-    """Return word number `counter` (uint64) of the stream `key` (uint64)."""
-    return mix(key + (counter + ONE) * GAMMA)
+    """Return word number `counter` (uint64, or a whole number of Python) of the stream `key` (uint64)."""
+    offset = (counter + 1) * GAMMA
+    return mix(key + (offset % 2**64 if isinstance(offset, int) else offset))
 
 
 def key_before(key: np.ndarray) -> np.ndarray:
     """Return the keys (lanes,) uint64 whose streams have `key` (lanes,) as number `NEXT_KEY`: the inverse of `draw`."""
-    word = key ^ (key >> S31) ^ (key >> np.uint64(62))
+    word = key ^ (key >> 31) ^ (key >> 62)
     word = word * SECOND_INVERSE
-    word = (word ^ (word >> S27) ^ (word >> np.uint64(54))) * FIRST_INVERSE
-    word = word ^ (word >> S30) ^ (word >> np.uint64(60))
-    return np.asarray(word - (NEXT_KEY + ONE) * GAMMA)
+    word = (word ^ (word >> 27) ^ (word >> 54)) * FIRST_INVERSE
+    word = word ^ (word >> 30) ^ (word >> 60)
+    return np.asarray(word - (NEXT_KEY + 1) * GAMMA)
 
 
 def uniform(key: Any, counter: Any) -> Any:
     """Return number `counter` of the stream as a float in [0, 1), a multiple of 2^-53."""
-    return number(draw(key, counter) >> S11) * RESOLUTION
+    return number(draw(key, counter) >> 11) * RESOLUTION
 
 
 def normal_pair(key: Any, counter: Any) -> tuple[Any, Any]:
     """Return two independent standard normal numbers from numbers `counter` and `counter` + 1 (Box and Muller)."""
-    radius = np.sqrt(-2.0 * np.log(1.0 - uniform(key, counter)))
+    radius = root(-2.0 * logarithm(1.0 - uniform(key, counter)))
     sine, cosine = sine_cosine(TWO_PI * uniform(key, counter + 1))
     return radius * cosine, radius * sine
 

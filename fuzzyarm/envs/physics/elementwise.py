@@ -16,7 +16,7 @@ import numpy as np
 from fuzzyarm.numbers import functions
 from fuzzyarm.numbers.functions import apart
 
-__all__ = ["gaussian", "positive_part", "root", "select", "sign", "sine_cosine", "smaller"]
+__all__ = ["gaussian", "logarithm", "positive_part", "root", "select", "sign", "sine_cosine", "smaller"]
 
 # π/2 = sum of the three; the first two have 33 bits, so k times them is exact for |k| < 2^20 (Cody and Waite).
 HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"))
@@ -73,6 +73,11 @@ def sine_cosine(angle: Any) -> tuple[Any, Any]:
 def gaussian(x: Any) -> Any:
     """Return exp(-x²), absolute error below 3e-14; 4e-18 instead of less for x² > 40."""
     return (-(x * x)).exp() if hasattr(x, "exp") else _gaussian(x)
+
+
+def logarithm(x: Any) -> Any:
+    """Return the natural logarithm."""
+    return x.log() if hasattr(x, "log") else np.log(x)
 
 
 def root(x: Any) -> Any:
