@@ -18,8 +18,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 __all__ = [
-    "array_of", "choice", "distinct", "finite_array", "instance", "interval", "is_real", "is_sequence", "listed",
-    "path_of", "real", "real_entries", "reals", "sequence_of", "shown", "texts", "truth", "whole",
+    "all_finite", "array_of", "choice", "distinct", "finite_array", "instance", "interval", "is_real", "is_sequence",
+    "listed", "path_of", "real", "real_entries", "reals", "sequence_of", "shown", "texts", "truth", "whole",
 ]  # fmt: skip
 
 Choice = TypeVar("Choice")
@@ -27,6 +27,7 @@ Choice = TypeVar("Choice")
 _NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # although classes of numbers are among their bases
 SHOWN = 80  # characters of a value in a message
 MESSAGE = 300  # characters of a message that quotes a type
+_FEW = 64  # numbers
 
 
 def real(
@@ -212,6 +213,12 @@ def real_entries(name: str, array: np.ndarray, unit: str = "") -> None:
     """Raise TypeError for an array of truth values, complex numbers, texts, dates or objects."""
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{name} must hold real numbers{_bracketed(unit)}; it holds {array.dtype}"[:MESSAGE])
+
+
+def all_finite(array: np.ndarray) -> bool:
+    """Return whether all numbers of an array are finite; of a few, their sum says so sooner than NumPy."""
+    few = array.size <= _FEW and math.isfinite(sum(array.ravel().tolist()))
+    return few or bool(np.isfinite(array).all())
 
 
 def is_real(value: Any) -> bool:

@@ -36,7 +36,7 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation, find_rando
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.envs.scenario.scenario import Scenario
 from fuzzyarm.envs.spec import made_from_json
-from fuzzyarm.envs.vector_info import final_info, masked, partial_info, reasons, values
+from fuzzyarm.envs.vector_info import final_info, flags, masked, partial_info, reasons, values
 
 __all__ = ["FuzzyArmVectorEnv"]
 
@@ -162,10 +162,11 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._over is not None:
             return self._step_after_ends(torque, self._over)
         observation, vectors, scalars = self.lanes.step(torque)
-        reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
+        reward, flagged = scalars[REWARD], flags(scalars)
+        _, truncated, terminated = flagged
+        if np.count_nonzero(flagged[1:]) == 0:
+            return observation, reward, terminated, truncated, self._info(vectors, scalars, flagged)
         ended = terminated | truncated
-        if np.count_nonzero(ended) == 0:
-            return observation, reward, terminated, truncated, self._info(vectors, scalars)
         which = np.flatnonzero(ended)
         if self._mode is not AutoresetMode.SAME_STEP:
             self._over = which
@@ -219,11 +220,11 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._everywhere.flags.writeable = False  # one mask serves every key of every info
         self._masks = {f"_{key}": self._everywhere for key in INFO}
 
-    def _info(self, vectors: np.ndarray, scalars: np.ndarray) -> dict[str, Any]:
+    def _info(self, vectors: np.ndarray, scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
         """Return info of every lane."""
-        info = values(self.lanes.layout.each(vectors), scalars)
+        info = values(self.lanes.layout.each(vectors), scalars, flagged)
         info.update(self._masks)
-        if self._randomisation.varies:
+        if self.lanes.drawn.shape[1]:
             drawn = masked(self.lanes.randomisation_info(), self._everywhere)
             info.update(masked({"randomisation": drawn}, self._everywhere))
         return info
@@ -243,7 +244,7 @@ class FuzzyArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         # An episode that has just begun has earned nothing, and ends with its first step at the earliest.
         scalars = scalars.copy()
         scalars[[[REWARD], [OVER], [REASON]], over] = 0.0
-        reward, terminated, truncated = scalars[REWARD], scalars[REASON] != 0.0, scalars[OVER] != 0.0
+        reward, (_, truncated, terminated) = scalars[REWARD], flags(scalars)
         ended = np.flatnonzero(terminated | truncated)
         self._over = ended if len(ended) else None
         return observation, reward, terminated, truncated, {**info, **reasons(scalars)}

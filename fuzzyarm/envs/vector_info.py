@@ -14,17 +14,30 @@ import numpy as np
 from fuzzyarm.envs.batch.layout import INFO, SCALARS
 from fuzzyarm.envs.termination import Termination
 
-__all__ = ["final_info", "masked", "partial_info", "reasons", "values"]
+__all__ = ["final_info", "flags", "masked", "partial_info", "reasons", "values"]
 
-_REWARD, _CLIPPED, _REASON = map(SCALARS.index, ("reward", "torque_clipped", "reason"))
+_REWARD, _REASON = map(SCALARS.index, ("reward", "reason"))
+_FLAGS = ("torque_clipped", "truncated", "reason")
+assert SCALARS[-len(_FLAGS) :] == _FLAGS
 _LARGE = 1 << 18  # bytes; to ask for pages takes as long as to zero so many
 _REASON_TEXTS = np.array([reason.text for reason in Termination], dtype=object)
 
 
-def values(vectors: Iterable[np.ndarray], scalars: np.ndarray) -> dict[str, Any]:
-    """Return the numbers of `info` by name, from `Layout.each` of vectors and scalars (10, lanes) of the results."""
-    numbers = (*vectors, *scalars[:_REWARD], scalars[_REASON] == 0.0, scalars[_CLIPPED] != 0.0)
-    return dict(zip(INFO, numbers, strict=True))
+def flags(scalars: np.ndarray) -> np.ndarray:
+    """Return (3, lanes) booleans from the scalars (10, lanes): torque clipped, truncated, terminated."""
+    return np.asarray(scalars[-len(_FLAGS) :] != 0.0)
+
+
+def values(vectors: Iterable[np.ndarray], scalars: np.ndarray, flagged: np.ndarray | None = None) -> dict[str, Any]:
+    """Return the numbers of `info` by name.
+
+    Args:
+        vectors: (lanes, numbers of the vector) each, as `Layout.each` gives them.
+        scalars: (10, lanes) of the results.
+        flagged: their `flags`, where they are known.
+    """
+    clipped, _, terminated = flags(scalars) if flagged is None else flagged
+    return dict(zip(INFO, (*vectors, *scalars[:_REWARD], ~terminated, clipped), strict=True))
 
 
 def masked(entries: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:

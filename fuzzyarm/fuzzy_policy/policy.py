@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fuzzyarm.common.checks import array_of, real_entries, shown
+from fuzzyarm.common.checks import all_finite, array_of, real_entries, shown
 from fuzzyarm.envs.observation import PARTS, Observation
 from fuzzyarm.envs.periods import checked_period
 from fuzzyarm.envs.physics.equations import AnyArm
@@ -255,7 +255,7 @@ def checked_observation(observation: Any, joints: int) -> np.ndarray:
     batch = np.array(seen, dtype=np.float64, order="C", ndmin=2, copy=None)
     if not batch.flags.carray:
         batch = batch.copy()
-    if not np.isfinite(batch).all():
+    if not all_finite(batch):
         lane, entry = (int(k) for k in np.argwhere(~np.isfinite(batch))[0])
         place = f"observation[{entry}]" if seen.ndim == 1 else f"observation[{lane}, {entry}]"
         part = f"{Observation._fields[entry // joints]} of joint {entry % joints + 1}"

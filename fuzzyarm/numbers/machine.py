@@ -15,9 +15,10 @@ import ctypes
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -42,46 +43,83 @@ class Call:
         arms: how many there are.
     """
 
-    __slots__ = ("_at", "_code", "_held", "_job", "arms")
+    __slots__ = ("_code", "_held", "_job", "arms")
 
     def __init__(self, known: _Known, given: tuple[np.ndarray, ...], steps: int) -> None:
         """Note where everything is."""
         self._code, self._held, self.arms = known.code, given, known.arms
-        self._job = known.job(0, known.arms, steps, *map(_address, given), *known.apart)
-        self._at = ctypes.addressof(self._job)
+        self._job = known.job(steps, map(_address, given))
 
     def __call__(self) -> None:
         """Run it for every arm."""
-        self._code.call(self._at)
+        self._code.call(self._job)
 
     def part(self, first: int, stop: int) -> None:
         """Run it for the arms from `first`, a multiple of `WIDE`, to `stop` - 1; threads may do so at once."""
-        job = type(self._job).from_buffer_copy(self._job)
-        job[0], job[1] = first, stop
-        self._code.call(ctypes.addressof(job))
+        self._code.call(_SPAN.pack(first, stop) + self._job[_SPAN.size :])
+
+    def on(self, port: int, array: np.ndarray) -> None:
+        """Go on with another array of the same shape, strides and type in this port; whoever calls keeps it alive."""
+        at = _SPAN.size + _SIZE * (1 + port)
+        self._job = self._job[:at] + _ADDRESS.pack(_address(array)) + self._job[at + _SIZE :]
+
+    def release(self) -> None:
+        """Hold the arrays no longer; whoever calls keeps them alive."""
+        self._held = ()
 
     @property
-    def entry(self) -> tuple[Callable[[int], None], int]:
+    def entry(self) -> tuple[Callable[[bytes], None], bytes]:
         """What `__call__` calls, and with what, for the fewest steps of the interpreter; this object must live on."""
-        return self._code.call, self._at
+        return self._code.call, self._job
 
 
-class _Known(NamedTuple):
+class _Known:
     """What follows from the shapes of arrays, constants and tables.
 
-    Attributes:
-        shapes: with strides and types.
+    Args:
+        arrays: of each port.
+        rest: constants and tables.
         arms: how many.
-        job: array of first arm, last arm + 1, steps, where each array is, and `apart`.
         apart: how far the rows of each array lie apart, and how many each table has.
         code: the machine code.
     """
 
-    shapes: list[Any]
-    arms: int
-    job: Any
-    apart: list[int]
-    code: _Code
+    def __init__(
+        self,
+        arrays: Sequence[np.ndarray],
+        rest: tuple[np.ndarray, Sequence[np.ndarray]],
+        arms: int,
+        apart: list[int],
+        code: _Code,
+    ) -> None:
+        """Keep the shapes."""
+        self.constants, self.tables = rest
+        self.arms, self.code, self._apart = arms, code, apart
+        self._arrays, self._rest = _shapes(arrays), _shapes((self.constants, *self.tables))
+        self._pack = struct.Struct(f"{3 + len(arrays) + 1 + len(self.tables) + len(apart)}q").pack
+        self._places = [_address(array) for array in (self.constants, *self.tables)]
+
+    def fits(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> bool:
+        """Return whether these have the same shapes, strides and types."""
+        same = constants is self.constants and tables is self.tables
+        return _shapes(arrays) == self._arrays and (same or _shapes((constants, *tables)) == self._rest)
+
+    def job(self, steps: int, places: Iterable[int]) -> bytes:
+        """Return first arm, last arm + 1, steps, where each array, the constants and each table are, and `apart`."""
+        return self._pack(0, self.arms, steps, *places, *self._apart)
+
+    def run(
+        self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray], steps: int
+    ) -> None:
+        """Run the machine code for every arm."""
+        places = self._places
+        if constants is not self.constants or tables is not self.tables:
+            places = [_address(array) for array in (constants, *tables)]
+        self.code.call(self._pack(0, self.arms, steps, *map(_address, arrays), *places, *self._apart))
+
+
+def _shapes(arrays: Iterable[np.ndarray]) -> list[Any]:
+    return [(array.shape, array.strides, array.dtype) for array in arrays]
 
 
 class Kernel:
@@ -112,7 +150,7 @@ class Kernel:
 
         Arguments, their shapes and errors as for `bound`; `steps` at least 1.
         """
-        self.bound(arrays, constants, tables, steps)()
+        self._fitting(arrays, constants, tables).run(arrays, constants, tables, steps)
 
     def bound(
         self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray] = (), steps: int = 1
@@ -128,16 +166,15 @@ class Kernel:
         Raises:
             ValueError: an array has another shape, type or layout.
         """
-        given = (*arrays, constants, *tables)
-        shapes = [(array.shape, array.strides, array.dtype) for array in given]
-        known = self._known
-        if known is None or known.shapes != shapes:
-            known = self._known = self._checked(arrays, constants, tables, shapes)
-        return Call(known, given, steps)
+        return Call(self._fitting(arrays, constants, tables), (*arrays, constants, *tables), steps)
 
-    def _checked(
-        self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray], shapes: list[Any]
-    ) -> _Known:
+    def _fitting(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
+        known = self._known
+        if known is None or not known.fits(arrays, constants, tables):
+            known = self._known = self._checked(arrays, constants, tables)
+        return known
+
+    def _checked(self, arrays: Sequence[np.ndarray], constants: np.ndarray, tables: Sequence[np.ndarray]) -> _Known:
         """Return what follows from the shapes of the arguments of `bound`."""
         program = self.program
         if (len(tables), len(arrays)) != (len(program.tables), len(program.ports)):
@@ -166,8 +203,7 @@ class Kernel:
             if not (good and array.flags.c_contiguous and array.dtype == _DOUBLE):
                 raise ValueError(f"table {table} has shape {array.shape}; needed: {('rows', *shape[1:])} of float64")
         lengths = [*(array.strides[0] // _SIZE for array in arrays), *map(len, tables)]
-        job = ctypes.c_int64 * (3 + len(shapes) + len(lengths))
-        return _Known(shapes, arms, job, lengths, self.code(arms))
+        return _Known(arrays, (constants, tables), arms, lengths, self.code(arms))
 
     def code(self, arms: int) -> _Code:
         """Return the machine code for so many arms."""
@@ -189,6 +225,7 @@ def _address(array: np.ndarray) -> int:
 
 _BYTE = ctypes.c_char
 _AXES, _DOUBLE, _SIZE = 2, np.dtype(np.float64), 8
+_SPAN, _ADDRESS = struct.Struct("2q"), struct.Struct("q")  # first arm and last arm + 1
 
 
 class _Code:

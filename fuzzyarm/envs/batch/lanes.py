@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -13,7 +14,7 @@ from fuzzyarm.envs.batch.blocks import by_rows, in_blocks
 from fuzzyarm.envs.batch.kernels import kernels_of
 from fuzzyarm.envs.batch.layout import CLOCK, START, Clock
 from fuzzyarm.envs.batch.randomness import key_before, key_of
-from fuzzyarm.envs.batch.results_memory import ResultsMemory
+from fuzzyarm.envs.batch.results_memory import ResultsMemory, Room
 from fuzzyarm.envs.batch.saved_state import check_contents, checked_arrays, digest
 from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.batch.tables import Tables, distinct, tabulated
@@ -29,6 +30,8 @@ __all__ = ["Lanes", "Outcome"]
 
 Outcome: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Observations, vectors and scalars of lanes, see `Layout.split`."""
+
+_ACTION = 2  # port of the control step, see `Kernels.step`
 
 
 class Lanes:
@@ -207,13 +210,23 @@ class Lanes:
         if action.shape != self.action_shape:
             raise ValueError(f"action has shape {action.shape}; needed: {self.action_shape}")
         action = np.ascontiguousarray(action, dtype=np.float64)
-        results = self._memory.array()
         if not np.isfinite(action).all():
             bad = int(np.argmin(np.isfinite(action).all(axis=1)))
             found, limit = action[bad].tolist(), self.torque_limit(bad)
             raise ValueError(f"action {found} N m of lane {bad} is not finite; allowed: ±{limit} N m")
-        self._workers.run(self.bound(action, results))
-        return self.layout.split(results, self.count)
+        room = self._memory.room()
+        self._workers.run(self._step_in(room, action))
+        return self.layout.split(room.array(), self.count)
+
+    def _step_in(self, room: Room, action: np.ndarray) -> Call:
+        """Return what `bound` does, for the results in a room."""
+        lasting, kept = (self.values, self.clock, self.table), room.kept
+        if kept is None or not all(map(operator.is_, lasting, kept[1:])):
+            kept = room.kept = self.bound(action, room.array()), *lasting
+            kept[0].release()  # or the room would never be free
+        call: Call = kept[0]
+        call.on(_ACTION, action)
+        return call
 
     def step_or_restart(self, action: np.ndarray, over: np.ndarray) -> Outcome:
         """Do what `step` does, except in the lanes `over` (n,): there the next episode begins, whatever the action."""

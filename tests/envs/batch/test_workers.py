@@ -84,14 +84,34 @@ def test_threads_change_no_bit_of_step_after_step(order):
 
 def test_memory_is_used_again_only_where_no_view_is_left():
     memory = ResultsMemory(10)
-    first = memory.array()
+    room = memory.room()
+    first = room.array()
     first[:] = 1.0
     view = first[2:].reshape(2, 4)
-    place = first.ctypes.data
-    assert place % 64 == 0
+    assert first.ctypes.data % 64 == 0
     del first
-    second = memory.array()
-    second[:] = 2.0
-    assert second.ctypes.data != place and np.all(view == 1.0)
+    second = memory.room()
+    second.array()[:] = 2.0
+    assert second is not room and np.all(view == 1.0)
     del view
-    assert memory.array().ctypes.data == place
+    assert memory.room() is room
+
+
+def test_results_keep_their_values_and_their_memory_serves_again():
+    """Whether or not the caller holds them, and after the state of the lanes was restored."""
+    envs, twin = (gym.make_vec("fuzzyarm:FuzzyArm-v0", num_envs=40) for _ in range(2))
+    rng = np.random.default_rng(0)
+    first, _ = envs.reset(seed=0)
+    state, torques = envs.unwrapped.get_state(), rng.uniform(-20.0, 20.0, (12, 40, 2))
+    assert np.array_equal(twin.reset(seed=0)[0], first)
+    held = [envs.step(torque)[0] for torque in torques]
+    copies = [twin.step(torque)[0].copy() for torque in torques]
+    assert np.array_equal(held, copies)
+    assert len({row.ctypes.data for row in held}) == len(held)
+    places = set()
+    for torque in torques:
+        places.add(twin.step(torque)[0].ctypes.data)
+    assert len(places) <= 3
+    for one in (envs, twin):
+        one.unwrapped.set_state(state)
+        assert np.array_equal([one.step(torque)[0].copy() for torque in torques], copies)
