@@ -98,7 +98,7 @@ def test_a_call_leaves_observations_and_states_alone(name, shown):
 
 
 @pytest.mark.parametrize("name", HERE)
-def test_python_does_for_a_thousand_controllers_what_it_does_for_ten(name):
+def test_python_does_for_a_thousand_controllers_what_it_does_for_a_hundred(name):
     policy = load(name)
 
     def work(lanes):
@@ -108,7 +108,7 @@ def test_python_does_for_a_thousand_controllers_what_it_does_for_ten(name):
         policy.predict(batch, state=states, episode_start=starts)  # compiled before it is counted
         return steps_of_the_interpreter(lambda: policy.predict(batch, state=states, episode_start=starts))
 
-    assert 0 < work(LANES) == work(10)
+    assert 0 < work(LANES) == work(100)
 
 
 def test_python_does_for_a_step_of_a_thousand_arms_what_it_does_for_two():
@@ -119,7 +119,7 @@ def test_python_does_for_a_step_of_a_thousand_arms_what_it_does_for_two():
         envs.step(action)
         return steps_of_the_interpreter(lambda: envs.step(action))
 
-    assert 0 < work(LANES) == work(10)
+    assert 0 < work(LANES) == work(100)
 
 
 def test_a_loop_over_lanes_would_show_in_the_count():
