@@ -16,7 +16,7 @@ import numpy as np
 from fuzzyarm.numbers import functions
 from fuzzyarm.numbers.functions import apart
 
-__all__ = ["gaussian", "logarithm", "positive_part", "root", "select", "sign", "sine_cosine", "smaller"]
+__all__ = ["gaussian", "logarithm", "positive_part", "root", "select", "sign", "sinc", "sine_cosine", "smaller"]
 
 # π/2 = sum of the three; the first two have 33 bits, so k times them is exact for |k| < 2^20 (Cody and Waite).
 HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"))
@@ -68,6 +68,11 @@ def _gaussian(x: Any) -> Any:
 def sine_cosine(angle: Any) -> tuple[Any, Any]:
     """Return (sin, cos) of an angle [rad]; absolute error below 3e-16 for |angle| <= 2π."""
     return (angle.sin(), angle.cos()) if hasattr(angle, "sin") else _sine_cosine(angle)
+
+
+def sinc(angle: Any) -> Any:
+    """Return sin(x)/x of an angle [rad], 1 at x = 0."""
+    return angle.sinc() if hasattr(angle, "sinc") else select(angle == 0.0, 1.0, sine_cosine(angle)[0] / angle)
 
 
 def gaussian(x: Any) -> Any:

@@ -15,13 +15,13 @@ import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS, Observation
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.physics.elementwise import sine_cosine
+from fuzzyarm.envs.physics.elementwise import sinc, sine_cosine
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.fuzzy_policy.controller import Controller
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate, controller_certificate
 from fuzzyarm.fuzzy_policy.states import ERROR_STATES
-from fuzzyarm.numbers.functions import maximum, minimum, select
+from fuzzyarm.numbers.functions import maximum, minimum
 
 __all__ = ["FuzzyPolicy"]
 
@@ -76,12 +76,13 @@ class _Constants(NamedTuple):
 @functools.cache
 def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
     """Return the law of controllers whose A is blended by these premises, and whose E has so many vertices."""
+    blending = {*kept_in_A, *range(of_E - 1)}  # z1 alone blends E
 
     def fuzzy(x_I: Any, seen: Observation, c: _Constants) -> tuple[Any, Any]:
         e = [a - b for a, b in zip(seen.q_motor, seen.q_reference, strict=True)]
         de = [a - b for a, b in zip(seen.dq_motor, seen.dq_reference, strict=True)]
-        premises = zip(_premises(seen.q_motor, seen.dq_motor, c), c.low, c.high, strict=True)
-        omega = [minimum(maximum((z - low) / (high - low), 0.0), 1.0) for z, low, high in premises]
+        premises = _premises(seen.q_motor, seen.dq_motor, c)
+        omega = {k: _membership(premises[k], c.low[k], c.high[k]) for k in blending}
         error, wanted = (*e, *de, *x_I), (*seen.q_reference, *seen.dq_reference, *seen.ddq_reference)
         torque = [0.0] * JOINTS
         for number, rule in enumerate(c.rules):
@@ -89,7 +90,7 @@ def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
             h = 1.0
             for position, premise in enumerate(kept_in_A):
                 h = h * (omega[premise] if (i >> position) & 1 else 1.0 - omega[premise])
-            h = h * ((omega[0] if k else 1.0 - omega[0]) if of_E > 1 else 1.0)  # z1 alone blends E
+            h = h * ((omega[0] if k else 1.0 - omega[0]) if of_E > 1 else 1.0)
             for joint, gains in enumerate(rule):
                 back, forward = gains[: len(error)], gains[len(error) :]
                 for K, x, L, r in zip(back, error, forward, wanted, strict=True):
@@ -99,13 +100,13 @@ def _law_of(kept_in_A: tuple[int, ...], of_E: int) -> Any:
     return fuzzy
 
 
+def _membership(premise: Any, low: Any, high: Any) -> Any:
+    """Return how much a premise is at its upper bound: 0 at the lower, 1 at the upper, and no further."""
+    return minimum(maximum((premise - low) / (high - low), 0.0), 1.0)
+
+
 def _premises(q: Any, dq: Any, c: _Constants) -> tuple[Any, ...]:
     """Return the premises (6) at the measured motor angles, as `premises` has them."""
-    sinc12, (sin2, cos2) = _sinc(q.joint1 + q.joint2), sine_cosine(q.joint2)
-    gravity = -c.c4 * _sinc(q.joint1) - c.c5 * sinc12
+    sinc12, (sin2, cos2) = sinc(q.joint1 + q.joint2), sine_cosine(q.joint2)
+    gravity = -c.c4 * sinc(q.joint1) - c.c5 * sinc12
     return cos2, gravity, -c.c5 * sinc12, c.c2 * dq.joint2 * sin2, -c.c2 * dq.joint1 * sin2
-
-
-def _sinc(angle: Any) -> Any:
-    """Return sin(x)/x, 1 at x = 0."""
-    return select(angle == 0.0, 1.0, sine_cosine(angle)[0] / angle)

@@ -9,7 +9,7 @@ from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.enclosures import BITS, Jet, NoBound
-from fuzzyarm.eval.certified.tip.laws import _sinc, asked, ball_law
+from fuzzyarm.eval.certified.tip.laws import asked, ball_law
 from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 
 REFERENCES = Schedule.build(JointReference(), Disturbance(), 1e-3, 2).references
@@ -63,10 +63,16 @@ def test_slopes_hold_every_difference_in_the_box(name):
     assert max(gaps) > 1e-6  # the spread of the slopes is needed
 
 
-def test_outside_its_box_the_law_has_no_bound():
+def test_where_a_membership_function_is_clipped_the_law_is_the_policys_and_at_the_corner_there_is_no_bound():
     policy = load_policy("fuzzy-16")
+    law, sample = ball_law(policy), asked(policy, REFERENCES[:1])[0]
+    outside = [0.5, 0.5, 0.0, 40.0, 0.0, 0.0]  # q̇2 is far beyond its bound, so that z4 is
+    found = torque(law, outside, sample, 1e-6)
+    action = np.empty((1, 2))
+    policy.act(np.array([[*outside[:4], *REFERENCES[0]]]), np.zeros((1, 2)), action)
+    assert np.abs([float(u.mid()) for u in found.value] - action[0]).max() < 1e-6
     with pytest.raises(NoBound, match="membership"):
-        torque(ball_law(policy), [0.5, 0.5, 0.0, 40.0, 0.0, 0.0], asked(policy, REFERENCES[:1])[0])
+        torque(law, outside, sample, 39.9)  # from within the bounds to beyond them
 
 
 @pytest.mark.parametrize(("name", "reason"), [("adaptive-observer", "covariance"), ("learned-observer", "multiply")])
@@ -79,7 +85,7 @@ def test_other_policies_have_none_and_say_why(name, reason):
     ("middle", "radius"), [(0.04, 0.0), (-0.03, 1e-3), (0.01, 0.05), (0.0, 0.9), (0.5, 2.0), (1.0, 0.1)]
 )
 def test_slopes_of_sinc_hold_its_derivative_near_zero_too(middle, radius):
-    slope = _sinc(Jet.variable(arb(middle, radius), 0)).slope(0)
+    slope = Jet.variable(arb(middle, radius), 0).sinc().slope(0)
     for share in (-1.0, -0.37, 0.61, 1.0):
         x = middle + share * radius
         with ctx.workprec(400):
