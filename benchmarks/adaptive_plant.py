@@ -28,7 +28,7 @@ from fuzzyarm.eval.provenance import current_provenance
 from fuzzyarm.learned_policy.functions import hyperbolic_tangent
 from fuzzyarm.numbers.functions import flat, like, repeat, zeros
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 ARM = ArmParameters()
 PERIOD, STEP, SMOOTHING = 1e-3, 4e-6, 1e-3  # s, s, rad/s

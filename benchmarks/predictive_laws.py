@@ -24,7 +24,7 @@ from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of
 from fuzzyarm.numbers.functions import Cells, array, each, only
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["OnAdaptiveEstimate", "OnElasticEstimate"]
 

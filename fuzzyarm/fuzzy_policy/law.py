@@ -22,7 +22,7 @@ from fuzzyarm.envs.physics.records import per_joint
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import flat, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["Law", "LawPolicy", "constants_array", "law_of", "seen_by", "within", "within_limits"]
 

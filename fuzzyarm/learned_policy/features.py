@@ -42,7 +42,7 @@ from fuzzyarm.learned_policy.definition import FeatureDefinition
 from fuzzyarm.learned_policy.functions import area_sine
 from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["Features", "Remembered"]
 

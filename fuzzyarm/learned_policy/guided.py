@@ -13,7 +13,7 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.definition import INNOVATION_UNITS, ActionDefinition, FeatureDefinition
 from fuzzyarm.numbers.functions import select
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["Base", "gate"]
 

@@ -21,7 +21,7 @@ from fuzzyarm.learned_policy.cell import Cell
 from fuzzyarm.learned_policy.functions import add_product, hyperbolic_tangent
 from fuzzyarm.numbers.functions import Cells, array, each, maximum, minimum
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["ACTIVATIONS", "OUTPUTS", "Network"]
 

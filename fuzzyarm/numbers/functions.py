@@ -119,7 +119,7 @@ def number(of: Any) -> Any:
 
 
 RECORDERS: list[Any] = []
-"""What records at this moment, the innermost last; see `symbols.Program`."""
+"""What records at this moment, the innermost last; see `program.Program`."""
 
 
 @dataclasses.dataclass(frozen=True)

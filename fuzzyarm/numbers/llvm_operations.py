@@ -10,7 +10,9 @@ import struct
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from fuzzyarm.numbers.symbols import Branch, For, Loop, Program, Store, Symbol, Word
+from fuzzyarm.numbers.program import Program
+from fuzzyarm.numbers.regions import Branch, For, Loop, Store
+from fuzzyarm.numbers.symbols import Symbol, Word
 
 __all__ = ["EIGHT", "Operations"]
 

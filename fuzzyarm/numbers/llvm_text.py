@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from fuzzyarm.numbers.llvm_operations import EIGHT, Operations
-from fuzzyarm.numbers.symbols import Branch, For, Loop, Program, Store, Symbol
+from fuzzyarm.numbers.program import Program
+from fuzzyarm.numbers.regions import Branch, For, Loop, Store
+from fuzzyarm.numbers.symbols import Symbol
 
 __all__ = ["WIDE", "Layout", "kernel_text"]
 

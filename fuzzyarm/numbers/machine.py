@@ -25,7 +25,7 @@ import numpy as np
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.numbers.llvm_text import WIDE, Layout, kernel_text
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["CACHE", "WIDE", "Call", "Kernel", "Layout", "kernel_text"]
 

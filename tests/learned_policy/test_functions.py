@@ -6,7 +6,7 @@ import pytest
 from fuzzyarm.learned_policy.functions import LARGEST, add_product, area_sine, hyperbolic_tangent, logistic
 from fuzzyarm.numbers.functions import Cells
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 RANDOM = np.random.default_rng(0)
 SIZES = 10.0 ** RANDOM.uniform(-12.0, 2.0, 300)

@@ -28,7 +28,7 @@ from fuzzyarm.numbers.functions import (
     word,
 )
 from fuzzyarm.numbers.machine import WIDE, Kernel, Layout
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 TABLE = np.arange(15.0).reshape(5, 3) ** 2
 SHARED = (0.75, 3.0)
@@ -245,7 +245,7 @@ PROGRAM = """
 import sys
 import numpy as np
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 x = np.array([[3.0]])
 Kernel(Program(lambda x, _: ((x[0] / 7.0,),), ((0.0,),)))((x,), np.empty(0))
 assert x[0, 0] == 3.0 / 7.0

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 
 def on_machine(function, given):

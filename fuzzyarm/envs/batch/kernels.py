@@ -22,7 +22,7 @@ from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers import machine
 from fuzzyarm.numbers.functions import bits, flat, like, number, row, whole, word, zeros
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["Kernels", "kernels_of"]
 

@@ -12,7 +12,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, point, record_type
 from fuzzyarm.numbers.functions import repeat, zeros
 from fuzzyarm.numbers.machine import Kernel, Layout
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["force_line", "held_of", "hold_of"]
 

@@ -24,7 +24,7 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers import machine
 from fuzzyarm.numbers.functions import bits, like, maximum, number, row, select, whole, word, zeros
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["Channel", "closed_loops"]
 

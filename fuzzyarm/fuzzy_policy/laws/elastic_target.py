@@ -33,7 +33,7 @@ from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import seen_by
 from fuzzyarm.numbers.functions import flat, select
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = [
     "Aim",

@@ -55,7 +55,7 @@ from fuzzyarm.learned_policy.estimate.signals import (
 from fuzzyarm.learned_policy.estimate.units import turns_of, units_of
 from fuzzyarm.numbers.functions import Cells, array, each, flat, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["LearnedObserverPolicy", "SeenParts", "seen_parts"]
 

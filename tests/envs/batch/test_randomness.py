@@ -7,7 +7,7 @@ from scipy import stats
 from fuzzyarm.envs.batch.randomness import GAMMA, draw, key_of, mix, normal_pair, uniform
 from fuzzyarm.numbers.functions import bits, whole, word
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 WORDS = 1 << 64
 # The generator's first words for the seed 1234567, as Rosetta Code prints them.

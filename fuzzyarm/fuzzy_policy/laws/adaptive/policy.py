@@ -58,7 +58,7 @@ from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.numbers.functions import Cells, array, each, when
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["AdaptiveObserverPolicy", "Beliefs"]
 

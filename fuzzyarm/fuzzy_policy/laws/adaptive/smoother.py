@@ -27,7 +27,7 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
 from fuzzyarm.numbers.functions import Cells, array, each, select
 from fuzzyarm.numbers.machine import Kernel
-from fuzzyarm.numbers.symbols import Program
+from fuzzyarm.numbers.program import Program
 
 __all__ = ["Smoother"]
 

@@ -1,0 +1,285 @@
+"""Recording: a function is run on symbols, and what it computes becomes a program, each operation once.
+
+A `Program` has regions: its top, and within it loops and branches. An operation whose operands stand before a loop is
+put before the loop; one in a branch stays there. What depends on constants alone is *uniform*: one number for all arms.
+"""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from fuzzyarm.numbers.arrays import Array, Index, Table
+from fuzzyarm.numbers.functions import KINDS, RECORDERS, Cells, flat, like
+from fuzzyarm.numbers.regions import Branch, For, Loop, Region, Store
+from fuzzyarm.numbers.symbols import Symbol, Word
+
+__all__ = ["Program"]
+
+
+class Program:
+    """A recorded function ``f(*ports, constants, *tables)`` that returns as many ports.
+
+    A port is a tree of numbers that each arm has of its own. What the function returns in its place is stored there,
+    number by number; a number that comes back as it was given is not.
+
+    Attributes:
+        ports: how many numbers each port has.
+        constants: the symbols of the constants, which are the same for all arms.
+        tables: the shape of each table; it begins with 0 where the number of rows is said to a kernel.
+        arrays: numbers of each array of its own.
+        cells: the places among all numbers of ports that belong to arrays.
+        top: the region of all operations.
+        inputs: the symbols of all ports, in order.
+        outputs: what becomes of them, likewise.
+        now: the region that is recorded into.
+        count: symbols so far.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Sequence[Any]],
+        ports: Sequence[Any],
+        constants: Any = (),
+        tables: Iterable[tuple[int, ...]] = (),
+    ) -> None:
+        """Record.
+
+        Args:
+            function: see the class.
+            ports: trees of anything, for their shapes; `Cells` become arrays, which are changed in place.
+            constants: a tree of anything, likewise, without `Cells`.
+            tables: the shape of each table; 0 for any number of rows.
+
+        Raises:
+            ValueError: the function returns ports with other counts of numbers than it takes.
+        """
+        self.count, self.top, self.tables = 0, Region(None), tuple(tables)
+        self.now, self.ports = self.top, tuple(len(flat(port)) for port in ports)
+        self.arrays, self.cells, self.loops = list[int](), set[int](), 0
+        self.inputs = [Symbol(self, "input", detail=place) for place in range(sum(self.ports))]
+        self.constants = [Symbol(self, "shared", uniform=True, detail=k) for k in range(len(flat(constants)))]
+        given, shared = iter(self.inputs), like(constants, iter(self.constants))
+        looked_up = [Table(self, number, shape) for number, shape in enumerate(self.tables)]
+        own = tuple(self._given(port, given) for port in ports)
+        RECORDERS.append(self)
+        try:
+            results = function(*own, shared, *looked_up)
+        finally:
+            RECORDERS.pop()
+        outputs = [self._outputs(port) for port in results]
+        counts = tuple(map(len, outputs))
+        if counts != self.ports:
+            raise ValueError(f"the function returns ports of {counts} numbers, and takes {self.ports}")
+        self.outputs = list(itertools.chain(*outputs))
+        self._reachable(self.outputs)
+
+    def _given(self, tree: Any, inputs: Iterator[Symbol]) -> Any:
+        """Return a port as the function gets it."""
+        if isinstance(tree, Cells):
+            places = [next(inputs).detail for _ in range(tree.size)]
+            self.cells.update(places)
+            return Array(self, "room", places[0] if places else 0, tree.shape)
+        if not isinstance(tree, tuple):
+            return next(inputs)
+        parts = [self._given(part, inputs) for part in tree]
+        return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+
+    def _outputs(self, tree: Any) -> list[Any]:
+        """Return what becomes of the numbers of a port."""
+        if isinstance(tree, tuple):
+            return [number for part in tree for number in self._outputs(part)]
+        if not isinstance(tree, Array):
+            return [tree]
+        if tree.memory != "room":
+            raise TypeError("an array of a port is changed in place, and returned itself")
+        size = Cells(tree.shape).size
+        return list(self.inputs[tree.first.constant : tree.first.constant + size])
+
+    def array(self, shape: tuple[int, ...]) -> Array:
+        """Return an array of its own."""
+        self.arrays.append(Cells(shape).size)
+        return Array(self, f"array{len(self.arrays) - 1}", 0, shape)
+
+    def each(self, count: Any) -> Iterator[Index]:
+        """Record a loop, see `functions.each`."""
+        self.loops += 1
+        outside, number = self.now, self.loops
+        self.now = region = Region(outside, loop=True)
+        try:
+            yield Index({number: 1}, 0)
+        finally:
+            self.now = outside
+            outside.items.append(For(number, Index.of(count), region))  # behind what was moved out of it
+
+    def load(self, memory: str, place: Index) -> Symbol:
+        """Return a number of an array."""
+        fixed = memory.startswith("table") and not place.terms
+        operation = self.operation if fixed else self.moved
+        return operation("load", detail=(memory, place.constant, tuple(sorted(place.terms.items()))))
+
+    def moved(self, operation: str, detail: Any) -> Symbol:
+        """Record what depends on what has been written before: where it stands, and each time."""
+        symbol = Symbol(self, operation, (), self.now, detail=detail)
+        self.now.items.append(symbol)
+        return symbol
+
+    def store(self, memory: str, place: Index, value: Any) -> None:
+        """Record that a number is written."""
+        value = self._real(value)
+        self._reachable((value,))
+        self.now.items.append(Store(memory, place, value))
+
+    def _reachable(self, operands: Iterable[Any]) -> None:
+        for one in operands:
+            if isinstance(one, Symbol) and not self.now.within(one.region):
+                raise TypeError("a number of a loop or a branch is used after it; keep it in an array")
+
+    def operation(self, operation: str, *operands: Any, kind: str = "real", detail: Any = None) -> Symbol:
+        """Return the symbol of an operation, which is recorded unless it is known where it is needed."""
+        if any(isinstance(one, Symbol) and one.kind == "word" for one in operands):
+            if operation not in _OF_WORDS:
+                raise TypeError(f"{operation} is no operation of words")
+            operands = tuple(one if isinstance(one, Symbol) else Word(one) for one in operands)
+            kind = "real" if operation in ("number", "bits") else "word"
+        elif operation in _ARITHMETIC:
+            operands = tuple(self._real(one) for one in operands)
+            if operation == "*" and 1.0 in [one for one in operands if not isinstance(one, Symbol)]:
+                return next(one for one in operands if isinstance(one, Symbol))
+        self._reachable(operands)
+        uniform = operation not in ("row", "entry") and all(
+            not isinstance(one, Symbol) or one.uniform for one in operands
+        )
+        region = self.top if uniform else self.now
+        kept = operation == "entry" and bool(detail[2])  # its column depends on loops
+        while (
+            region.loop
+            and not kept
+            and not any(isinstance(one, Symbol) and one.region.within(region) for one in operands)
+        ):
+            region = region.parent  # type: ignore[assignment]
+        key, look = (operation, detail, *map(_key, operands)), region
+        while look is not None:
+            if key in look.known:
+                return look.known[key]  # type: ignore[no-any-return]
+            look = look.parent  # type: ignore[assignment]
+        symbol = Symbol(self, operation, operands, region, kind=kind, uniform=uniform, detail=detail)
+        region.items.append(symbol)
+        region.known[key] = symbol
+        return symbol
+
+    def _real(self, operand: Any) -> Any:
+        """Return 1.0 or 0.0 for a truth value."""
+        return self.operation("real", operand) if isinstance(operand, Symbol) and operand.kind == "truth" else operand
+
+    def size(self) -> int:
+        """Return how many operations there are."""
+
+        def count(region: Region) -> int:
+            return sum(
+                count(item.region) if hasattr(item, "region") and not isinstance(item, Symbol) else 1
+                for item in region.items
+            )
+
+        return count(self.top)
+
+
+_ARITHMETIC = {"+", "-", "*", "/"}
+_OF_WORDS = {"+", "*", "xor", "shift", "select", "number", "bits"}
+
+
+def _key(operand: Any) -> Any:
+    if isinstance(operand, Symbol):
+        return operand.number
+    return ("word", int(operand)) if isinstance(operand, Word) else struct.pack("d", operand)
+
+
+class _Symbols:
+    """What symbols do in place of floats, see `functions`."""
+
+    @staticmethod
+    def select(condition: Symbol, first: Any, second: Any) -> Any:
+        if first is second:
+            return first
+        kind = first.kind if isinstance(first, Symbol) else "real"
+        return condition.program.operation("select", condition, first, second, kind=kind)
+
+    @staticmethod
+    def floor(x: Symbol) -> Symbol:
+        return x.program.operation("floor", x)
+
+    @staticmethod
+    def row(table: Table, place: Symbol) -> list[Symbol]:
+        return [place.program.operation("row", place, detail=(table, k)) for k in range(table.columns)]
+
+    @staticmethod
+    def entry(table: Table, place: Symbol, column: Any) -> Symbol:
+        index = Index.of(column)
+        detail = table, index.constant, tuple(sorted(index.terms.items()))
+        return place.program.operation("entry", place, detail=detail)
+
+    @staticmethod
+    def word(x: Symbol) -> Symbol:
+        return x.program.operation("word", x, kind="word")
+
+    @staticmethod
+    def whole(x: Symbol) -> Symbol:
+        return x.program.operation("whole", x, kind="word")
+
+    @staticmethod
+    def number(word: Symbol) -> Symbol:
+        return word.program.operation("number", word)
+
+    @staticmethod
+    def bits(word: Symbol) -> Symbol:
+        return word.program.operation("bits", word)
+
+    @staticmethod
+    def repeat(count: Any, function: Callable[[Any], Any], carried: Any) -> Any:
+        start = flat(carried)
+        program = next(one.program for one in start if isinstance(one, Symbol))
+        outside = program.now
+        region = Region(outside, loop=True)
+        inside = [Symbol(program, "carried", region=region) for _ in start]
+        program.now = region
+        end = flat(function(like(carried, iter(inside))))
+        program.now = outside
+        after = [Symbol(program, "after", region=outside) for _ in start]
+        outside.items.append(Loop(count, region, start, inside, end, after))
+        return like(carried, iter(after))
+
+    @staticmethod
+    def only(condition: Symbol) -> Iterator[None]:
+        program = condition.program
+        outside = program.now
+        program.now = region = Region(outside)
+        try:
+            yield None
+        finally:
+            program.now = outside
+            outside.items.append(Branch(condition, region, [], [], []))
+
+    @staticmethod
+    def when(condition: Symbol, function: Callable[[], Any], otherwise: Any) -> Any:
+        program, other = condition.program, flat(otherwise)
+        outside = program.now
+        program.now = region = Region(outside)
+        then = flat(function())
+        program.now = outside
+        after = [Symbol(program, "after", region=outside) for _ in other]
+        outside.items.append(Branch(condition, region, then, other, after))
+        return like(otherwise, iter(after))
+
+
+class _Indices:
+    """What indices do."""
+
+    @staticmethod
+    def number(index: Index) -> Symbol:
+        return RECORDERS[-1].moved("index", (index.constant, tuple(sorted(index.terms.items()))))  # type: ignore[no-any-return]
+
+
+KINDS[Symbol] = _Symbols
+KINDS[Index] = _Indices
