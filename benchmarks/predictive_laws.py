@@ -14,11 +14,11 @@ from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.records import PerJoint, flat
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.law import seen_by
+from fuzzyarm.fuzzy_policy.laws.adaptive.acting import gain_share
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, places, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import steps_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, places, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import gain_share
-from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import tables_of, with_tables
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import steps_of as observer_steps_of

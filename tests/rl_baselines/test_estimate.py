@@ -21,7 +21,7 @@ from fuzzyarm.envs.scenario.randomisation import DomainRandomisation  # noqa: E4
 from fuzzyarm.envs.scenario.reference import JointReference  # noqa: E402
 from fuzzyarm.envs.scenario.reference_family import reference_family  # noqa: E402
 from fuzzyarm.envs.scenario.scenario import Scenario  # noqa: E402
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG  # noqa: E402
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG  # noqa: E402
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy  # noqa: E402
 from fuzzyarm.learned_policy.estimate.network import EstimateNetwork, respond  # noqa: E402
 from fuzzyarm.learned_policy.estimate.signals import context_parts, unexplained_parts  # noqa: E402

@@ -30,7 +30,7 @@ from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import root, select, sine_cosine
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Memory
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.learned_policy.estimate.units import GAP_SHARE, Units
 from fuzzyarm.learned_policy.functions import area_sine

@@ -28,10 +28,9 @@ from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of, without_dry
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, Memory, affine_numbers, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import begin_of, take_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, Memory, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.room import room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
 from fuzzyarm.numbers.functions import array, each, only, row
 

@@ -10,12 +10,19 @@ from fuzzyarm.envs.physics.elementwise import root
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import act_of, mean_torque
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions
-from fuzzyarm.fuzzy_policy.laws.adaptive.filter import confine, correct, fill_lanes, numbers_at, read_noise, step
-from fuzzyarm.fuzzy_policy.laws.adaptive.forces import doubt_lateness, doubt_scale, note_moves, spread_out
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, ORDERS, Memory
-from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import ENOUGH, FLAG, KEPT, LONGEST_LATENESS, ORDERS, Memory
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import (
+    Room,
+    confine,
+    correct,
+    fill_lanes,
+    numbers_at,
+    read_noise,
+    room_for,
+    step,
+)
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
-from fuzzyarm.fuzzy_policy.laws.adaptive.significance import significant
+from fuzzyarm.fuzzy_policy.laws.adaptive.trust import doubt_lateness, doubt_scale, note_moves, significant, spread_out
 from fuzzyarm.numbers.functions import array, each, maximum, minimum, only, select
 
 __all__ = ["MISTRUST", "NOISE_SHARE", "begin_of", "law_of", "note_swing", "predict_of", "steps_of", "take_in"]

@@ -33,9 +33,8 @@ import numpy as np
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import observed
 from fuzzyarm.fuzzy_policy.known_arm import travel_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, KEPT, forces_in
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import MISTRUST
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings
 from fuzzyarm.fuzzy_policy.laws.adaptive.smoother import Smoother
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import unit_force

@@ -7,7 +7,7 @@
 x_d = (θ_d, q_d, θ̇_d, q̇_d) and u_ff are those of `elastic_target` for the arm of p under the load of p: the torque
 that bends the joints is τ = M q̈_d + C q̇_d + g - Jᵀ F, at the last samples of the reference with today's p. A ⁺ is d
 control periods ahead, when the command reaches the motors: x by the commands on their way, x_d by its derivatives. K is
-a linear quadratic regulator over posture and payload, see `regulator`.
+a linear quadratic regulator over posture and payload, see `acting`.
 
 The estimated payload is no measurement of a payload: masses and forces share a load.
 
@@ -33,26 +33,29 @@ from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.fuzzy_policy.known_arm import per_joint_of, travel_of
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy, seen_by, within_limits
 from fuzzyarm.fuzzy_policy.law import law_of as law_of_policy
+from fuzzyarm.fuzzy_policy.laws.adaptive.acting import feedback_table
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import (
     CAUTIOUS,
     FACTORS,
+    FLAG,
+    KEPT,
+    LONGEST_LATENESS,
     affine_numbers,
     allowed,
     belief_of,
     first_guess,
     first_spread,
     forces_in,
+    layout,
+    places,
     walks,
 )
 from fuzzyarm.fuzzy_policy.laws.adaptive.frozen import FrozenObserver
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import NOISE_SHARE, law_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, KEPT, LONGEST_LATENESS, layout, places
 from fuzzyarm.fuzzy_policy.laws.adaptive.passes import AdaptivePasses
-from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import feedback_table
-from fuzzyarm.fuzzy_policy.laws.adaptive.robot_weights import adaptive_weights_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
-from fuzzyarm.fuzzy_policy.laws.adaptive.significance import INSIGNIFICANT
-from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, mass_of, unit_force
+from fuzzyarm.fuzzy_policy.laws.adaptive.trust import INSIGNIFICANT
+from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights, adaptive_weights_for, mass_of, unit_force
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.tip import TipPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy

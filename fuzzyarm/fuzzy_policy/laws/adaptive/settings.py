@@ -39,7 +39,7 @@ class Settings(NamedTuple):
         gate: see `AdaptiveWeights`.
         dead_zone: see `AdaptiveWeights`.
         first_share: largest share of a sample in the noise that is read.
-        insignificant: c² of `significance`.
+        insignificant: c² of `trust.significant`.
         largest_swing: see `AdaptiveWeights`.
         limit: torque limits [N m].
         mass: of all links [kg].

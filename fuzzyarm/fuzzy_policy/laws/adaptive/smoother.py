@@ -20,10 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import Belief
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, Belief, Memory, layout, places
+from fuzzyarm.fuzzy_policy.laws.adaptive.filter import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.law import predict_of
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, Memory, layout, places
-from fuzzyarm.fuzzy_policy.laws.adaptive.room import Room, room_for
 from fuzzyarm.fuzzy_policy.laws.adaptive.settings import Settings, tables_of, with_tables
 from fuzzyarm.numbers.functions import Cells, array, each, select
 from fuzzyarm.numbers.machine import Kernel

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.belief import forces_in
-from fuzzyarm.fuzzy_policy.laws.adaptive.forces import (
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, forces_in, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
+from fuzzyarm.fuzzy_policy.laws.adaptive.trust import (
     LARGEST_SCALE,
     LATENESS_DOUBT,
     doubt_lateness,
@@ -13,8 +14,6 @@ from fuzzyarm.fuzzy_policy.laws.adaptive.forces import (
     spread_out,
     walk_share,
 )
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, remembered
-from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
 
 POLICY = AdaptiveObserverPolicy()
 SETTINGS, FORCES = POLICY.settings, forces_in(POLICY.belief)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fuzzyarm.fuzzy_policy.laws.adaptive.memory import FLAG, remembered
+from fuzzyarm.fuzzy_policy.laws.adaptive.acting import gain_share
+from fuzzyarm.fuzzy_policy.laws.adaptive.belief import FLAG, remembered
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.adaptive.regulator import gain_share
 from fuzzyarm.fuzzy_policy.laws.adaptive.weights import AdaptiveWeights
 
 
