@@ -24,7 +24,8 @@ def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     Raises:
         OSError: the folder is missing or not writable; no file is left half written.
     """
-    if (layout := figure.get_layout_engine()) is not None:
+    layout = figure.get_layout_engine()
+    if layout is not None and figure.axes:
         layout.execute(figure)
     figure.set_layout_engine("none")
     paths = [folder / f"{name}.png", folder / f"{name}.svg"]
