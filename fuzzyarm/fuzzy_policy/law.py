@@ -20,7 +20,7 @@ from fuzzyarm.common.checks import all_finite
 from fuzzyarm.envs.observation import PARTS, Observation
 from fuzzyarm.envs.physics.records import per_joint
 from fuzzyarm.fuzzy_policy.policy import Policy
-from fuzzyarm.numbers.functions import flat, maximum, minimum, select
+from fuzzyarm.numbers.functions import flat, like, maximum, minimum, select
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
@@ -70,7 +70,7 @@ def within_limits(law: Law, joints: int, integral_at: int | None) -> Callable[..
                 change = numbers[at] - before[at]
                 further = ((asked > most) & (change < 0.0)) | ((asked < -most) & (change > 0.0))
                 numbers[at] = select(further, before[at], numbers[at])
-            after = tuple(numbers)
+            after = like(after, iter(numbers))
         return after, within(torque, limit)
 
     return command

@@ -25,7 +25,9 @@ from support.randomisation import ROBUST
 from support.results import assert_identical, identical
 
 from fuzzyarm import load_policy
+from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
+from fuzzyarm.envs.periods import default_substeps
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, TorqueBias
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line
@@ -971,7 +973,7 @@ def test_a_long_run_of_random_torques_stays_finite_and_within_the_spaces(setting
     envs.close()
 
 
-def extreme_arms(count, seed=0):
+def extreme_arms(count, seed=0, period=1e-3):
     """Arms with constants up to a million times larger or smaller than those of Table 1, as far as they are legal."""
     generator, arms = np.random.default_rng(seed), []
     fixed = ("length", "joint_limit", "velocity_limit", "gravity")  # so that the reference stays possible
@@ -984,9 +986,11 @@ def extreme_arms(count, seed=0):
         given["stribeck_velocity"] = given["stribeck_velocity"][0]
         given["mass_center"] = values["mass_center"]
         try:
-            arms.append(dataclasses.replace(TABLE_1, **given))
+            arm = dataclasses.replace(TABLE_1, **given)
+            default_substeps(period, fastest_rate([arm]))
         except ValueError:
-            continue  # a singular mass matrix, or static friction below Coulomb's
+            continue  # a singular mass matrix, static friction below Coulomb's, or too fast for any sub-step
+        arms.append(arm)
     return arms
 
 
@@ -1011,7 +1015,11 @@ LIGHT = DomainRandomisation(
 )
 EXTREME = {
     "arms": {"parameters": extreme_arms(32)},
-    "arms with long steps": {"parameters": extreme_arms(32, seed=1), "control_period": 0.05, "substep": 0.05},
+    "arms with long steps": {
+        "parameters": extreme_arms(32, seed=1, period=0.05),
+        "control_period": 0.05,
+        "substep": None,
+    },
     "heavy": {"randomisation": HEAVY},
     "light": {"randomisation": LIGHT},
 }

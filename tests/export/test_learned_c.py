@@ -11,7 +11,7 @@ import pytest
 
 from fuzzyarm import load_policy
 from fuzzyarm.cli import main
-from fuzzyarm.export.c_files import export_c
+from fuzzyarm.export.c_files import export_c, sources_of
 from fuzzyarm.export.c_helpers import helper_text
 from fuzzyarm.export.c_text import Writer
 from fuzzyarm.export.compiled_law import FLAGS, CompiledLaw, compilers
@@ -40,6 +40,13 @@ def differing(policy, folder, compiler, lanes, calls):
 @needs_compiler
 def test_a_learned_policy_gives_the_bits_of_its_python(tmp_path):
     assert differing(load_policy("ppo-nominal"), tmp_path, COMPILERS[0], 10, 100) == 0
+
+
+def test_a_law_with_another_law_behind_it_has_its_text():
+    """What the law behind remembers is nested, and comes back so from its limits."""
+    policy = load_policy("adaptive-observer")
+    texts = "".join(sources_of("law", policy, "double").values())
+    assert f"memory[{policy.memory_size - 1}]" in texts
 
 
 @needs_compiler

@@ -20,7 +20,7 @@ from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.envs.physics.records import places, size
 from fuzzyarm.envs.scenario.randomisation import draw_record
 from fuzzyarm.numbers import machine
-from fuzzyarm.numbers.functions import bits, flat, like, number, row, whole, word, zeros
+from fuzzyarm.numbers.functions import bits, flat, like, minimum, number, row, whole, word, zeros
 from fuzzyarm.numbers.machine import Kernel
 from fuzzyarm.numbers.program import Program
 
@@ -55,14 +55,14 @@ class Kernels:
         def step(lane: Any, clock: Clock, command: Any, _: Any, __: Any, given: Any, schedule: Any) -> tuple[Any, ...]:
             period, h, substeps = given
             at, first, last = (number(word(one)) for one in (clock.row, clock.first, clock.last))
-            now, after = (like(places(Row), iter(row(schedule, place))) for place in (at, at + 1.0))
+            reached = minimum(at + 1.0, last)  # two threads may step an episode that is over: it stays at its end
+            now, after = (like(places(Row), iter(row(schedule, place))) for place in (at, reached))
             moved = control_step(
                 lane.state, command, now, after.target, lane.arm, lane.limits, lane.force_factor, h, substeps
             )
-            at = at + 1.0
-            clock = clock._replace(row=bits(whole(at)))
-            results = _results(physics, moved, after.target, (at - first) * period, at == last)
-            q, dq = reading(moved.state, lane.limits, lane.noise, word(clock.key), at - first)
+            clock = clock._replace(row=bits(whole(reached)))
+            results = _results(physics, moved, after.target, (reached - first) * period, reached == last)
+            q, dq = reading(moved.state, lane.limits, lane.noise, word(clock.key), reached - first)
             seen = Observation(q, dq, *after.reference)
             return lane._replace(state=moved.state), clock, command, seen, results
 
