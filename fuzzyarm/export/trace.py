@@ -232,7 +232,7 @@ class Trace:
         return like(self._shapes[name], iter(self.call(self.functions[name], numbers)))
 
     def _unknown(self, argument: Any, name: str) -> Any:
-        """Return values for a number, or for those of a record."""
+        """Return a value for a number, or one for each number of a record."""
         if not isinstance(argument, tuple):
             return Value(self, Kind.REAL, name)
         parts = argument._asdict() if hasattr(argument, "_asdict") else dict(enumerate(argument))

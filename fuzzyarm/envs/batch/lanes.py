@@ -219,7 +219,7 @@ class Lanes:
         return self.layout.split(room.array(), self.count)
 
     def _step_in(self, room: Room, action: np.ndarray) -> Call:
-        """Return what `bound` does, for the results in a room."""
+        """Return the control step of all lanes, with a room for its results."""
         lasting, kept = (self.values, self.clock, self.table), room.kept
         if kept is None or not all(map(operator.is_, lasting, kept[1:])):
             kept = room.kept = self.bound(action, room.array()), *lasting

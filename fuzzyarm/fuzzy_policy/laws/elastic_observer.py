@@ -89,7 +89,7 @@ class ElasticObserverPolicy(LawPolicy):
         self.weights = weights or weights_for(self.parameters, self.control_period)
         self._substeps = default_substeps(self.control_period, fastest_rate([self.parameters]))
         self._schedule, self.feedback, self.observer = gain_tables(self.parameters, self.control_period, self.weights)
-        self._target_part, self._started, self._predicted = _memory_parts(self.joints)
+        _, self._started, self._predicted = _memory_parts(self.joints)
         self.memory_size = self._predicted.stop
         self.load = slice(self._predicted.stop - self.joints, self._predicted.stop)
         self._know(self.parameters)

@@ -165,7 +165,7 @@ def _decided(certain: bool, opposite: bool) -> bool:
     """Return whether a comparison of balls holds for all their numbers; `NoBound` where it does for some."""
     if not certain and not opposite:
         raise NoBound(
-            "the law has a corner where the arm may be; that of a fuzzy controller has one where a membership function "
+            "the law has a corner where the arm may be; a fuzzy law has one where a membership function "
             "leaves [0, 1], at the border of the box of the T-S model"
         )
     return certain
