@@ -11,7 +11,7 @@ from predictive_plan import ARM, HORIZON, LIMIT, PERIOD, STATES, Model, Optimum,
 from fuzzyarm.envs.observation import JOINTS, PARTS
 from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.records import PerJoint, flat
+from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.fuzzy_policy.law import seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.acting import gain_share
@@ -128,7 +128,7 @@ class OnAdaptiveEstimate:
         payload, forces = float(z[self._belief["payload"]][0]), z[STATES : STATES + len(self._settings.reopening)]
         if self._k - self._planned_at < KEEP_PLAN and abs(payload - self._payload) <= LARGEST_CHANGE:
             return
-        self._planned_at, self._payload, self._arm = self._k, payload, Arm(*self._room.numbers)
+        self._planned_at, self._payload, self._arm = self._k, payload, filled(Arm, self._room.numbers)
         t = PERIOD * (self._k + np.arange(HORIZON + 2 * KEEP_PLAN))
         model, weights = Model(self._arm, float(forces[0]), forces[1:].copy()), self._weights
         self.plan = plan_of(self._reference, t, model, weights.link_angle, weights.link_velocity)

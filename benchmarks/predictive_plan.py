@@ -17,9 +17,17 @@ from scipy import sparse
 from scipy.linalg import solve_discrete_are
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants, rigid_inverse_dynamics, tip_jacobian
+from fuzzyarm.envs.physics.dynamics import (
+    Arm,
+    Payload,
+    arm_constants,
+    dry_frictions,
+    frictionless,
+    rigid_inverse_dynamics,
+    tip_jacobian,
+)
 from fuzzyarm.envs.physics.equations import equations_of
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State, filled, flat
@@ -98,7 +106,7 @@ def motion(reference: JointReference, t: np.ndarray, model: Model) -> tuple[np.n
     arm = model.arm
     stiffness, damping = np.array([arm.stiffness1, arm.stiffness2]), np.array([arm.damping1, arm.damping2])
     inertia, viscous = np.array([arm.motor_inertia1, arm.motor_inertia2]), np.array([arm.viscous1, arm.viscous2])
-    dry = np.array([arm.coulomb1, arm.coulomb2]), np.array([arm.static1, arm.static2]), arm.stribeck_velocity
+    dry = DryFriction(*np.array(dry_frictions(arm)).T)
     relaxation = damping / stiffness
     # The samples, and the middles of the holds, each with what lies a sample before and after it.
     links = reference.sample(t + PERIOD * np.array([[[0.0], [0.5]], [[-1.0], [-0.5]], [[1.0], [1.5]]]))
@@ -110,7 +118,7 @@ def motion(reference: JointReference, t: np.ndarray, model: Model) -> tuple[np.n
     theta = links.q[0] + (now - relaxation * (rate - relaxation * curvature)) / stiffness
     dtheta = links.dq[0] + (rate - relaxation * curvature) / stiffness
     ddtheta = links.ddq[0] + curvature / stiffness
-    u = inertia * ddtheta + viscous * dtheta + stribeck_magnitude(dtheta, *dry) * np.sign(dtheta) + now
+    u = inertia * ddtheta + viscous * dtheta + stribeck_magnitude(dtheta, dry) * np.sign(dtheta) + now
     return np.hstack([theta[0], links.q[0, 0], dtheta[0], links.dq[0, 0]]), u[1], now[0]
 
 
@@ -119,7 +127,7 @@ def linearised(x: np.ndarray, u: np.ndarray, arm: Arm, force: np.ndarray) -> tup
 
     By central differences of all numbers at once: a copy of the arm for each sample, number and direction.
     """
-    smooth = arm._replace(static1=0.0, static2=0.0, coulomb1=0.0, coulomb2=0.0)
+    smooth = frictionless(arm)
     numbers = STATES + JOINTS
     offsets = np.concatenate([np.diag(STEPS), -np.diag(STEPS)])[:, np.newaxis]
     copies = (np.hstack([x, u]) + offsets).reshape(-1, numbers).T

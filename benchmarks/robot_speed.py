@@ -95,7 +95,7 @@ def against_hand_written() -> dict[str, Any]:
     robot, generator = robot_named("paper"), np.random.default_rng(0)
     generated = physics_of(robot)
     constants = {
-        two_joints(): np.array(arm_constants(ArmParameters())),
+        two_joints(): np.array(flat(arm_constants(ArmParameters()))),
         generated: np.array(generated.constants(generated.plant_of(robot), 0.0, 0.0, 0.0)),
     }
     state = generator.uniform(-1.0, 1.0, (8, LANES))
@@ -162,7 +162,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, help="write the results to this file")
     options = parser.parse_args()
-    entries = {"hand-written": ours(two_joints(), np.array(arm_constants(ArmParameters())), robot_named("paper"))}
+    entries = {"hand-written": ours(two_joints(), np.array(flat(arm_constants(ArmParameters()))), robot_named("paper"))}
     for name in ROBOTS:
         robot, physics = robot_named(name), physics_of(robot_named(name))
         entries[name] = ours(physics, np.array(physics.constants(physics.plant_of(robot), 0.0, 0.0, 0.0)), robot)

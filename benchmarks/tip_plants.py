@@ -5,14 +5,16 @@ A plant is a column of genes in [0, 1]: where each constant lies in its range, t
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fuzzyarm import load_policy
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, Plant, loaded, lump, plant_of
+from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions, frictionless, loaded, lump, plant_of
 from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.readings import tip_point
-from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import find_case
 from fuzzyarm.envs.scenario.randomisation import draw_record
@@ -55,15 +57,15 @@ class Plants:
         }
         zero = np.zeros(self.lanes)
         draw = draw_record(JOINTS)(**factors, payload=zero, force=zero, angle=PerJoint(zero, zero), reference=zero)
-        self.plant: Plant = two_joints().varied(nominal, draw)
+        self.plant: Any = two_joints().varied(nominal, draw)
         carried = find_case(claim.case).disturbance.payload
         arm = loaded(lump(self.plant), carried.mass, carried.radius(self.problem.parameters), nominal.gravity)
         self.payload = self._drawn(plants.payload)
         arm = loaded(arm, self.payload, nominal.length[1], nominal.gravity)
-        self._static = np.array([arm.static1 + zero, arm.static2 + zero])
+        self._static = np.array([dry.static_friction + zero for dry in dry_frictions(arm)])
         if plants.friction == "any":
-            arm = arm._replace(static1=zero, static2=zero, coulomb1=zero, coulomb2=zero)
-        self.arm = np.array([np.broadcast_to(x, self.lanes) for x in arm], dtype=float)
+            arm = frictionless(arm)
+        self.arm = np.array([np.broadcast_to(x, self.lanes) for x in flat(arm)], dtype=float)
         self.force = self._drawn(plants.force)
         self._rates = np.array([self._drawn((SLOWEST, FASTEST)) for _ in range(JOINTS)])
         self._phases = np.array([next(self._genes) for _ in range(JOINTS)])
@@ -100,7 +102,7 @@ class Plants:
             force *= 1.0 + plants.force_swing * waves[0]
             force[:2] += plants.force_course * waves
             self._held(state, np.ascontiguousarray(acting.T), force, PERIOD * k)
-            tip = tip_point(PerJoint(state[2], state[3]), Arm(*self.arm))
+            tip = tip_point(PerJoint(state[2], state[3]), filled(Arm, self.arm))
             errors.append(np.hypot(tip.x - table.targets[k + 1, 0], tip.y - table.targets[k + 1, 1]))
         return np.array(errors)
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from fuzzyarm.common.files import write_atomically
 from fuzzyarm.common.rounding import at_most
-from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.dynamics import arm_constants, dry_frictions
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.bound import PERIOD, TipClaim, problem_of
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
@@ -80,10 +80,12 @@ def _constants() -> dict[str, str]:
     arm = arm_constants(ArmParameters())
     numbers = {name: getattr(arm, name) for name in ("c1", "c2", "c3", "c4", "c5")}
     for joint in (1, 2):
-        for name in ("stiffness", "damping", "coulomb", "static", "viscous", "length"):
+        for name in ("stiffness", "damping", "viscous", "length"):
             numbers[f"{name}{joint}"] = getattr(arm, f"{name}{joint}")
+        dry = dry_frictions(arm)[joint - 1]
+        numbers[f"coulomb{joint}"], numbers[f"static{joint}"] = dry.coulomb_friction, dry.static_friction
         numbers[f"inertia{joint}"] = getattr(arm, f"motor_inertia{joint}")
-    numbers["stribeck"] = arm.stribeck_velocity
+    numbers["stribeck"] = arm.dry_friction1.stribeck_velocity
     return {name: repr(float(value)) for name, value in numbers.items()}
 
 

@@ -7,12 +7,13 @@ import numpy as np
 from fuzzyarm.common.checks import instance, listed
 from fuzzyarm.envs.observation import PARTS, starts
 from fuzzyarm.envs.physics.equations import robot_of
+from fuzzyarm.envs.physics.joint import DRIVE_UNITS
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.default_reference import default_reference
 from fuzzyarm.envs.scenario.reference import Reference
 from fuzzyarm.export.fuzzy_sheet import fuzzy_law
 from fuzzyarm.export.sheet import LawSheet, Quantity
-from fuzzyarm.fuzzy_policy.known_arm import Drives, per_joint_of
+from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, per_joint_of
 from fuzzyarm.fuzzy_policy.laws.computed_torque import ComputedTorquePolicy
 from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.laws.fuzzy import FuzzyPolicy
@@ -24,15 +25,7 @@ from fuzzyarm.fuzzy_policy.proof.policy_certificate import PolicyCertificate
 
 __all__ = ["certificate_of", "check_observation", "sheet_of"]
 
-_UNITS = {
-    "motor_inertia": "kg m^2",
-    "viscous_friction": "N m s/rad",
-    "stiffness": "N m/rad",
-    "damping": "N m s/rad",
-    "coulomb_friction": "N m",
-    "static_friction": "N m",
-    "stribeck_velocity": "rad/s",
-}
+_UNITS = {name: unit for name, unit, _ in DRIVE_UNITS}
 
 _ERRORS = "e = q - q_d,   de = dq - dq_d,   x_I = 0 when an episode begins"
 _LIMITS = (
@@ -184,7 +177,7 @@ def _observer(policy: ElasticObserverPolicy) -> tuple[str, tuple[str, ...], tupl
 def _arm(policy: Policy) -> tuple[Quantity, ...]:
     """Return the numbers of the arm that M, C, g and the drives take."""
     arm, arrays = policy.parameters, robot_of(policy.parameters).arrays
-    drives = tuple(Quantity(name, _UNITS[name], "of each joint", per_joint_of(arm, name)) for name in Drives._fields)
+    drives = tuple(Quantity(name, _UNITS[name], "of each joint", per_joint_of(arm, name)) for name in QUANTITIES)
     if isinstance(arm, ArmParameters):
         from fuzzyarm.envs.physics.dynamics import arm_constants
 

@@ -10,26 +10,29 @@ import numpy as np
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.physics import dynamics, rigid_body
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
+from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction
 from fuzzyarm.envs.physics.joint import Link, as_rows
-from fuzzyarm.envs.physics.records import flat
+from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.robot import Robot
 
 __all__ = [
-    "Drives", "checked_arm", "constants_of", "drives_of", "joints_of", "numbers_of", "per_joint_of", "travel_of",
-    "with_drives", "with_mass", "without_dry_friction",
+    "QUANTITIES", "Drives", "checked_arm", "constants_of", "drives_of", "joints_of", "numbers_of", "per_joint_of",
+    "travel_of", "with_drives", "with_mass", "without_dry_friction",
 ]  # fmt: skip
 
 
 class Drives(NamedTuple):
-    """The motors and springs, one number for each joint in every part; or the rows of an array (7, n) of them."""
+    """The motors and springs, one number for each joint in every part; those of one joint; or rows of an array."""
 
     motor_inertia: Any
     viscous_friction: Any
     stiffness: Any
     damping: Any
-    coulomb_friction: Any
-    static_friction: Any
-    stribeck_velocity: Any
+    dry_friction: DryFriction
+
+
+QUANTITIES = (*Drives._fields[:-1], *DryFriction._fields)
+"""Names of the numbers of `Drives`, in their order."""
 
 
 def checked_arm(name: str, arm: Any) -> AnyArm:
@@ -55,8 +58,8 @@ def per_joint_of(arm: AnyArm, name: str) -> np.ndarray:
 
 
 def drives_of(arm: AnyArm) -> np.ndarray:
-    """Return the rows (7, n) of `Drives`, in SI units [kg m², N m s/rad, N m/rad, N m, rad/s]."""
-    return np.stack([per_joint_of(arm, name) for name in Drives._fields])
+    """Return the rows (7, n) of `QUANTITIES`, in SI units [kg m², N m s/rad, N m/rad, N m, rad/s]."""
+    return np.stack([per_joint_of(arm, name) for name in QUANTITIES])
 
 
 def constants_of(arm: AnyArm) -> np.ndarray:
@@ -67,8 +70,8 @@ def constants_of(arm: AnyArm) -> np.ndarray:
 
 def numbers_of(arm: AnyArm) -> tuple[Any, Drives]:
     """Return the `Physics.Arm` without a payload and the `Drives` of an arm as records of floats."""
-    drives = Drives(*(tuple(map(float, rows)) for rows in drives_of(arm)))
-    return equations_of(arm).Arm(*constants_of(arm).tolist()), drives
+    drives: Drives = filled(Drives, map(tuple, drives_of(arm).tolist()))
+    return filled(equations_of(arm).Arm, constants_of(arm).tolist()), drives
 
 
 def travel_of(arm: AnyArm, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -108,6 +111,6 @@ def with_mass(robot: Robot, factor: float) -> Robot:
 
 
 def without_dry_friction(arm: AnyArm) -> AnyArm:
-    """Return the same arm without static and Coulomb friction."""
+    """Return the same arm without dry friction."""
     none = np.zeros(joints_of(arm))
-    return with_drives(arm, static_friction=none, coulomb_friction=none)
+    return with_drives(arm, **dict.fromkeys(DRY_TORQUES, none))

@@ -23,6 +23,7 @@ from scipy.optimize import least_squares
 from fuzzyarm.envs.fastest_mode import fastest_rate
 from fuzzyarm.envs.physics.dynamics import Arm
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import filled
 from fuzzyarm.identification.log import Log
 from fuzzyarm.identification.motion import Motion
 from fuzzyarm.identification.shooting import STATES, Linearised, Shooting, segments_of, starts_of
@@ -108,7 +109,7 @@ def fit_elastic(
         beginnings, measured, torque = segments_of(log, length)
         if lost is not None and len(lost) == len(beginnings):
             beginnings, measured, torque = beginnings[~lost], measured[..., ~lost], torque[..., ~lost]
-        states = starts_of(motion, beginnings, Arm(*constants(theta[:, np.newaxis])[:, 0]))
+        states = starts_of(motion, beginnings, filled(Arm, constants(theta[:, np.newaxis])[:, 0]))
         shooting = Shooting(measured, torque, log.period, states, noise, constants, rate)
         told[:] = True
         _leave_out(shooting.linearised(theta, _DIFFERENCE * scale), theta, scale, told, 1.0)

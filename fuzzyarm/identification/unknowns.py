@@ -14,7 +14,7 @@ import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import Arm, Plant, lump, plant_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.physics.records import PerJoint, flat
 
 __all__ = ["KEPT", "RIGID", "UNKNOWNS", "Unknown", "arm_of", "bounds_of", "constants_of", "names", "start_of"]
 
@@ -93,10 +93,10 @@ def arm_of(theta: np.ndarray, arm: ArmParameters) -> ArmParameters:
 
 
 def constants_of(theta: np.ndarray, arm: ArmParameters) -> np.ndarray:
-    """Return the constants of the equations, rows of `dynamics.Arm`, (20, lanes), for θ of shape (17, lanes)."""
+    """Return the constants of the equations, rows of `dynamics.Arm`, (21, lanes), for θ of shape (17, lanes)."""
     fields: dict[str, Any] = plant_of(arm)._asdict()
     for field in dict.fromkeys(one.field for one in UNKNOWNS):
         rows = [row for one, row in zip(UNKNOWNS, theta, strict=True) if one.field == field]
         fields[field] = PerJoint(*rows) if len(rows) > 1 else rows[0]
     constants: Arm = lump(Plant(**fields))
-    return np.stack([np.broadcast_to(np.asarray(row, dtype=float), theta.shape[1:]) for row in constants])
+    return np.stack([np.broadcast_to(np.asarray(row, dtype=float), theta.shape[1:]) for row in flat(constants)])

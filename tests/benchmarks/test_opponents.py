@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.dynamics import arm_constants
+from fuzzyarm.envs.physics.dynamics import arm_constants, frictionless
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.records import State, filled, flat
@@ -70,7 +70,7 @@ def test_the_planned_motion_solves_the_equations_of_the_loaded_arm(plans):
     """A sample of the arm without dry friction, from x_d under u_ff less that friction, ends at the next x_d."""
     t = 0.4 + plans.PERIOD * np.arange(2)
     loaded = plans.Model.of(5.0)
-    smooth = loaded.arm._replace(static1=0.0, static2=0.0, coulomb1=0.0, coulomb2=0.0)
+    smooth = frictionless(loaded.arm)
     force = np.array([3.0, -2.0])
     x, u, _ = plans.motion(JointReference(), t, plans.Model(smooth, 40.0, force))
     push = 40.0 * travel_of(plans.ARM, x[:, 2:4], x[:, 6:8]) + force

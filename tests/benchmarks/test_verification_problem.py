@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fuzzyarm import load_policy
-from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.dynamics import arm_constants, dry_frictions, rigid_inverse_dynamics
+from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.eval.certified.tip.bound import TipClaim, problem_of
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
@@ -52,8 +52,8 @@ def test_the_plant_is_the_one_of_the_environment(written):
         joint = np.array([arm.stiffness1, arm.stiffness2]) * (x[:2] - x[2:4])
         joint = joint + np.array([arm.damping1, arm.damping2]) * (x[4:6] - x[6:])
         np.testing.assert_allclose(rigid_inverse_dynamics(x[2:4], x[6:], dx[6:], arm), joint, rtol=1e-9)
-        speeds = np.array([arm.coulomb1, arm.coulomb2]), np.array([arm.static1, arm.static2])
-        friction = stribeck_magnitude(x[4:6], *speeds, arm.stribeck_velocity) * np.sign(x[4:6])
+        dry = DryFriction(*np.array(dry_frictions(arm)).T)
+        friction = stribeck_magnitude(x[4:6], dry) * np.sign(x[4:6])
         net = u - joint - np.array([arm.viscous1, arm.viscous2]) * x[4:6] - friction
         np.testing.assert_allclose(dx[4:6] * [arm.motor_inertia1, arm.motor_inertia2], net, rtol=1e-9, atol=1e-9)
 

@@ -13,6 +13,7 @@ from fuzzyarm.envs.physics.dynamics import arm_constants, mass_matrix
 from fuzzyarm.envs.physics.equations import chosen_arm, robot_of
 from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import shipped_robots
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.cases import PAPER_CASES
@@ -86,7 +87,7 @@ def test_the_worst_corner_of_what_is_drawn_is_the_stiffest_and_lightest_plant():
 def test_a_step_is_stable_below_the_bound_whatever_stiffness_and_damping(arm):
     """The spectral radius of the discrete step, by differences, at the default and just below the bound."""
     smooth = dataclasses.replace(arm, static_friction=(0.0, 0.0), coulomb_friction=(0.0, 0.0), gravity=1e-9)
-    constants = np.tile(np.array(arm_constants(smooth))[:, np.newaxis], 8)
+    constants = np.tile(np.array(flat(arm_constants(smooth)))[:, np.newaxis], 8)
     rate, hold = fastest_rate([arm]), hold_of(two_joints())
     for share in (RESOLVED, 0.99 * STABLE):
         state = 1e-6 * np.eye(8)

@@ -17,9 +17,9 @@ from fuzzyarm.envs.physics.dynamics import (
     rigid_inverse_dynamics,
     tip_position,
 )
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, filled, size
+from fuzzyarm.envs.physics.records import PerJoint, filled, flat, size
 from fuzzyarm.envs.physics.two_joints import Limits
 from fuzzyarm.envs.task import clipped
 from fuzzyarm.numbers.machine import WIDE
@@ -65,7 +65,7 @@ def batch(lanes, seed=0):
     state[4:6, ::3] = 0.0
     torque, bias = (scale * rng.normal(size=(2, lanes)) for scale in (50.0, 5.0))
     force = 100.0 * rng.normal(size=(4, lanes))
-    arms = np.array([random_arm(rng) for _ in range(lanes)]).T.copy()
+    arms = np.array([flat(random_arm(rng)) for _ in range(lanes)]).T.copy()
     limits = LIMITS[:, None] * rng.uniform(0.1, 1.0, (6, lanes))
     target = rng.uniform(-0.7, 0.7, (7, lanes))  # a radius below zero is no circle either
     return state, torque, bias, force, arms, limits, target
@@ -116,7 +116,7 @@ def test_each_result_is_reported_under_its_name():
     """Every quantity that is simply passed on, from distinct numbers."""
     state, torque, bias, force, arm, limits, target = batch(5)
     values, clock, table, action = lanes_of(state, torque, bias, force, arm, 10.0 * limits, target)
-    factors = values[0, 34, :5] = np.linspace(0.5, 1.5, 5)
+    factors = values[0, 35, :5] = np.linspace(0.5, 1.5, 5)
     observations, vectors, scalars = step(values, clock, table, action)
     after = values[0, :8, :5].T
     assert np.array_equal(vectors["q_motor"], after[:, :2]) and np.array_equal(vectors["q_link"], after[:, 2:4])
@@ -210,7 +210,7 @@ def test_each_way_out_of_the_domain_is_told_by_its_number(entry, reason):
     state = inside.copy()
     state[entry] = 1.5
     lanes = np.stack([inside, state], axis=-1)
-    constants = np.tile(np.array(arm_constants(TABLE_1))[:, None], 2)
+    constants = np.tile(np.array(flat(arm_constants(TABLE_1)))[:, None], 2)
     rows = lanes_of(lanes, *(np.zeros((n, 2)) for n in (2, 2, 4)), constants, np.tile(limits[:, None], 2), lanes[:7])
     values, clock, table, action = rows
     _, _, found = advance(values, clock, table, 1e-12, 1, action)  # too short a step to move
@@ -262,7 +262,7 @@ def test_friction_of_slipping_joints_is_the_stribeck_curve_against_the_motion():
     velocity = np.array([0.02, -0.3])
     found = measure(RESTING + np.r_[np.zeros(4), velocity, np.zeros(2)], (30.0, 30.0))
     coulomb, speed = np.array(TABLE_1.coulomb_friction), TABLE_1.stribeck_velocity
-    expected = -stribeck_magnitude(velocity, coulomb, STATIC, speed) * np.sign(velocity)
+    expected = -stribeck_magnitude(velocity, DryFriction(coulomb, STATIC, speed)) * np.sign(velocity)
     np.testing.assert_allclose(friction(found), expected, rtol=1e-15)
 
 
@@ -270,7 +270,7 @@ def test_an_arm_held_by_friction_stays_put_and_balanced():
     gravity = rigid_inverse_dynamics(RESTING[2:4], np.zeros(2), np.zeros(2), arm_constants(TABLE_1))
     state = (RESTING + np.r_[gravity / np.array(TABLE_1.stiffness), np.zeros(6)])[:, None]
     torque, zero = (gravity + [0.9, -0.9] * STATIC)[:, None], np.zeros((2, 1))
-    arm, limits, target = (x[:, None] for x in (np.array(arm_constants(TABLE_1)), LIMITS, circle_target(RESTING)))
+    arm, limits, target = (x[:, None] for x in (np.array(flat(arm_constants(TABLE_1))), LIMITS, circle_target(RESTING)))
     lane = lanes_of(state, torque, zero, np.zeros((4, 1)), arm, limits, target, rows=201)
     for _ in range(200):
         _, vectors, _ = step(*lane)
@@ -289,7 +289,7 @@ def test_advance_is_hold_under_clipped_torque_and_bias_then_measured():
     _, vectors, scalars = step(values, clock, table, action)
     hold(state, applied + bias, force, arm, PERIOD / SUBSTEPS, SUBSTEPS)
     known = limits_of(limits), target_of(target)
-    expected = assess(state_of(state), PerJoint(*applied), PerJoint(*bias), Arm(*arm), *known)
+    expected = assess(state_of(state), PerJoint(*applied), PerJoint(*bias), filled(Arm, arm), *known)
     assert np.array_equal(by_rows(values, 20)[:8], state) and np.array_equal(vectors["torque"], applied.T)
     assert np.array_equal(vectors["tip"], np.stack(expected.tip, axis=-1))
     assert np.array_equal(vectors["friction_torque"], friction(expected).T)

@@ -21,7 +21,7 @@ from fuzzyarm.envs.batch import randomness
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, flat
+from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
 from fuzzyarm.envs.scenario.paths import Line
@@ -108,14 +108,16 @@ def test_the_integrator_on_tensors_equals_numpy(device):
     state[4:6, ::7] = 0.0
     torque = generator.normal(size=(2, lanes)) * np.array([[200.0], [80.0]])
     force = generator.normal(size=(4, lanes)) * 100.0
-    arm = np.array(arm_constants(ArmParameters(), Payload(3.0)))[:, None] * generator.uniform(0.9, 1.1, (20, lanes))
+    arm = np.array(flat(arm_constants(ArmParameters(), Payload(3.0))))[:, None] * generator.uniform(
+        0.9, 1.1, (21, lanes)
+    )
     expected = hold_numpy(PHYSICS, state, torque, force, arm, 2e-4, 5)
 
     def tensors(rows):
         return [torch.tensor(row, device=device) for row in rows]
 
     parts = PerJoint(*tensors(torque)), tensors(force[:2]), tensors(force[2:])
-    found = held_of(PHYSICS)(state_of(tensors(state)), *parts, Arm(*tensors(arm)), 2e-4, 5)
+    found = held_of(PHYSICS)(state_of(tensors(state)), *parts, filled(Arm, tensors(arm)), 2e-4, 5)
     assert_allclose(numbers(torch.stack(flat(found))), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
     assert (expected[4:6] == 0.0).any()  # some motors stick
 

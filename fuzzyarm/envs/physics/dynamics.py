@@ -13,11 +13,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from fuzzyarm.common import checks
+from fuzzyarm.envs.physics.friction import DRY_TORQUES, DryFriction, dry_friction_of
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, State
+from fuzzyarm.envs.physics.records import PerJoint, State, record_type
 
 __all__ = [
-    "Arm", "Payload", "Plant", "arm_constants", "coriolis_torque", "gravity_torque", "inertia_and_gravity",
+    "Arm", "Payload", "Plant", "arm_constants", "coriolis_torque", "dry_frictions", "frictionless", "gravity_torque",
+    "inertia_and_gravity",
     "joint_torque", "loaded", "lump", "mass_matrix", "plant_of", "rigid_inverse_dynamics", "solve_mass_matrix",
     "tip_force_torque", "tip_jacobian", "tip_position",
 ]  # fmt: skip
@@ -54,8 +56,8 @@ class Arm(NamedTuple):
     """The constants the equations use; every entry a scalar, or an array with one value per lane.
 
     c1..c3 are the inertias of the mass matrix [kg m²], c4 and c5 the gravity torques [N m]; motor inertias
-    [kg m²], viscous friction [N m s/rad], joint stiffness [N m/rad] and damping [N m s/rad], static and Coulomb
-    friction [N m], Stribeck velocity [rad/s], link lengths [m].
+    [kg m²], viscous friction [N m s/rad], joint stiffness [N m/rad] and damping [N m s/rad], dry friction, link
+    lengths [m].
     """
 
     c1: Any
@@ -71,11 +73,8 @@ class Arm(NamedTuple):
     stiffness2: Any
     damping1: Any
     damping2: Any
-    static1: Any
-    static2: Any
-    coulomb1: Any
-    coulomb2: Any
-    stribeck_velocity: Any
+    dry_friction1: DryFriction
+    dry_friction2: DryFriction
     length1: Any
     length2: Any
 
@@ -83,24 +82,11 @@ class Arm(NamedTuple):
 _UNLOADED = Arm._fields.index("motor_inertia1")  # from this field on a payload changes nothing
 
 
-class Plant(NamedTuple):
-    """The fields of `ArmParameters` in their order; every number a scalar, or an array with one value per lane."""
-
-    length: PerJoint
-    mass: PerJoint
-    inertia: PerJoint
-    mass_center: PerJoint
-    viscous_friction: PerJoint
-    gravity: Any
-    motor_inertia: PerJoint
-    stiffness: PerJoint
-    damping: PerJoint
-    static_friction: PerJoint
-    coulomb_friction: PerJoint
-    stribeck_velocity: Any
-    torque_limit: PerJoint
-    joint_limit: PerJoint
-    velocity_limit: PerJoint
+Plant: Any = record_type(
+    "Plant",
+    **{f.name: PerJoint if isinstance(f.default, tuple) else Any for f in dataclasses.fields(ArmParameters)},
+)
+"""The fields of `ArmParameters` in their order; every number a scalar, or an array with one value per lane."""
 
 
 def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, gravity: Any) -> tuple[Any, ...]:
@@ -119,14 +105,13 @@ def inertia_and_gravity(length: Any, mass: Any, mass_center: Any, inertia: Any, 
     )
 
 
-def lump(plant: Plant) -> Arm:
+def lump(plant: Any) -> Arm:
     """Return the constants of (3) for a plant without payload."""
     c1, c2, c3, c4, c5 = inertia_and_gravity(plant.length, plant.mass, plant.mass_center, plant.inertia, plant.gravity)
     return Arm(
         c1, c2, c3, c4, c5, plant.motor_inertia[0], plant.motor_inertia[1], plant.viscous_friction[0],
         plant.viscous_friction[1], plant.stiffness[0], plant.stiffness[1], plant.damping[0], plant.damping[1],
-        plant.static_friction[0], plant.static_friction[1], plant.coulomb_friction[0], plant.coulomb_friction[1],
-        plant.stribeck_velocity, plant.length[0], plant.length[1],
+        dry_friction_of(plant, 0), dry_friction_of(plant, 1), plant.length[0], plant.length[1],
     )  # fmt: skip
 
 
@@ -161,10 +146,21 @@ def _unloaded(parameters: ArmParameters) -> Arm:
     return arm
 
 
-def plant_of(parameters: ArmParameters) -> Plant:
+def plant_of(parameters: ArmParameters) -> Any:
     """Return the parameters as a `Plant`, the form in which the equations take them."""
     values = (getattr(parameters, field.name) for field in dataclasses.fields(parameters))
     return Plant(*(PerJoint(*value) if isinstance(value, tuple) else value for value in values))
+
+
+def dry_frictions(arm: Arm) -> tuple[DryFriction, DryFriction]:
+    """Return the numbers of the friction curve of both motors."""
+    return arm.dry_friction1, arm.dry_friction2
+
+
+def frictionless(arm: Arm) -> Arm:
+    """Return the constants without dry friction."""
+    first, second = (dry._replace(**dict.fromkeys(DRY_TORQUES, 0.0)) for dry in dry_frictions(arm))
+    return arm._replace(dry_friction1=first, dry_friction2=second)
 
 
 def mass_matrix(cos2: Any, arm: Arm) -> tuple[Any, Any, Any]:

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from fuzzyarm.envs.physics.dynamics import Payload
+from fuzzyarm.envs.physics.friction import dry_friction_of, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 
 __all__ = ["integrate"]
@@ -187,10 +188,9 @@ class _Plant:
         p = self.parameters
         if mode == 0 and p.static_friction[joint] > 0.0:
             return 0.0
-        ratio, coulomb = velocity / p.stribeck_velocity, p.coulomb_friction[joint]
-        friction = -mode * (coulomb + (p.static_friction[joint] - coulomb) * math.exp(-ratio * ratio))
+        friction = -mode * stribeck_magnitude(velocity, dry_friction_of(p, joint))
         net = self.torque[joint] - joint_torque + friction - p.viscous_friction[joint] * velocity
-        return net / p.motor_inertia[joint]
+        return float(net / p.motor_inertia[joint])
 
     def link_acceleration(
         self, q1: float, q2: float, dq1: float, dq2: float, joint_torque: Sequence[float], force: Sequence[float]

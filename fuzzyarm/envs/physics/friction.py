@@ -12,11 +12,39 @@ from typing import Any, NamedTuple
 from fuzzyarm.envs.physics.elementwise import gaussian, positive_part, sign, smaller
 from fuzzyarm.numbers.functions import apart
 
-__all__ = ["STRIBECK", "FrictionCurve", "friction_torque", "stick_slip", "stribeck_magnitude"]
+__all__ = [
+    "DRY_TORQUES", "STRIBECK", "DryFriction", "FrictionCurve", "dry_friction_of", "friction_torque", "stick_slip",
+    "stribeck_magnitude",
+]  # fmt: skip
 
 
-def stribeck_magnitude(velocity: Any, coulomb: Any, static: Any, stribeck_velocity: Any) -> Any:
+class DryFriction(NamedTuple):
+    """The numbers of the curve F(v) of one motor. Plants, robots and laws take their list of them from here.
+
+    Attributes:
+        coulomb_friction: Γ_fc [N m].
+        static_friction: Γ_fs [N m].
+        stribeck_velocity: v_s [rad/s].
+    """
+
+    coulomb_friction: Any
+    static_friction: Any
+    stribeck_velocity: Any
+
+
+DRY_TORQUES = ("coulomb_friction", "static_friction")
+"""The numbers that scale F(v) as a whole: a plant with twice the dry friction has twice these."""
+
+
+def dry_friction_of(plant: Any, joint: int) -> DryFriction:
+    """Return the numbers of one motor of a plant, whose fields hold one number or one for each joint."""
+    values = (getattr(plant, name) for name in DryFriction._fields)
+    return DryFriction(*(value[joint] if isinstance(value, tuple) else value for value in values))
+
+
+def stribeck_magnitude(velocity: Any, dry: DryFriction) -> Any:
     """Return F(v) = Γ_fc + (Γ_fs - Γ_fc) exp(-(v/v_s)²) [N m], the friction magnitude; F(0) is the static torque."""
+    coulomb, static, stribeck_velocity = dry
     return coulomb + (static - coulomb) * gaussian(velocity * (1.0 / stribeck_velocity))
 
 
@@ -24,32 +52,34 @@ class FrictionCurve(NamedTuple):
     """A curve F(v) of dry friction that falls from F(0) = Γ_fs, and what a proof takes from it and checks in balls.
 
     Attributes:
-        magnitude: F(v) [N m], of the speed, Γ_fc, Γ_fs and v_s, for numbers of any type.
-        steepest: a bound of -F'(v), as a share of (Γ_fs - Γ_fc)/v_s.
-        inflection: v/v_s at which -F' is largest: F' falls below it and rises above it.
+        magnitude: F(v) [N m], of the speed and the numbers of the curve, of any type.
+        steepest: a bound of -F'(v) [N m s/rad] for these numbers.
+        inflection: v [rad/s] at which -F' is largest: F' falls below it and rises above it.
     """
 
-    magnitude: Callable[[Any, Any, Any, Any], Any]
-    steepest: float
-    inflection: float
+    magnitude: Callable[[Any, DryFriction], Any]
+    steepest: Callable[[DryFriction], Any]
+    inflection: Callable[[DryFriction], Any]
 
 
-STRIBECK = FrictionCurve(stribeck_magnitude, steepest=0.858, inflection=0.5**0.5)  # -F' = √2 e^(-1/2) at v_s/√2
+STRIBECK = FrictionCurve(
+    stribeck_magnitude,
+    steepest=lambda dry: (dry.static_friction - dry.coulomb_friction) / dry.stribeck_velocity * 0.858,  # √2 e^(-1/2)
+    inflection=lambda dry: 0.5**0.5 * dry.stribeck_velocity,
+)
 """The friction of the motors."""
 
 
-def friction_torque(velocity: Any, net_torque: Any, coulomb: Any, static: Any, stribeck_velocity: Any) -> Any:
+def friction_torque(velocity: Any, net_torque: Any, dry: DryFriction) -> Any:
     """Return Γ_f [N m] of section 2: -F(v) sign v when slipping, else minus the net torque up to the static one.
 
     Args:
         velocity: motor velocity q̇_a [rad/s].
         net_torque: Γ - Γ_t [N m], what the friction has to hold at rest.
-        coulomb: Γ_fc [N m].
-        static: Γ_fs [N m].
-        stribeck_velocity: v_s [rad/s].
+        dry: numbers of F, with F(0) = Γ_fs.
     """
-    slip = -stribeck_magnitude(velocity, coulomb, static, stribeck_velocity) * sign(velocity)
-    stick = -smaller(abs(net_torque), static) * sign(net_torque)
+    slip = -stribeck_magnitude(velocity, dry) * sign(velocity)
+    stick = -smaller(abs(net_torque), dry.static_friction) * sign(net_torque)
     return slip + 1.0 * (velocity == 0.0) * stick
 
 

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from fuzzyarm.envs.physics.elementwise import sine_cosine
-from fuzzyarm.envs.physics.friction import friction_torque, stick_slip, stribeck_magnitude
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.friction import DryFriction, friction_torque, stick_slip, stribeck_magnitude
+from fuzzyarm.envs.physics.physics import VARIED, Physics
 from fuzzyarm.envs.physics.records import per_joint, point, record_type, state_record
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.envs.physics.structure import Structure, numbers_of, structure_of
@@ -26,19 +26,13 @@ from fuzzyarm.envs.physics.tracer import Expression, assignments, fixed_part
 
 __all__ = ["Source", "physics_of", "source_of"]
 
-CALLED = {f.__name__: f for f in (sine_cosine, friction_torque, stick_slip, stribeck_magnitude)}
-
-# By quantity of the plant, the factor of a draw that multiplies it
-VARIED = {
-    "mass": "mass",
-    "inertia": "mass",
-    "motor_inertia": "motor_inertia",
-    "stiffness": "stiffness",
-    "damping": "damping",
-    "viscous_friction": "viscous_friction",
-    "static_friction": "dry_friction",
-    "coulomb_friction": "dry_friction",
+CALLED: dict[str, Any] = {
+    "sine_cosine": sine_cosine,
+    "stick_slip": stick_slip,
+    "stribeck_magnitude": lambda velocity, *dry: stribeck_magnitude(velocity, DryFriction(*dry)),
+    "friction_torque": lambda velocity, net, *dry: friction_torque(velocity, net, DryFriction(*dry)),
 }
+"""What the source calls, of numbers one after the other."""
 
 
 class Source(NamedTuple):

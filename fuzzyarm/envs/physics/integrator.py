@@ -54,13 +54,13 @@ def kick(
     motor_velocity1, travelled1 = stick_slip(
         start.motor_velocity.joint1,
         (torque.joint1 - joint1 - arm.viscous1 * velocity1) * inverse1,
-        stribeck_magnitude(velocity1, arm.coulomb1, arm.static1, arm.stribeck_velocity) * inverse1,
+        stribeck_magnitude(velocity1, arm.dry_friction1) * inverse1,
         duration,
     )
     motor_velocity2, travelled2 = stick_slip(
         start.motor_velocity.joint2,
         (torque.joint2 - joint2 - arm.viscous2 * velocity2) * inverse2,
-        stribeck_magnitude(velocity2, arm.coulomb2, arm.static2, arm.stribeck_velocity) * inverse2,
+        stribeck_magnitude(velocity2, arm.dry_friction2) * inverse2,
         duration,
     )
     link_velocity1 = start.link_velocity.joint1 + duration * acceleration1

@@ -9,9 +9,21 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+from fuzzyarm.envs.physics.friction import DRY_TORQUES
 from fuzzyarm.envs.physics.records import per_joint, point, state_record
 
-__all__ = ["Physics"]
+__all__ = ["VARIED", "Physics"]
+
+VARIED = {
+    "mass": "mass",
+    "inertia": "mass",
+    "motor_inertia": "motor_inertia",
+    "stiffness": "stiffness",
+    "damping": "damping",
+    "viscous_friction": "viscous_friction",
+    **dict.fromkeys(DRY_TORQUES, "dry_friction"),
+}
+"""By quantity of a plant, the factor of a draw that multiplies it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -57,8 +57,8 @@ def motor_friction(state: State, torque: PerJoint, bias: PerJoint, arm: Arm) -> 
     net1, net2 = torque.joint1 + bias.joint1 - joint1, torque.joint2 + bias.joint2 - joint2
     velocity1, velocity2 = state.motor_velocity
     return PerJoint(
-        friction_torque(velocity1, net1, arm.coulomb1, arm.static1, arm.stribeck_velocity),
-        friction_torque(velocity2, net2, arm.coulomb2, arm.static2, arm.stribeck_velocity),
+        friction_torque(velocity1, net1, arm.dry_friction1),
+        friction_torque(velocity2, net2, arm.dry_friction2),
     )
 
 

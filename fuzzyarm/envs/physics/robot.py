@@ -23,6 +23,7 @@ import numpy as np
 
 from fuzzyarm.common import checks
 from fuzzyarm.common.documents import read_toml, record
+from fuzzyarm.envs.physics.friction import DryFriction, dry_friction_of
 from fuzzyarm.envs.physics.joint import DIMENSIONS, DRIVE_UNITS, Drive, Joint, Link, Vector, as_rows, as_vector
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
 
@@ -152,7 +153,7 @@ class Robot:
         p, frame = parameters, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         joints = []
         for j in range(len(p.length)):
-            drive = {name: getattr(p, name)[j] for name, _, _ in DRIVE_UNITS if name != "stribeck_velocity"}
+            drive = {n: getattr(p, n)[j] for n, _, _ in DRIVE_UNITS if n not in DryFriction._fields}
             joints.append(
                 Joint(
                     name=f"joint{j + 1}",
@@ -164,7 +165,7 @@ class Robot:
                         (p.mass_center[j], 0.0, 0.0),
                         as_rows(max(p.inertia[j], POINT_LIKE) * np.eye(DIMENSIONS)),
                     ),
-                    drive=Drive(**drive, stribeck_velocity=p.stribeck_velocity),
+                    drive=Drive(**drive, **dry_friction_of(p, j)._asdict()),
                     angle_range=(-p.joint_limit[j], p.joint_limit[j]),
                     velocity_limit=p.velocity_limit[j],
                 )

@@ -39,21 +39,13 @@ NEGLIGIBLE = 1e-9  # m, and share of the largest moment of inertia: what such an
 Part = tuple[float, np.ndarray, np.ndarray]  # mass [kg], mass center [m] and inertia [kg m²]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class JointOverlay:
-    """What a model lacks of one joint; None: take it from the model. Fields and units are those of `Drive`, `Joint`."""
-
-    stiffness: float | None = None
-    damping: float | None = None
-    motor_inertia: float | None = None
-    viscous_friction: float | None = None
-    coulomb_friction: float | None = None
-    static_friction: float | None = None
-    stribeck_velocity: float | None = None
-    torque_limit: float | None = None
-    velocity_limit: float | None = None
-    angle_range: tuple[float, float] | None = None
-
+_GIVEN = [field.name for field in dataclasses.fields(Drive)] + ["velocity_limit"]
+JointOverlay: Any = dataclasses.make_dataclass(
+    "JointOverlay",
+    [*((name, float | None, None) for name in _GIVEN), ("angle_range", tuple[float, float] | None, None)],
+    frozen=True, kw_only=True, namespace={"__module__": __name__},
+)  # fmt: skip
+"""What a model lacks of one joint; None: take it from the model. Fields and units are those of `Drive` and `Joint`."""
 
 DRIVEN = [field.name for field in dataclasses.fields(JointOverlay)]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from fuzzyarm.envs.physics.friction import DryFriction
 from fuzzyarm.envs.physics.recursion import (
     NOTHING,
     Turn,
@@ -29,7 +30,6 @@ LOADS = ("payload", "place", "tip_payload")
 """Arguments beside the plant that the constants of an arm are computed from."""
 
 STATE = ("motor", "link", "motor_velocity", "link_velocity")
-DRY_FRICTION = ("coulomb_friction", "static_friction", "stribeck_velocity")
 
 
 class Model:
@@ -120,7 +120,7 @@ def _advanced(model: Model, force: tuple[Any, Any, Any], load: Sequence[Any]) ->
 def _motor_kick(model: Model, k: int, start: Any, rate: Any, net: Any, duration: Any) -> tuple[Expression, ...]:
     """Return velocity and travelled angle of motor k after a duration, with the torques at a velocity `rate`."""
     inverse = 1.0 / model.number(f"motor_inertia{k}")
-    dry = [model.number(f"{name}{k}") for name in DRY_FRICTION]
+    dry = [model.number(f"{name}{k}") for name in DryFriction._fields]
     (magnitude,) = model.tracer.call("stribeck_magnitude", [rate, *dry], 1)
     acceleration = (net - model.number(f"viscous_friction{k}") * rate) * inverse
     return model.tracer.call("stick_slip", [start, acceleration, magnitude * inverse, duration], 2)
@@ -133,7 +133,7 @@ def _motor_friction(model: Model) -> list[Any]:
     for k, v, torque, bias, load in zip(
         model.structure.joints, motor_velocity, model.inputs("torque"), model.inputs("bias"), spring, strict=True
     ):
-        numbers = [model.number(f"{name}{k}") for name in DRY_FRICTION]
+        numbers = [model.number(f"{name}{k}") for name in DryFriction._fields]
         friction.extend(model.tracer.call("friction_torque", [v, torque + bias - load, *numbers], 1))
     return friction
 

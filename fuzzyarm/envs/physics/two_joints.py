@@ -9,7 +9,7 @@ from fuzzyarm.common import checks
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, Plant, loaded, lump, plant_of
 from fuzzyarm.envs.physics.integrator import loaded_step, step
 from fuzzyarm.envs.physics.parameters import LARGEST, ArmParameters
-from fuzzyarm.envs.physics.physics import Physics
+from fuzzyarm.envs.physics.physics import VARIED, Physics
 from fuzzyarm.envs.physics.readings import (
     gravity_at,
     inverse_dynamics_at,
@@ -49,18 +49,18 @@ def _payload_radius(payload: Payload, parameters: ArmParameters) -> float:
     return checks.real("payload radius", payload.radius(parameters), "m", low=0.0, high=LARGEST)
 
 
-def _constants(plant: Plant, payload: Any, radius: Any, tip_payload: Any) -> Arm:
+def _constants(plant: Any, payload: Any, radius: Any, tip_payload: Any) -> Arm:
     """Return the constants with a point mass [kg] on link 2 at a distance [m] from joint 2, and another at the tip."""
     arm = loaded(lump(plant), payload, radius, plant.gravity)
     both: Arm = loaded(arm, tip_payload, plant.length[1], plant.gravity)
     return both
 
 
-def _stiffness(plant: Plant) -> PerJoint:
+def _stiffness(plant: Any) -> Any:
     return plant.stiffness
 
 
-def _limits(plant: Plant) -> Limits:
+def _limits(plant: Any) -> Limits:
     return Limits(plant.joint_limit, plant.velocity_limit, plant.torque_limit)
 
 
@@ -73,13 +73,6 @@ def _times(numbers: PerJoint, factors: PerJoint) -> PerJoint:
     return PerJoint(numbers.joint1 * factors.joint1, numbers.joint2 * factors.joint2)
 
 
-def _varied(plant: Plant, draw: Any) -> Plant:
+def _varied(plant: Any, draw: Any) -> Any:
     """Return the plant with the factors of a draw."""
-    return Plant(
-        plant.length, _times(plant.mass, draw.mass), _times(plant.inertia, draw.mass), plant.mass_center,
-        _times(plant.viscous_friction, draw.viscous_friction), plant.gravity,
-        _times(plant.motor_inertia, draw.motor_inertia), _times(plant.stiffness, draw.stiffness),
-        _times(plant.damping, draw.damping), _times(plant.static_friction, draw.dry_friction),
-        _times(plant.coulomb_friction, draw.dry_friction), plant.stribeck_velocity, plant.torque_limit,
-        plant.joint_limit, plant.velocity_limit,
-    )  # fmt: skip
+    return plant._replace(**{name: _times(getattr(plant, name), getattr(draw, VARIED[name])) for name in VARIED})

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.scenario.cases import CASES, PAPER_CASES
 from fuzzyarm.envs.scenario.disturbances import MachiningForce
 from fuzzyarm.eval.episodes.rollout import Rollout
@@ -52,7 +52,7 @@ def rigid_torque(evidence: Evidence) -> dict[str, float]:
     reference, parameters = evidence.reference, evidence.reference.parameters
     arm, motion = arm_constants(parameters), reference.sample(_instants(evidence))
     coulomb, static = np.array(parameters.coulomb_friction), np.array(parameters.static_friction)
-    slip = stribeck_magnitude(motion.dq, coulomb, static, parameters.stribeck_velocity)
+    slip = stribeck_magnitude(motion.dq, DryFriction(coulomb, static, parameters.stribeck_velocity))
     torque = rigid_inverse_dynamics(*motion, arm) + np.array(parameters.motor_inertia) * motion.ddq
     torque += np.array(parameters.viscous_friction) * motion.dq + slip * np.sign(motion.dq)
     return {f"joint {number}": float(value) for number, value in enumerate(np.abs(torque).max(axis=0), start=1)}

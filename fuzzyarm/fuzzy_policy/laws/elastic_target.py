@@ -27,7 +27,7 @@ from fuzzyarm.common.slices import consecutive
 from fuzzyarm.envs.observation import Observation
 from fuzzyarm.envs.physics.elementwise import sign
 from fuzzyarm.envs.physics.equations import AnyArm, equations_of
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.friction import dry_friction_of, stribeck_magnitude
 from fuzzyarm.envs.physics.physics import Physics
 from fuzzyarm.fuzzy_policy.known_arm import Drives, numbers_of
 from fuzzyarm.fuzzy_policy.law import seen_by
@@ -126,8 +126,7 @@ def target_of(physics: Physics) -> Any:
             smooth = d.motor_inertia[j] * acceleration + d.viscous_friction[j] * velocity + now
             before = select(begins, smooth, past.smooth[j])
             middle = velocity + c.ahead * T * acceleration
-            dry = d.coulomb_friction[j], d.static_friction[j], d.stribeck_velocity[j]
-            slip = stribeck_magnitude(middle, *dry) * sign(middle)
+            slip = stribeck_magnitude(middle, dry_friction_of(d.dry_friction, j)) * sign(middle)
             u_ff = smooth + c.ahead * (smooth - before) + c.friction * slip
             theta = seen.q_reference[j] + (now - b * (rate - b * curvature)) / k
             found.append((latest, second, smooth, theta, velocity, acceleration, u_ff))

@@ -20,6 +20,7 @@ from fuzzyarm.envs.physics.dynamics import (
     tip_position,
 )
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import filled, flat
 from fuzzyarm.envs.physics.two_joints import two_joints
 
 SEEDS = range(6)
@@ -236,7 +237,7 @@ def test_constants_broadcast_over_lanes():
     rng = np.random.default_rng(7)
     arms = [arm_constants(random_arm(rng), Payload(float(rng.uniform(0.0, 5.0)))) for _ in range(5)]
     motions = [random_motion(rng) for _ in arms]
-    lanes = Arm(*np.array(arms).T)
+    lanes = filled(Arm, np.array([flat(arm) for arm in arms]).T)
     q, dq, ddq = (np.array(rows) for rows in zip(*motions, strict=True))
     together = rigid_inverse_dynamics(q, dq, ddq, lanes)
     alone = [rigid_inverse_dynamics(*motion, arm) for motion, arm in zip(motions, arms, strict=True)]

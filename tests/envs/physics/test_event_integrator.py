@@ -12,6 +12,7 @@ from fuzzyarm.envs.physics import event_integrator
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, mass_matrix, tip_position
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 
 TABLE_1 = ArmParameters()
 CONSERVATIVE = dataclasses.replace(
@@ -59,7 +60,7 @@ def in_pieces(start, torque, seconds, pieces):
 
 
 def in_substeps(start, torque, seconds, h):
-    lanes, constants = np.array(start, float)[:, None], np.array(arm_constants(TABLE_1))[:, None]
+    lanes, constants = np.array(start, float)[:, None], np.array(flat(arm_constants(TABLE_1)))[:, None]
     hold(lanes, np.array(torque)[:, None], np.zeros((4, 1)), constants, h, round(seconds / h))
     return lanes[:, 0]
 
@@ -180,7 +181,7 @@ def test_the_force_follows_time():
     begin, end, pieces = 0.2, 0.21, 10_000
     after = integrate(SWINGING, np.array([120.0, 10.0]), force, TABLE_1, Payload(5.0), begin, end)
     lanes, torque = SWINGING[:, None].copy(), np.array([[120.0], [10.0]])
-    constants = np.array(arm_constants(TABLE_1, Payload(5.0)))[:, None]
+    constants = np.array(flat(arm_constants(TABLE_1, Payload(5.0))))[:, None]
     h = (end - begin) / pieces
     for k in range(pieces):
         middle = np.array([*force(begin + (k + 0.5) * h), 0.0, 0.0])[:, None]

@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 from support.two_joints import hold
 
 from fuzzyarm.envs.physics.dynamics import arm_constants
-from fuzzyarm.envs.physics.friction import friction_torque, stick_slip, stribeck_magnitude
+from fuzzyarm.envs.physics.friction import DryFriction, friction_torque, stick_slip, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 
 COULOMB, STATIC, STRIBECK = 4.0, 6.0, 0.1
+DRY = DryFriction(COULOMB, STATIC, STRIBECK)
 
 
 def signed(largest):
@@ -42,28 +44,28 @@ def exact_stick_slip(velocity, acceleration, deceleration, duration):
 
 
 def test_magnitude_is_static_at_rest_and_coulomb_at_speed():
-    assert stribeck_magnitude(0.0, COULOMB, STATIC, STRIBECK) == STATIC
-    assert stribeck_magnitude(1e3, COULOMB, STATIC, STRIBECK) == COULOMB
-    assert stribeck_magnitude(np.inf, COULOMB, STATIC, STRIBECK) == COULOMB
+    assert stribeck_magnitude(0.0, DRY) == STATIC
+    assert stribeck_magnitude(1e3, DRY) == COULOMB
+    assert stribeck_magnitude(np.inf, DRY) == COULOMB
 
 
 def test_magnitude_falls_with_speed_and_is_even():
     speed = np.linspace(0.0, 0.5, 200)
-    magnitude = stribeck_magnitude(speed, COULOMB, STATIC, STRIBECK)
+    magnitude = stribeck_magnitude(speed, DRY)
     assert (np.diff(magnitude) < 0.0).all()
-    assert np.array_equal(magnitude, stribeck_magnitude(-speed, COULOMB, STATIC, STRIBECK))
-    at_stribeck = stribeck_magnitude(STRIBECK, COULOMB, STATIC, STRIBECK)
+    assert np.array_equal(magnitude, stribeck_magnitude(-speed, DRY))
+    at_stribeck = stribeck_magnitude(STRIBECK, DRY)
     assert at_stribeck == pytest.approx(COULOMB + (STATIC - COULOMB) / np.e)
 
 
 @settings(deadline=None)
 @given(velocity=velocities, net=signed(50.0))
 def test_friction_torque_never_drives(velocity, net):
-    torque = friction_torque(velocity, net, COULOMB, STATIC, STRIBECK)
+    torque = friction_torque(velocity, net, DRY)
     assert torque * velocity <= 0.0
     assert abs(torque) <= STATIC
     if velocity != 0.0:
-        assert abs(torque) == stribeck_magnitude(velocity, COULOMB, STATIC, STRIBECK)
+        assert abs(torque) == stribeck_magnitude(velocity, DRY)
 
 
 @settings(deadline=None)
@@ -71,7 +73,7 @@ def test_friction_torque_never_drives(velocity, net):
 @example(net=STATIC)
 @example(net=-STATIC)
 def test_friction_at_rest_balances_the_net_torque_up_to_the_static_one(net):
-    torque = friction_torque(0.0, net, COULOMB, STATIC, STRIBECK)
+    torque = friction_torque(0.0, net, DRY)
     assert torque == (-net if abs(net) <= STATIC else -np.copysign(STATIC, net))
 
 
@@ -132,7 +134,7 @@ def test_stick_slip_is_elementwise():
 
 def hold_arm(state, torque, substeps=1000):
     """One lane of Table 1 after `substeps` of 0.1 ms."""
-    lanes, constants = np.array(state, dtype=float)[:, None], np.array(arm_constants(ArmParameters()))[:, None]
+    lanes, constants = np.array(state, dtype=float)[:, None], np.array(flat(arm_constants(ArmParameters())))[:, None]
     hold(lanes, np.array(torque, dtype=float)[:, None], np.zeros((4, 1)), constants, 1e-4, substeps)
     return lanes[:, 0]
 

@@ -11,6 +11,7 @@ from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.generated import physics_of, source_of
 from fuzzyarm.envs.physics.hold import hold_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import filled
 from fuzzyarm.envs.physics.robot import Robot, robot_named
 from fuzzyarm.envs.physics.structure import structure_of
 from fuzzyarm.envs.physics.two_joints import two_joints
@@ -104,7 +105,7 @@ def test_numpy_machine_code_and_torch_agree_and_a_lane_is_the_single_arm_bit_for
     def step(kind):
         rows = [physics.PerJoint(*(kind(row) for row in part)) for part in state.reshape(4, 3, LANES)]
         load = physics.Point(*(kind(row) for row in force[:3]))
-        numbers = physics.Arm(*(kind(row) for row in constants))
+        numbers = filled(physics.Arm, (kind(row) for row in constants))
         after = physics.step(
             physics.State(*rows), physics.PerJoint(*(kind(row) for row in torque)), load, numbers, 2e-4
         )

@@ -20,7 +20,7 @@ from fuzzyarm.envs.physics.dynamics import (
 from fuzzyarm.envs.physics.event_integrator import integrate
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint, flat
+from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 
 TABLE_1 = ArmParameters()
 FRICTIONLESS = dataclasses.replace(
@@ -32,7 +32,7 @@ SWINGING = np.array([1.0, 0.5, 1.001, 0.496, 1.0, -2.0, 1.5, -1.0])
 
 def advance(state, torque, force, arm, h, substeps, payload=None):
     """One lane over `substeps` of h."""
-    lanes, constants = np.array(state)[:, None], np.array(arm_constants(arm, payload))[:, None]
+    lanes, constants = np.array(state)[:, None], np.array(flat(arm_constants(arm, payload)))[:, None]
     line = np.array([*force, 0.0, 0.0])[:, None]  # a constant force
     hold(lanes, np.array(torque, float)[:, None], line, constants, h, substeps)
     return lanes[:, 0]
@@ -150,7 +150,7 @@ def random_lanes(lanes, seed=0):
     for _ in range(lanes):
         scale = {name: rng.uniform(0.7, 1.3) for name in ("mass", "stiffness", "damping", "static_friction")}
         arm = dataclasses.replace(TABLE_1, **{k: tuple(s * x for x in getattr(TABLE_1, k)) for k, s in scale.items()})
-        arms.append(arm_constants(arm, Payload(float(rng.uniform(0.0, 5.0)))))
+        arms.append(flat(arm_constants(arm, Payload(float(rng.uniform(0.0, 5.0))))))
     return state, rng.normal(size=(2, lanes)) * 50.0, rng.normal(size=(4, lanes)) * 100.0, np.array(arms).T.copy()
 
 
@@ -166,7 +166,7 @@ def test_torch_is_numpy_to_the_last_digits():
     """Tensors run through the same lines, with torch's own sine, cosine and exponential."""
     torch = pytest.importorskip("torch")
     state, torque, force, arms = random_lanes(50)
-    lanes, constants = state_of(torch.tensor(state)), Arm(*torch.tensor(arms))
+    lanes, constants = state_of(torch.tensor(state)), filled(Arm, torch.tensor(arms))
     parts = PerJoint(*torch.tensor(torque)), torch.tensor(force[:2]), torch.tensor(force[2:])
     lanes = held_of(PHYSICS)(lanes, *parts, constants, 1e-4, 10)
     hold(state, torque, force, arms, 1e-4, 10)

@@ -164,10 +164,8 @@ def test_all_that_is_wrong_with_all_joints_is_in_one_line(tmp_path):
     overlay = OVERLAY.replace("velocity_limit = 3", "").replace("stiffness = 1e4", "static_friction = 9", 1)
     with pytest.raises(ValueError, match=r"gravcomp of link 'l2'.*stiffness of joint 'j2'") as caught:
         read(tmp_path, text, overlay)
-    lacks = "motor_inertia, stribeck_velocity, velocity_limit, angle_range"
-    assert f"joint 'j1': the model has no stiffness, {lacks}; add stiffness, {lacks} to [joints.j1]" in str(
-        caught.value
-    )
+    lacks = "motor_inertia, stiffness, stribeck_velocity, velocity_limit, angle_range"
+    assert f"joint 'j1': the model has no {lacks}; add {lacks} to [joints.j1]" in str(caught.value)
     assert "joint 'j2': the model has no velocity_limit; add velocity_limit to [joints.j2]" in str(caught.value)
 
 

@@ -12,6 +12,7 @@ from fuzzyarm.envs.batch.schedule import Schedule
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, solve_mass_matrix, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES, find_case
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce, TorqueBias
 from fuzzyarm.envs.scenario.paths import Circle, Line
@@ -53,7 +54,11 @@ def run(disturbance, torques=TORQUES, seed=0):
 
 def plant(start, torques, forces=NO_FORCES, payload=None):
     """States of the plant itself from `start`, without the environment."""
-    arm, state, states = np.array(arm_constants(ArmParameters(), payload))[:, None], start[:, None].copy(), [start]
+    arm, state, states = (
+        np.array(flat(arm_constants(ArmParameters(), payload)))[:, None],
+        start[:, None].copy(),
+        [start],
+    )
     for torque, force in zip(torques, forces, strict=True):
         line = np.array([*force, 0.0, 0.0])[:4, None]  # a constant force, or a line given with its change
         hold(state, torque[:, None], line, arm, 2e-4, 5)
@@ -105,7 +110,11 @@ def test_tip_force_enters_the_plant_as_the_force_of_hold(undisturbed):
 
 def test_tip_force_accelerates_the_links_alone():
     state, h = np.array([0.7, 0.9, 0.7, 0.9, 0.5, -0.4, 0.5, -0.4]), 1e-7
-    arm, free, forced = np.array(arm_constants(ArmParameters()))[:, None], state[:, None].copy(), state[:, None].copy()
+    arm, free, forced = (
+        np.array(flat(arm_constants(ArmParameters())))[:, None],
+        state[:, None].copy(),
+        state[:, None].copy(),
+    )
     hold(free, np.zeros((2, 1)), np.zeros((4, 1)), arm, h, 1)
     hold(forced, np.zeros((2, 1)), np.array([*FORCE, 0.0, 0.0])[:, None], arm, h, 1)
     acceleration = (forced - free)[:, 0] / h

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian, tip_position
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.paths import Circle, Lemniscate, Line, Spline
 from fuzzyarm.envs.scenario.reference import (
@@ -48,7 +48,7 @@ def peak_torques(reference):
     """Return max |Γ| of (5), rigid arm: Γ = (M_b + I_a) q̈ + C q̇ + g + f_v q̇ + F(q̇) sign q̇ [N m]."""
     arm, (q, dq, ddq) = reference.parameters, reference.sample(GRID)
     coulomb, static = np.array(arm.coulomb_friction), np.array(arm.static_friction)
-    friction = stribeck_magnitude(dq, coulomb, static, arm.stribeck_velocity) * np.sign(dq)
+    friction = stribeck_magnitude(dq, DryFriction(coulomb, static, arm.stribeck_velocity)) * np.sign(dq)
     motor = np.array(arm.motor_inertia) * ddq + np.array(arm.viscous_friction) * dq + friction
     return np.abs(rigid_inverse_dynamics(q, dq, ddq, arm_constants(arm)) + motor).max(axis=0)
 

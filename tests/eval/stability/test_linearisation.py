@@ -13,6 +13,7 @@ from support.two_joints import hold
 
 from fuzzyarm.envs.physics.dynamics import Arm, Payload, arm_constants, gravity_torque
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import Robot
 from fuzzyarm.eval.stability import linearisation as margins
 from fuzzyarm.eval.stability.linearisation import gain_margin, linearise, linearise_path, spectral_radius
@@ -64,7 +65,7 @@ def simulate(
     """Plant states (steps + 1, 8) less equilibrium, of the friction-free arm started `deviation` away from it."""
     state = (loop.equilibrium[PLANT] + deviation)[:, np.newaxis]
     memory, pending = loop.equilibrium[8:], [loop.torque] * int(2 * delay)  # torques of half periods, oldest first
-    lanes, no_force = np.array(arm or arm_constants(SMOOTH))[:, np.newaxis], np.zeros((4, 1))
+    lanes, no_force = np.array(flat(arm or arm_constants(SMOOTH)))[:, np.newaxis], np.zeros((4, 1))
     reference = np.concatenate([posture, np.zeros(4)])
     states = state.copy()
     for _ in range(steps):

@@ -10,6 +10,7 @@ from support.two_joints import hold
 
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants, gravity_torque, mass_matrix, tip_jacobian
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.scenario.cases import CASES
 from fuzzyarm.envs.scenario.disturbances import Disturbance, EncoderNoise
 from fuzzyarm.envs.scenario.reference import JointReference
@@ -56,7 +57,7 @@ def move(states, torque, force, parameters, substeps=5):
     """The compiled plant over a control period: states (lanes, 8), torque and tip force (lanes, 2)."""
     moved = np.ascontiguousarray(np.transpose(states))
     held = np.ascontiguousarray(np.transpose(np.hstack([force, np.zeros_like(force)])))
-    arm = np.repeat(np.array(arm_constants(parameters))[:, np.newaxis], len(states), axis=1)
+    arm = np.repeat(np.array(flat(arm_constants(parameters)))[:, np.newaxis], len(states), axis=1)
     hold(moved, np.ascontiguousarray(np.transpose(torque)), held, arm, PERIOD / substeps, substeps)
     return moved.T
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics
-from fuzzyarm.envs.physics.friction import stribeck_magnitude
+from fuzzyarm.envs.physics.friction import DryFriction, stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.scenario.elastic_reference import ElasticReference
 from fuzzyarm.envs.scenario.paths import Lemniscate
@@ -38,7 +38,7 @@ def exact_feedforward(elastic, t, *, friction):
     arm, motor = elastic.reference.parameters, elastic.sample(t)
     torque = np.array(arm.motor_inertia) * motor.ddq + np.array(arm.viscous_friction) * motor.dq + elastic.torque(t)
     magnitude = stribeck_magnitude(
-        motor.dq, np.array(arm.coulomb_friction), np.array(arm.static_friction), arm.stribeck_velocity
+        motor.dq, DryFriction(np.array(arm.coulomb_friction), np.array(arm.static_friction), arm.stribeck_velocity)
     )
     return torque + friction * magnitude * np.sign(motor.dq)
 
@@ -192,7 +192,9 @@ def test_options_are_those_of_the_target():
     observation = np.concatenate([[0.4, 1.1, 0.7, -1.2], motion])
     rubbing, smooth = (TipPolicy(law, friction=f).predict(observation)[0] for f in (True, False))
     speeds = np.array([0.7, -1.2])
-    magnitude = stribeck_magnitude(speeds, np.array(ARM.coulomb_friction), np.array(ARM.static_friction), 0.1)
+    magnitude = stribeck_magnitude(
+        speeds, DryFriction(np.array(ARM.coulomb_friction), np.array(ARM.static_friction), 0.1)
+    )
     np.testing.assert_allclose(rubbing - smooth, magnitude * np.sign(speeds), rtol=1e-2)
 
 

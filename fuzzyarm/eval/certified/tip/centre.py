@@ -17,7 +17,14 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, solve_mass_matrix, tip_force_torque
+from fuzzyarm.envs.physics.dynamics import (
+    Arm,
+    coriolis_torque,
+    dry_frictions,
+    gravity_torque,
+    solve_mass_matrix,
+    tip_force_torque,
+)
 from fuzzyarm.envs.physics.friction import STRIBECK
 
 __all__ = ["DEGREE", "Centre", "Mode", "Segment"]
@@ -70,7 +77,7 @@ class Centre:
     def __init__(self, arm: Arm, period: float) -> None:
         """Prepare the collocation for the constants of an arm and T [s]."""
         self._arm, self._period = arm, period
-        self._static, self._grain = (arm.static1, arm.static2), math.ulp(period)
+        self._static, self._grain = tuple(dry.static_friction for dry in dry_frictions(arm)), math.ulp(period)
         nodes, _ = np.polynomial.legendre.leggauss(NODES)
         vandermonde = np.linalg.inv(np.vander(nodes, NODES, increasing=True))
         once, twice = np.zeros((NODES + 1, NODES)), np.zeros((DEGREE + 1, NODES))
@@ -210,7 +217,7 @@ class Centre:
             if mode == Mode.REST:
                 motors.append(np.zeros_like(q1))
                 continue
-            slip = STRIBECK.magnitude(v[j], (arm.coulomb1, arm.coulomb2)[j], self._static[j], arm.stribeck_velocity)
+            slip = STRIBECK.magnitude(v[j], dry_frictions(arm)[j])
             net = self._net(x[j], x[2 + j], v[j], v[2 + j], torque[j], j)
             motors.append((net - int(mode) * slip) / (arm.motor_inertia1, arm.motor_inertia2)[j])
         return np.stack([*motors, *links])

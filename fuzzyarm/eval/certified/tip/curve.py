@@ -17,8 +17,8 @@ from typing import Any
 from flint import arb, arb_series, ctx
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm
-from fuzzyarm.envs.physics.friction import STRIBECK
+from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions
+from fuzzyarm.envs.physics.friction import STRIBECK, DryFriction
 from fuzzyarm.eval.certified.tip.defects import dry_friction
 from fuzzyarm.eval.certified.tip.enclosures import (
     ROUND_UP,
@@ -39,29 +39,33 @@ HALVINGS = 40  # of a range of speeds
 
 def steepest_fall(joint: int, arm: Arm) -> float:
     """Return a bound of -dF/dv [N m s/rad] of a motor."""
-    rise = (arm.static1 - arm.coulomb1, arm.static2 - arm.coulomb2)[joint]
-    return largest(arb(rise) / arb(arm.stribeck_velocity)) * STRIBECK.steepest * ROUND_UP
+    return largest(STRIBECK.steepest(_in_balls(joint, arm))) * ROUND_UP
 
 
 def strength(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
     """Return the lowest and the highest F(v) [N m] in a range of speeds [rad/s]."""
     weak, strong = (low_high(dry_friction(ball(v), joint, arm)) for v in (fastest, slowest))
-    left = SLACK * largest(arb((arm.static1, arm.static2)[joint]))
+    left = SLACK * largest(_in_balls(joint, arm).static_friction)
     return weak[0] - left, strong[1] + left
 
 
 def rates(slowest: float, fastest: float, joint: int, arm: Arm) -> tuple[float, float]:
     """Return the lowest and the highest dF/dv [N m s/rad] in a range of speeds [rad/s]: it falls, then rises."""
-    (before, after), steepest = _inflection(arm), steepest_fall(joint, arm)
+    (before, after), steepest = _inflection(joint, arm), steepest_fall(joint, arm)
     inside = slowest <= after and before <= fastest
     ends = (min(slowest, before), max(fastest, after)) if inside else (slowest, fastest)
     lows, highs = zip(*(low_high(_series(ball(v), joint, arm)[1]) for v in ends), strict=True)
     return (-steepest if inside else min(lows)) - SLACK * steepest, max(highs) + SLACK * steepest
 
 
-def _inflection(arm: Arm) -> tuple[float, float]:
+def _in_balls(joint: int, arm: Arm) -> DryFriction:
+    """Return the numbers of a motor's curve, in balls."""
+    return DryFriction(*map(arb, dry_frictions(arm)[joint]))
+
+
+def _inflection(joint: int, arm: Arm) -> tuple[float, float]:
     """Return speeds [rad/s] just below and just above the inflection."""
-    turn = STRIBECK.inflection * centre(arb(arm.stribeck_velocity))
+    turn = centre(STRIBECK.inflection(_in_balls(joint, arm)))
     return turn * (1.0 - 1e-9), turn * (1.0 + 1e-9)
 
 
@@ -72,7 +76,7 @@ def check_curve(arm: Arm) -> None:
         arm: constants in floats or in balls.
     """
     for joint in range(JOINTS):
-        static, rest = arb((arm.static1, arm.static2)[joint]), _series(arb(0), joint, arm)
+        static, rest = _in_balls(joint, arm).static_friction, _series(arb(0), joint, arm)
         fits = rest[0].overlaps(static) and rest[1] <= 0
         if not (fits and all(_covered(span, holds, joint, arm) for span, holds in _conditions(joint, arm, static))):
             raise NoBound(f"the friction of motor {joint + 1} is not as its curve's own numbers say: {STRIBECK}")
@@ -80,7 +84,7 @@ def check_curve(arm: Arm) -> None:
 
 def _conditions(joint: int, arm: Arm, static: arb) -> Iterator[tuple[tuple[float, float], Callable[[Any], bool]]]:
     """Yield ranges of speeds [rad/s], and what the series of F has to be on balls in them."""
-    (before, after), steepest = _inflection(arm), arb(steepest_fall(joint, arm))
+    (before, after), steepest = _inflection(joint, arm), arb(steepest_fall(joint, arm))
     far = [FAR * after * 2.0**k for k in range(DOUBLINGS + 1)]
     limit = _series(arb(far[-1]), joint, arm)[0]
     yield (0.0, before), lambda f: f[2] <= 0

@@ -20,7 +20,7 @@ import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm
+from fuzzyarm.envs.physics.dynamics import Arm, dry_frictions
 from fuzzyarm.envs.physics.friction import STRIBECK
 from fuzzyarm.eval.certified.tip.centre import DEGREE
 from fuzzyarm.eval.certified.tip.enclosures import between, largest, low_high
@@ -201,8 +201,7 @@ class PeriodMotion:
 
 def dry_friction(speed: Any, joint: int, arm: Arm) -> Any:
     """Return F(v) [N m] of a motor for a number type of one's own, as the environment has it."""
-    coulomb, static = (arm.coulomb1, arm.coulomb2)[joint], (arm.static1, arm.static2)[joint]
-    return STRIBECK.magnitude(speed, coulomb, static, arm.stribeck_velocity)
+    return STRIBECK.magnitude(speed, dry_frictions(arm)[joint])
 
 
 def combined(parts: list[tuple[Any, Signal]]) -> Signal:

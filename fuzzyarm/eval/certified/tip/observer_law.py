@@ -15,6 +15,7 @@ from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS, REFERENCE, SIZE
 from fuzzyarm.envs.physics.dynamics import Arm, gravity_torque
+from fuzzyarm.envs.physics.records import filled
 from fuzzyarm.eval.certified.tip.enclosures import Jet, ball, low_high
 from fuzzyarm.eval.certified.tip.forms import Forms
 from fuzzyarm.eval.certified.tip.predictor import ROUNDED, Predictor
@@ -44,7 +45,7 @@ class ObserverLaw:
     def __init__(self, policy: ElasticObserverPolicy, references: np.ndarray) -> None:
         """Take the policy for the two-joint arm, and what it is told at each sample (samples, 6)."""
         arm = policy.parameters
-        self._arm = Arm(*(float(x) for x in constants_of(arm)))
+        self._arm = filled(Arm, map(float, constants_of(arm)))
         self._predictor = Predictor(self._arm, policy.control_period / policy._substeps, policy._substeps)
         self._tables = policy.feedback, policy.observer
         self._stiffness = [self._arm.stiffness1, self._arm.stiffness2]

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fuzzyarm.envs.observation import JOINTS
+from fuzzyarm.envs.physics.dynamics import dry_frictions
 from fuzzyarm.eval.certified.tip.centre import Mode, Segment
 from fuzzyarm.eval.certified.tip.constants import Drive, constant_torques, drive
 from fuzzyarm.eval.certified.tip.defects import PeriodMotion, TipForces, signal_range, signal_size
@@ -202,7 +203,7 @@ class Period:
     def _check_monotone(self, after: np.ndarray, before: np.ndarray, frictions: list[Friction]) -> None:
         """Give up a plan that lets a velocity (2,) grow by much of what the friction itself could."""
         inertia = self.plant.middle.motor_inertia1, self.plant.middle.motor_inertia2
-        static = self.plant.middle.static1, self.plant.middle.static2
+        static = [dry.static_friction for dry in dry_frictions(self.plant.middle)]
         for j, friction in enumerate(frictions):
             grown = after[j] - before[j]
             if friction.plan is Plan.MONOTONE and grown * inertia[j] > WORTH * static[j] * self._period:

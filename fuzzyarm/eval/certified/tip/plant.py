@@ -14,8 +14,9 @@ from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, Plant, loaded, lump, plant_of
+from fuzzyarm.envs.physics.friction import DRY_TORQUES
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.certified.tip.enclosures import ball, between, centre
 from fuzzyarm.eval.certified.tip.plant_set import BY_JOINT, PlantSet
@@ -103,7 +104,7 @@ def ball_plant(parameters: ArmParameters, disturbance: Disturbance, plants: Plan
         massless = lump(_in_balls(nominal)._replace(mass=nothing, inertia=nothing))
         units.append(Parameter("force", 0, _half(plants.force) / (0.5 * sum(plants.force)), massless))
     uncertain += units
-    middle = Arm(*(centre(x) for x in exact))
+    middle = filled(Arm, (centre(x) for x in flat(exact)))
     return BallPlant(middle, exact, tuple(uncertain), share)
 
 
@@ -113,7 +114,7 @@ _FACTORS = {
     "stiffness": ("stiffness",),
     "damping": ("damping",),
     "viscous_friction": ("viscous_friction",),
-    "dry_friction": ("static_friction", "coulomb_friction"),
+    "dry_friction": DRY_TORQUES,
 }
 """The fields of `Plant` that a factor of the set scales, as in `randomisation.varied`."""
 
@@ -129,12 +130,12 @@ def _half(bounds: tuple[float, float]) -> float:
     return 0.5 * (bounds[1] - bounds[0]) + 2.0**-50 * max(1.0, bounds[1]) if bounds[0] < bounds[1] else 0.0
 
 
-def _in_balls(plant: Plant) -> Plant:
+def _in_balls(plant: Any) -> Any:
     balls: list[Any] = [PerJoint(*map(arb, x)) if isinstance(x, tuple) else arb(x) for x in plant]
     return Plant(*balls)
 
 
-def _arm(plant: Plant, payloads: list[tuple[float, float]], gravity: Any) -> Arm:
+def _arm(plant: Any, payloads: list[tuple[float, float]], gravity: Any) -> Arm:
     """Return the constants of a plant with payloads (mass [kg], distance from joint 2 [m]), in balls."""
     arm: Arm = lump(plant)
     for mass, radius in payloads:
@@ -142,7 +143,7 @@ def _arm(plant: Plant, payloads: list[tuple[float, float]], gravity: Any) -> Arm
     return arm._replace(**{name: getattr(arm, name) * between(1.0 - _ROUNDED, 1.0 + _ROUNDED) for name in _LUMPED})
 
 
-def _mass_units(plant: Plant, plants: PlantSet, parameters: ArmParameters) -> list[Parameter]:
+def _mass_units(plant: Any, plants: PlantSet, parameters: ArmParameters) -> list[Parameter]:
     """Return the masses and the payload, where they are uncertain, with the constants that half their range makes."""
     found = []
     for joint in range(JOINTS):

@@ -22,7 +22,7 @@ import numpy as np
 from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
-from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, gravity_torque, solve_mass_matrix
+from fuzzyarm.envs.physics.dynamics import Arm, coriolis_torque, dry_frictions, gravity_torque, solve_mass_matrix
 from fuzzyarm.envs.physics.friction import stick_slip
 from fuzzyarm.eval.certified.tip.curve import check_curve, steepest_fall, strength
 from fuzzyarm.eval.certified.tip.defects import dry_friction
@@ -188,7 +188,10 @@ class Predictor:
         """Return a bound of all terms of C q̇ + g and of the friction, for |q̇| <= speed [N m]."""
         arm = self._arm
         fast = float(speed.sum())
-        return float(2.0 * (arm.c4 + 2.0 * arm.c5 + arm.c2 * fast * fast) + 4.0 * (arm.static1 + arm.static2))
+        return float(
+            2.0 * (arm.c4 + 2.0 * arm.c5 + arm.c2 * fast * fast)
+            + 4.0 * sum(dry.static_friction for dry in dry_frictions(arm))
+        )
 
     def _others(self, q: list[Any], dq: list[Any]) -> list[Any]:
         """Return C q̇ + g [N m]."""

@@ -19,17 +19,14 @@ from fuzzyarm.envs.physics.equations import AnyArm
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.hold import held_of
 from fuzzyarm.envs.physics.physics import Physics
-from fuzzyarm.envs.physics.records import places, size
+from fuzzyarm.envs.physics.records import filled, places, size
 from fuzzyarm.envs.physics.two_joints import two_joints
-from fuzzyarm.fuzzy_policy.known_arm import Drives
+from fuzzyarm.fuzzy_policy.known_arm import QUANTITIES, Drives
 from fuzzyarm.numbers.functions import each, flat, like, maximum
 
 __all__ = ["ArmFunctions", "arm_functions", "dry_friction", "numbers_of"]
 
 REST = 1e-9  # m/s; below, a tip has no direction of travel
-# How the constants of the two-joint arm are called where it is not as in `Drives`.
-_SHORT = {"viscous_friction": "viscous", "coulomb_friction": "coulomb", "static_friction": "static"}
-_SHARED = "stribeck_velocity"  # of both joints of that arm
 # By factor of the beliefs, the factor of a random plant that multiplies the same.
 _DRAWN = {
     "stiffness": "stiffness",
@@ -84,8 +81,7 @@ def numbers_of(
 
 def dry_friction(velocity: Any, drive: Drives) -> Any:
     """Return the torque [N m] that overcomes a motor's dry friction at a velocity [rad/s], 0 at rest."""
-    slip = stribeck_magnitude(velocity, drive.coulomb_friction, drive.static_friction, drive.stribeck_velocity)
-    return slip * sign(velocity)
+    return stribeck_magnitude(velocity, drive.dry_friction) * sign(velocity)
 
 
 @functools.cache
@@ -136,13 +132,11 @@ def _drive_of(physics: Physics) -> Any:
     """Return `ArmFunctions.drive`."""
     short = physics is two_joints()
     at = places(physics.Arm if short else physics.Plant)
-
-    def name(part: str, joint: int) -> Any:
-        if short:
-            return getattr(at, part if part == _SHARED else f"{_SHORT.get(part, part)}{1 + joint}")
-        return getattr(at, f"{part}{1 + joint}")
+    names = ("motor_inertia", "viscous", "stiffness", "damping", "dry_friction") if short else QUANTITIES
 
     def drive(numbers: Any, joint: int) -> Drives:
-        return Drives(*(numbers[name(part, joint)] for part in Drives._fields))
+        wanted = flat(tuple(getattr(at, f"{name}{1 + joint}") for name in names))
+        found: Drives = filled(Drives, (numbers[k] for k in wanted))
+        return found
 
     return drive

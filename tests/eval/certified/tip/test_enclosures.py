@@ -13,7 +13,7 @@ from fuzzyarm.envs.physics.dynamics import Arm, arm_constants, rigid_inverse_dyn
 from fuzzyarm.envs.physics.friction import stribeck_magnitude
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.readings import tip_point
-from fuzzyarm.envs.physics.records import PerJoint
+from fuzzyarm.envs.physics.records import PerJoint, filled, flat
 from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.eval.certified.tip.defects import (
     Forces,
@@ -250,7 +250,7 @@ def test_friction_series_enclose_the_stribeck_curve_and_their_remainder_is_neede
     motion = PeriodMotion(np.array([[0.7, 4e-5, 1.5e-5, *[0.0] * 5]] * 4), 1e-3)  # 0.02 to 0.14 rad/s
     signal = motion.slip(0, 1, ARM)
     for s in np.linspace(-1.0, 1.0, 21):
-        exact = stribeck_magnitude(at(motion.velocity[0], s), ARM.coulomb1, ARM.static1, ARM.stribeck_velocity)
+        exact = stribeck_magnitude(at(motion.velocity[0], s), ARM.dry_friction1)
         low, high = low_high(signal[0] + sum((a * arb(s) ** i for i, a in enumerate(signal) if i), arb(0)))
         assert low <= exact <= high
     assert abs(at(signal[:-1], 1.0) - exact) > 1e-7
@@ -287,7 +287,7 @@ def test_the_tip_is_within_its_bound_to_second_order():
     deviations = Zonotope(8, 0)
     deviations.add(turn * np.eye(8)[:, [2]], 0)
     beyond = (1.1 * np.array([np.cos(0.3), np.sin(0.3)])).tolist()
-    bound, _ = tip_bound(state, deviations, Arm(*map(arb, ARM)), beyond)
+    bound, _ = tip_bound(state, deviations, filled(Arm, map(arb, flat(ARM))), beyond)
     tip = tip_point(PerJoint(np.array([0.3 - turn, 0.3 + turn]), np.zeros(2)), ARM)
     errors = np.hypot(tip.x - beyond[0], tip.y - beyond[1])
     assert 0.98 * bound < errors.max() <= bound

@@ -148,7 +148,7 @@ def test_a_kick_holds_every_motor_of_the_box(v, alpha, spread, kind):
     rests = np.array([kick.speed_rest, kick.way_rest])
     for _ in range(400):
         away = rng.choice([-1.0, 1.0, 0.0, rng.uniform(-1.0, 1.0)], 3) * spread
-        f = stribeck_magnitude(v + away[2], ARM.coulomb1, ARM.static1, ARM.stribeck_velocity) / ARM.motor_inertia1
+        f = stribeck_magnitude(v + away[2], ARM.dry_friction1) / ARM.motor_inertia1
         exact = np.array(stick_slip(v + away[1], alpha + away[0], f, h))
         left = exact - start - gains @ away[[1, 0, 2]]
         if kind in ("slips", "anything"):  # what v' leaves also moves the motor, by h/2 of it

@@ -21,7 +21,7 @@ from fuzzyarm.eval.certified.tip.plant import ball_plant
 from fuzzyarm.eval.certified.tip.plant_set import PlantSet
 
 ARM = arm_constants(ArmParameters())
-FRICTION = ARM.coulomb1, ARM.static1, ARM.stribeck_velocity
+FRICTION = ARM.dry_friction1
 ANYTHING = Speed(-np.inf, np.inf)
 
 
@@ -70,12 +70,18 @@ def test_mixed_bounds_every_torque_of_the_law(velocity, torque, radius, share):
         P = sum(float(a.mid()) * s**i for i, a in enumerate(needed))
         factor = rng.choice([share[0], 1.0, share[1]])
         v = middle + radius * rng.uniform(-1.0, 1.0)
-        slips = -factor * stribeck_magnitude(v, *FRICTION) * np.sign(v)
+        slips = -factor * stribeck_magnitude(v, FRICTION) * np.sign(v)
         assert abs(slips + P) <= bound
         largest = max(largest, abs(slips + P))
         total = net + net_radius * rng.uniform(-1.0, 1.0)
-        if abs(middle) <= radius and abs(total) <= factor * ARM.static1:
-            assert abs(friction_torque(0.0, total, ARM.coulomb1, factor * ARM.static1, 0.1) + P) <= bound
+        if abs(middle) <= radius and abs(total) <= factor * FRICTION.static_friction:
+            assert (
+                abs(
+                    friction_torque(0.0, total, FRICTION._replace(static_friction=factor * FRICTION.static_friction))
+                    + P
+                )
+                <= bound
+            )
     assert largest > 0.5 * bound
 
 
@@ -89,8 +95,8 @@ def test_slip_bounds_what_the_slope_leaves(share):
         v, _, _ = centre_values(motion, 0.0, s)
         factor = rng.choice(share)
         # The signal of the uncertain factor, -(factor - 1) F(v_y), is not part of the remainder.
-        exact = -factor * stribeck_magnitude(v + delta, *FRICTION) + stribeck_magnitude(v, *FRICTION)
-        rest = exact + (factor - 1.0) * stribeck_magnitude(v, *FRICTION) - own.slope * delta
+        exact = -factor * stribeck_magnitude(v + delta, FRICTION) + stribeck_magnitude(v, FRICTION)
+        rest = exact + (factor - 1.0) * stribeck_magnitude(v, FRICTION) - own.slope * delta
         assert abs(rest) <= bound
         largest = max(largest, abs(rest))
     assert largest > 0.2 * bound
@@ -134,7 +140,7 @@ def motion_start(motion):
 def stepped(v, net, h):
     """Return v after a short step of I v̇ ∈ N - F(v) Sgn v, implicit, so that it sticks exactly."""
     free = v + h * net / ARM.motor_inertia1
-    hold = h * stribeck_magnitude(v, *FRICTION) / ARM.motor_inertia1
+    hold = h * stribeck_magnitude(v, FRICTION) / ARM.motor_inertia1
     return np.sign(free) * max(abs(free) - hold, 0.0)
 
 
@@ -160,15 +166,25 @@ def test_centres_divide_a_period_where_a_motor_breaks_away():
 @pytest.mark.parametrize(
     "change",
     [
-        {"steepest": 0.857},
-        {"inflection": 0.7},
-        {"magnitude": lambda v, coulomb, static, scale: stribeck_magnitude(v, coulomb, static, 0.5 * scale)},
-        {"magnitude": lambda v, coulomb, static, scale: stribeck_magnitude(v, coulomb, 1.01 * static, scale)},
-        {"magnitude": lambda v, coulomb, static, scale: stribeck_magnitude(v, coulomb, static, scale) + 0.1 * v},
+        {"steepest": lambda dry: 0.857 / 0.858 * STRIBECK.steepest(dry)},
+        {"inflection": lambda dry: 0.99 * STRIBECK.inflection(dry)},
+        {
+            "magnitude": lambda v, dry: stribeck_magnitude(
+                v, dry._replace(stribeck_velocity=0.5 * dry.stribeck_velocity)
+            )
+        },
+        {"magnitude": lambda v, dry: stribeck_magnitude(v, dry._replace(static_friction=1.01 * dry.static_friction))},
+        {"magnitude": lambda v, dry: stribeck_magnitude(v, dry) + 0.1 * v},
     ],
 )
 def test_what_the_friction_says_of_its_curve_is_checked(monkeypatch, change):
-    for arm in (ARM, ARM._replace(coulomb1=0.0, static2=ARM.coulomb2)):
+    for arm in (
+        ARM,
+        ARM._replace(
+            dry_friction1=ARM.dry_friction1._replace(coulomb_friction=0.0),
+            dry_friction2=ARM.dry_friction2._replace(static_friction=ARM.dry_friction2.coulomb_friction),
+        ),
+    ):
         check_curve(arm)
     for module in (curve, defects):
         monkeypatch.setattr(module, "STRIBECK", STRIBECK._replace(**change))

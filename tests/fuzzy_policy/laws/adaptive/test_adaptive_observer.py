@@ -10,6 +10,7 @@ from fuzzyarm import load_policy
 from fuzzyarm.envs.fuzzy_arm import FuzzyArmEnv
 from fuzzyarm.envs.physics.dynamics import Payload, arm_constants
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
 from fuzzyarm.envs.scenario.disturbances import ConstantForce, Disturbance, EncoderNoise, MachiningForce
@@ -88,7 +89,7 @@ def believed_torque(state):
 def true_torque(state, payload):
     """The same under the payload [kg] alone."""
     torque = np.empty(2)
-    link_torque(*wanted(state), np.zeros(2), np.array(arm_constants(ARM, Payload(payload))), torque)
+    link_torque(*wanted(state), np.zeros(2), np.array(flat(arm_constants(ARM, Payload(payload)))), torque)
     return torque
 
 

@@ -7,8 +7,10 @@ from fuzzyarm.envs.physics import rigid_body
 from fuzzyarm.envs.physics.dynamics import arm_constants, rigid_inverse_dynamics, tip_jacobian
 from fuzzyarm.envs.physics.equations import equations_of
 from fuzzyarm.envs.physics.parameters import ArmParameters
+from fuzzyarm.envs.physics.records import flat
 from fuzzyarm.envs.physics.robot import robot_named
 from fuzzyarm.envs.physics.two_joints import two_joints
+from fuzzyarm.fuzzy_policy.known_arm import drives_of
 from fuzzyarm.fuzzy_policy.laws.adaptive import filter as parts
 from fuzzyarm.fuzzy_policy.laws.adaptive.arm import arm_functions, numbers_of
 from fuzzyarm.fuzzy_policy.laws.adaptive.belief import affine_numbers, belief_of, first_guess, forces_in
@@ -179,7 +181,7 @@ def test_prediction_is_the_plants_own_and_the_covariance_f_p_ft_plus_q():
 def test_link_torque_is_the_rigid_arms_less_the_forces():
     rng = np.random.default_rng(8)
     q, dq, ddq, force = rng.normal(size=(4, 2))
-    torque, direction, constants = np.empty(2), np.empty(2), np.array(arm_constants(ARM))
+    torque, direction, constants = np.empty(2), np.empty(2), np.array(flat(arm_constants(ARM)))
     torque = np.array(link_torque(q, dq, ddq, force, constants_in(constants)))
     J = tip_jacobian(q, ARM.length)
     np.testing.assert_allclose(torque, rigid_inverse_dynamics(q, dq, ddq, arm_constants(ARM)) - J.T @ force, rtol=1e-12)
@@ -199,6 +201,5 @@ def test_functions_of_six_joints_are_those_of_the_robot_with_its_payload():
     np.testing.assert_allclose(torque, rigid_body.inverse_dynamics(loaded, q, dq, ddq) - J.T @ force, atol=1e-10)
     direction = np.array(functions.tip_direction(q, dq, functions.constants_in(numbers)))
     np.testing.assert_allclose(direction, J @ dq / np.linalg.norm(J @ dq), atol=1e-12)
-    drives = [functions.drive(numbers, j) for j in range(6)]
-    for name in drives[0]._fields:
-        np.testing.assert_array_equal([getattr(drive, name) for drive in drives], robot.drive(name))
+    drives = np.array([flat(functions.drive(numbers, j)) for j in range(6)])
+    np.testing.assert_array_equal(drives.T, drives_of(robot))
