@@ -1,22 +1,39 @@
-"""Which policies have a law on balls, and that law."""
+"""What a policy answers at a sample, for all states of a zonotope at once: its torque, and what it remembers.
+
+    (u, m⁺) = law(θ, θ̇, m; r_k),      m: the numbers that the policy carries from one sample to the next.
+
+The law is the policy's own, run on affine numbers: the deviations of (θ, θ̇, m) from a point go in as a zonotope, and
+those of (u, m⁺) from another point come out over the same columns and some of their own. So what the torque and the
+memory have in common is kept. What a policy remembers of the reference alone is no part of m: it is the same in every
+run, and kept as floats.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
+
 import numpy as np
 
+from fuzzyarm.common.checks import shown
+from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.tip.enclosures import NoBound
-from fuzzyarm.eval.certified.tip.laws import asked, ball_law
-from fuzzyarm.eval.certified.tip.network_law import NetworkLaw
-from fuzzyarm.eval.certified.tip.observer_law import ObserverLaw
-from fuzzyarm.eval.certified.tip.response import FixedLaw, SampledLaw
+from fuzzyarm.eval.certified.tip.affine import WORTH, Affine, Fork, Space
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound
+from fuzzyarm.eval.certified.tip.zonotope import Zonotope, merged, product
+from fuzzyarm.fuzzy_policy.law import Law, law_of, seen_by
 from fuzzyarm.fuzzy_policy.laws.adaptive.policy import AdaptiveObserverPolicy
-from fuzzyarm.fuzzy_policy.laws.elastic_observer import ElasticObserverPolicy
 from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
-from fuzzyarm.learned_policy.policy import LearnedPolicy
+from fuzzyarm.numbers.functions import RECORDERS, like
 
-__all__ = ["sampled_law"]
+__all__ = ["MEASURED", "PolicyLaw", "Response", "SampledLaw", "sampled_law"]
+
+MEASURED = 2 * JOINTS
+"""Numbers of θ, θ̇, which come before those of the memory."""
+
+MOST = 6  # unknowns for each number, beyond which they are merged
+WORLDS = 16  # in how many ways whole numbers may be decided at a sample
 
 _UNKNOWN: dict[type[Policy], str] = {
     AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
@@ -27,21 +44,165 @@ _UNKNOWN: dict[type[Policy], str] = {
 """What stands in the way of a bound, by the kind of a policy whose base has one."""
 
 
-def sampled_law(policy: Policy, references: np.ndarray) -> SampledLaw:
+class Response(NamedTuple):
+    """What follows from a sample: deviations of (u, m⁺) from a point, |x - middle| = |columns g + β|, |β| <= box.
+
+    Attributes:
+        middle: (2 + m,) torques [N m] and the memory.
+        columns: (2 + m, n); the first are those of the deviations that the law was given.
+        box: (2 + m,).
+    """
+
+    middle: np.ndarray
+    columns: np.ndarray
+    box: np.ndarray
+
+
+class SampledLaw(Protocol):
+    """A policy, sample by sample.
+
+    Attributes:
+        memory: how many numbers it remembers.
+    """
+
+    memory: int
+
+    def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
+        """Return the answer at the k-th sample.
+
+        Args:
+            k: number of the sample; at the first one the memory is zero.
+            point: (4 + m,) θ, θ̇ as they are measured at the centre, and the memory.
+            seen: the deviations from it.
+
+        Raises:
+            ValueError: the deviations leave what the law is defined on.
+        """
+        ...
+
+
+def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
     """Return a policy, sample by sample, for a schedule's `references` (steps + 1, 6) [rad, rad/s, rad/s²].
 
-    `NoBound` where its law is not known on balls, or its arm has other joints.
+    `NoBound` where it is no law, or its arm has other joints.
     """
-    if type(policy) is ElasticObserverPolicy and isinstance(policy.parameters, ArmParameters):
-        return ObserverLaw(policy, references)
-    if type(policy) is LearnedPolicy:
-        network = policy.bundle.network
-        if (network.activation, network.output, network.cell) != ("tanh", "clip", None):
-            kind = "a recurrent network" if network.cell else f"layers of {network.activation} and {network.output}"
-            raise NoBound(f"there is no bound for {kind}; choose a policy of PPO, whose layers are tanh and clip")
-        if policy.bundle.features.innovation_times or policy.bundle.action.gate > 0.0:
-            raise NoBound("there is no bound for a policy that sees the innovation of its base; prove the base instead")
-        return NetworkLaw(policy, references)
     if type(policy) in _UNKNOWN:
         raise NoBound(f"{_UNKNOWN[type(policy)]}; choose elastic-observer, which has one")
-    return FixedLaw(ball_law(policy), asked(policy, references), policy.control_period)
+    if not isinstance(policy.parameters, ArmParameters):
+        raise NoBound(f"there is no bound for a robot of {policy.joints} joints; choose the two-joint arm")
+    law = law_of(policy)
+    if law is None:
+        raise NoBound(
+            f"there is no bound for {shown(type(policy).__name__)}, which is no law; choose a fuzzy policy or computed "
+            "torque, with or without the ending -tip, elastic-observer or a learned policy"
+        )
+    return PolicyLaw(policy, law, references)
+
+
+class PolicyLaw:
+    """The law of a policy, sample by sample, see `SampledLaw`.
+
+    Attributes:
+        memory: numbers that it remembers of what is measured.
+        remembered: where they lie in the policy's memory.
+    """
+
+    def __init__(self, policy: Policy, law: Law, references: np.ndarray) -> None:
+        """Take the policy, its law and what it is told at each sample (samples, 6)."""
+        self._law, self._references = law, references
+        # Two runs that measure otherwise: what differs depends on it. `_answer` checks that all else is as it was here.
+        told = np.repeat(references[:, np.newaxis], 2, axis=1)
+        apart = np.random.default_rng(0).normal(size=(len(told), 2, MEASURED))
+        observations = np.concatenate([told[:, :, :MEASURED] + 1e-3 * apart, told], axis=2)
+        memory, torque, held = np.zeros((2, policy.memory_size)), np.empty((2, JOINTS)), []
+        for observation in observations:
+            held.append(memory.copy())
+            policy.act(observation, memory, torque)
+        self._held = np.array([*held, memory])
+        self.remembered = np.flatnonzero((self._held[:, 0] != self._held[:, 1]).any(axis=0))
+        self.memory = len(self.remembered)
+
+    def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
+        """Return the answer at the k-th sample."""
+        waiting: list[tuple[float, ...]] = [()]
+        answers: list[list[Affine]] = []
+        while waiting:
+            space = Space(seen, waiting.pop())
+            RECORDERS.append(space)
+            try:
+                answers.append(self._answer(k, space, point))
+            except Fork as fork:
+                waiting += fork.paths
+            finally:
+                RECORDERS.pop()
+            if len(answers) + len(waiting) > WORLDS:
+                raise NoBound("the law may choose among too many rows of its tables")
+        return _spelt_out(_joined(answers))
+
+    def _answer(self, k: int, space: Space, point: np.ndarray) -> list[Affine]:
+        """Return (u, m⁺) of a space."""
+        variables, memory = space.variables(point), self._held[k, 0].tolist()
+        for place, number in zip(self.remembered.tolist(), variables[MEASURED:], strict=True):
+            memory[place] = number
+        seen = like(seen_by(JOINTS), iter([*variables[:MEASURED], *self._references[k].tolist()]))
+        law = self._law
+        after, torque = law.act(like(law.memory, iter(memory)), seen, law.constants, *law.tables)
+        numbers = _numbers(after)
+        found = [numbers[place] for place in self.remembered]
+        for place in self.remembered:
+            numbers[place] = 0.0
+        others = self._held[k + 1, 0].copy()
+        others[self.remembered] = 0.0
+        if any(isinstance(x, Affine) for x in numbers) or not np.array_equal(numbers, others):
+            raise NoBound("the law remembers otherwise than in its own run")
+        return [space.number(x) for x in [*torque, *found]]
+
+
+def _numbers(tree: Any) -> list[Any]:
+    """Return the numbers of nested tuples and arrays, in order."""
+    if isinstance(tree, tuple | np.ndarray):
+        return [number for part in tree for number in _numbers(part)]
+    return [tree]
+
+
+class _Joined(NamedTuple):
+    """Numbers c + r (ξ, g) + β of a space: c, r, a wide bound of |r (ξ, g)|, and one of |β|."""
+
+    space: Space
+    middle: np.ndarray
+    rows: np.ndarray
+    size: np.ndarray
+    rest: np.ndarray
+
+
+def _joined(answers: list[list[Affine]]) -> _Joined:
+    """Return what holds each of some answers: unknowns of the same place are taken for the same."""
+    space = max((numbers[0].space for numbers in answers), key=lambda one: one.unknowns)
+    middles, sizes, rests = np.moveaxis([[(x.middle, x.size, x.rest) for x in one] for one in answers], 2, 0)
+    rows = np.array([space.rows(numbers) for numbers in answers])
+    middle, row, size = middles.mean(axis=0), rows.mean(axis=0), sizes.max(axis=0)
+    if len(answers) > 1:
+        rests += np.abs(middles - middle) + np.array([space.reach(one - row) for one in rows])
+        rests += SLACK * (np.abs(middles) + sizes)
+    return _Joined(space, middle, row, size, rests.max(axis=0) * ROUND_UP)
+
+
+def _spelt_out(found: _Joined) -> Response:
+    """Return numbers over the columns of the zonotope, columns of their unknowns, and of what is left of each."""
+    space, middle, rows, size, rest = found
+    known = len(space.base.box)
+    inner, own = rows[:, :known], rows[:, known:]
+    rest = rest + np.abs(inner) @ space.base.box + SLACK * size
+    total = space.reach(rows) + rest
+    small = (np.abs(own) <= 10.0 * WORTH * total[:, np.newaxis]).all(axis=0)
+    rest += np.abs(own[:, small]).sum(axis=1)
+    own = own[:, ~small]
+    if own.shape[1] > MOST * len(own):
+        own, missed = merged(own)
+        rest += missed
+    rest *= ROUND_UP
+    if not (np.isfinite(middle).all() and np.isfinite(rest).all() and np.isfinite(rows).all()):
+        raise NoBound("the law's answer is no finite number")
+    beside = rest > WORTH * total
+    columns = np.hstack([product(inner, space.base.columns), own, np.diag(np.where(beside, rest, 0.0))[:, beside]])
+    return Response(middle, columns, np.where(beside, 0.0, rest))

@@ -1,0 +1,538 @@
+"""Affine numbers: a law that is run on them answers for all points of a zonotope at once.
+
+    x = c + r (ξ, g) + β,      ξ the deviations of a zonotope,   |g_i| <= 1,   |β| <= rest.
+
+x is what the robot computes, in floats: each operation adds what it may round to the rest. What a product or a function
+leaves beside its line becomes an unknown g_i of its own, so that what two numbers have in common stays known, or goes
+to the rest where it is small. A product is
+
+    x y = c_x c_y + c_x δy + c_y δx + δx δy,
+
+and a function f has a line on |x - z| <= r: f(x) - f(z) - f'(z) (x - z) is in [a, b] r²/2 for f'' in [a, b], a <= 0 <= b
+(Taylor). A maximum has the line through its ends. `stick_slip` has the slopes of the lemma in `_stick_slip`. A whole
+number that is not decided is followed at each of its values (`Fork`); any other choice that is not decided has no bound.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import arb
+
+from fuzzyarm.envs.physics import elementwise, friction
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound, between, centre, low_high, radius_of
+from fuzzyarm.eval.certified.tip.zonotope import Zonotope, condensed, reach
+from fuzzyarm.learned_policy import functions
+from fuzzyarm.numbers.functions import KINDS
+
+__all__ = ["WORTH", "Affine", "Fork", "Space"]
+
+ROUND = 2.0**-50  # of a result: what an operation of the law rounds, and what its middle and its row do here
+UP = 1.0 + 2.0**-46  # makes up for a few operations on bounds
+TINY = 1e-300  # what underflow may lose
+WORTH = 1e-4  # share of a number from which a remainder is worth an unknown of its own
+FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
+
+
+class Fork(Exception):  # noqa: N818 - no error
+    """A whole number may have several values.
+
+    Attributes:
+        paths: the choices so far, with each of these values.
+    """
+
+    def __init__(self, paths: list[tuple[float, ...]]) -> None:
+        super().__init__(paths)
+        self.paths = paths
+
+
+class Space:
+    """What numbers depend on: the deviations of a zonotope, then unknowns. A law that is run on them asks it as recorder.
+
+    Attributes:
+        base: the zonotope.
+        unknowns: how many there are.
+    """
+
+    def __init__(self, base: Zonotope, path: tuple[float, ...] = ()) -> None:
+        """Take the zonotope, and the values of the first whole numbers that are not decided, see `Fork`."""
+        self.base, self.unknowns, self._path, self._asked = base, 0, path, 0
+        self._totals, (self._columns, self._box) = base.totals(), condensed(base)
+
+    def variables(self, point: np.ndarray) -> list[Affine]:
+        """Return the numbers of the zonotope, which are counted from a point."""
+        parts = zip(point.tolist(), np.eye(len(point)), self._totals.tolist(), strict=True)
+        made = [Affine(self, x, row, size, 0.0) for x, row, size in parts]
+        for one in made:
+            one._reach = one.size
+        return made
+
+    def number(self, x: Any) -> Affine:
+        """Return a number as one of this space."""
+        return x if isinstance(x, Affine) else Affine(self, float(x), np.zeros(len(self._totals)), 0.0, 0.0)
+
+    def rows(self, numbers: list[Affine]) -> np.ndarray:
+        """Return the rows r of numbers, side by side."""
+        rows = np.zeros((len(numbers), len(self._totals) + self.unknowns))
+        for row, number in zip(rows, numbers, strict=True):
+            row[: len(number.row)] = number.row
+        return rows
+
+    def reach(self, rows: np.ndarray) -> np.ndarray:
+        """Return bounds of |r (ξ, g)| for rows."""
+        n, sizes = len(self._totals), np.abs(rows)
+        found = reach(rows[:, :n], self._columns) + sizes[:, :n] @ self._box
+        return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
+
+    def whole(self, low: float, high: float) -> float:
+        """Return the largest whole number below what is in [low, high]; as the path has it, if there are several."""
+        first, last = math.floor(low), math.floor(high)
+        if first == last:
+            return float(first)
+        self._asked += 1
+        if self._asked > len(self._path):
+            raise Fork([(*self._path, float(x)) for x in range(first, last + 1)])
+        return self._path[self._asked - 1]
+
+    def array(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return an array of numbers, see `numbers.functions`."""
+        return np.empty(shape, dtype=object)
+
+    def each(self, count: int) -> Iterable[int]:
+        """Return the rounds of a loop, likewise."""
+        return range(count)
+
+    def apart(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Return a function of numbers, likewise; by its enclosure, where it has one."""
+        known = _ENCLOSED.get(function)
+        if known is None or not any(isinstance(x, Affine) for x in arguments):
+            return function(*arguments)
+        return known(*(self.number(x) for x in arguments))
+
+    def rolled(self, name: str, arrays: tuple[Any, ...], _: tuple[bool, ...]) -> None:
+        """Add G x to y, as `add_product` does, for all rows of G at once."""
+        assert name == "add_product"
+        x, transposed, y = arrays
+        y[:] = self._linear(transposed.T, x, y)
+
+    def interpolated(self, parts: list[tuple[Any, Any]], sign: float, x: list[Any], y: list[Any]) -> list[Any]:
+        """Return y + sign Σ w_c G_c x, as `on_table` does; `parts` are (G_c, w_c).
+
+        It is y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x), where what is not linear is small: Σ w_c hardly varies.
+        """
+        tables, weights = zip(*((np.reshape(gains, (len(y), len(x))), self.number(w)) for gains, w in parts), strict=True)
+        sizes = np.array([self.number(one).largest() for one in x])
+        terms = sum(w.largest() * (np.abs(G) @ sizes) for G, w in zip(tables, weights, strict=True))
+        factors = [sum(weights[1:], weights[0]), *weights[1:]]
+        grown = [self.number(one) for one in y]
+        for factor, G in zip(factors, [tables[0], *(G - tables[0] for G in tables[1:])], strict=True):
+            products = self._linear(G, x, [0.0] * len(y))
+            grown = [before + sign * factor * product for before, product in zip(grown, products, strict=True)]
+        floats = (len(x) + 4 * len(parts)) * ROUND * np.asarray(terms)
+        return [one.widened(left) for one, left in zip(grown, floats.tolist(), strict=True)]
+
+    def _linear(self, G: np.ndarray, x: Any, y: Any) -> list[Affine]:
+        """Return G x + y, with what floats round in it in whatever order."""
+        given, before = ([self.number(one) for one in part] for part in (x, y))
+        middles, sizes, rests = np.array([(one.middle, one.size, one.rest) for one in given]).T
+        middle, size, rest = np.array([(one.middle, one.size, one.rest) for one in before]).T
+        rows, positive = self.rows(before) + G @ self.rows(given), np.abs(G)
+        terms = np.abs(middle) + size + positive @ (np.abs(middles) + sizes)
+        middle, size = middle + G @ middles, (size + positive @ sizes) * ROUND_UP
+        rest = (rest + positive @ rests + (len(given) + 2) * ROUND * terms) * ROUND_UP + TINY
+        numbers = map(Affine, [self] * len(rows), middle.tolist(), rows, size.tolist(), rest.tolist())
+        made = list(numbers)
+        for one, far in zip(made, self.reach(rows).tolist(), strict=True):
+            one._reach = far
+        return made
+
+
+class Affine:
+    """An affine number.
+
+    Attributes:
+        middle: c.
+        row: r, over the deviations and the first unknowns.
+        size: a bound of |r (ξ, g)| that is quick and wide.
+        rest: a bound of |β|.
+        parts: of a maximum that is not decided, the two numbers; None for others.
+    """
+
+    __slots__ = ("_reach", "middle", "parts", "rest", "row", "size", "space")
+    __array_ufunc__ = None
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, space: Space, middle: float, row: np.ndarray, size: float, rest: float) -> None:
+        self.space, self.middle, self.row, self.size, self.rest = space, middle, row, size, rest
+        self._reach: float | None = None
+        self.parts: tuple[Any, Any] | None = None
+
+    def reach(self) -> float:
+        """Return a bound of |r (ξ, g)|."""
+        if self._reach is None:
+            self._reach = float(self.space.reach(self.row[np.newaxis])[0])
+        return self._reach
+
+    def _as_far_as(self, other: Affine, factor: float = 1.0) -> Affine:
+        """Return this number, whose row is a factor times that of another one: it need not be bounded again."""
+        self._reach = None if other._reach is None else other._reach * factor * UP
+        return self
+
+    def range(self) -> tuple[float, float]:
+        """Return floats that enclose the number from both sides."""
+        radius = self.reach() + self.rest
+        if radius > 0.0:
+            radius = radius * UP + ROUND * abs(self.middle)
+        return self.middle - radius, self.middle + radius
+
+    def largest(self) -> float:
+        """Return a bound of |x|."""
+        return (abs(self.middle) + self.reach() + self.rest) * UP
+
+    def widened(self, left: float, *, fresh: bool = False) -> Affine:
+        """Return the number with |β| grown by what is `left`, or with an unknown for it if that is `fresh` and worth."""
+        if fresh and left > WORTH * self.size:
+            row = np.zeros(len(self.space._totals) + self.space.unknowns + 1)
+            row[: len(self.row)], row[-1] = self.row, left
+            self.space.unknowns += 1
+            return Affine(self.space, self.middle, row, (self.size + left) * UP, self.rest)
+        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP)._as_far_as(self)
+
+    def __neg__(self) -> Affine:
+        return Affine(self.space, -self.middle, -self.row, self.size, self.rest)._as_far_as(self)
+
+    def __add__(self, other: Any) -> Affine:
+        if not isinstance(other, Affine):
+            return _rounded(self, self.middle + float(other), self.row, self.size, self.rest)._as_far_as(self)
+        row, size = _sum(self.row, other.row), self.size + other.size
+        return _rounded(self, self.middle + other.middle, row, size, self.rest + other.rest)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Affine:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Affine:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Any:
+        if not isinstance(other, Affine):
+            factor = float(other)
+            if factor == 0.0:
+                return 0.0
+            size, rest = abs(factor) * self.size, abs(factor) * self.rest
+            return _rounded(self, factor * self.middle, factor * self.row, size, rest)._as_far_as(self, abs(factor))
+        a, b = self.middle, other.middle
+        row, size = _sum(a * other.row, b * self.row), abs(a) * other.size + abs(b) * self.size
+        rest = abs(a) * other.rest + abs(b) * self.rest
+        rest += self.rest * other.rest + self.rest * other.reach() + other.rest * self.reach()
+        crossed = self.reach() * other.reach() * UP
+        if other is self:  # δx² is in [0, 1] times what it is at most
+            return _rounded(self, a * b + 0.5 * crossed, row, size, rest).widened(0.5 * crossed, fresh=True)
+        return _rounded(self, a * b, row, size, rest).widened(crossed, fresh=True)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Affine:
+        if isinstance(other, Affine):
+            return self * other._inverse()  # type: ignore[no-any-return]
+        by = float(other)
+        return _rounded(self, self.middle / by, self.row / by, self.size / abs(by), self.rest / abs(by))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._inverse() * float(other)
+
+    def _inverse(self) -> Affine:
+        low, high = self.range()
+        if low <= 0.0 <= high:
+            raise NoBound("the law divides by a number that may be zero")
+        return _bent(_INVERSE, self)
+
+    def sin(self) -> Affine:
+        """Return the sine."""
+        return self._turned(_SINE)
+
+    def cos(self) -> Affine:
+        """Return the cosine."""
+        return self._turned(_COSINE)
+
+    def sinc(self) -> Affine:
+        """Return sin(x)/x."""
+        return self._turned(_SINC)
+
+    def _turned(self, function: Bend) -> Affine:
+        if not self.largest() < FARTHEST:
+            raise NoBound(f"the law asks for the sine of an angle beyond {FARTHEST:g} rad")
+        return _bent(function, self)
+
+    def __lt__(self, other: Any) -> Any:
+        return _compared(self, other, strictly=True)
+
+    def __le__(self, other: Any) -> Any:
+        return _compared(self, other, strictly=False)
+
+    def __gt__(self, other: Any) -> Any:
+        return _compared(other, self, strictly=True)
+
+    def __ge__(self, other: Any) -> Any:
+        return _compared(other, self, strictly=False)
+
+    def __eq__(self, other: object) -> Any:
+        low, high = (self - other).range()
+        return _Undecided() if low <= 0.0 <= high else False
+
+    def __ne__(self, other: object) -> Any:
+        equal = self == other
+        return equal if isinstance(equal, _Undecided) else True
+
+
+def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the sum of two rows, the shorter of which ends with zeros."""
+    if len(a) == len(b):
+        return a + b
+    longer, shorter = (a, b) if len(a) > len(b) else (b, a)
+    total = longer.copy()
+    total[: len(shorter)] += shorter
+    return total
+
+
+def _rounded(of: Affine, middle: float, row: np.ndarray, size: float, rest: float) -> Affine:
+    """Return the result of an operation, with what floats round in it."""
+    return Affine(of.space, middle, row, size * UP, (rest + ROUND * (abs(middle) + size)) * UP + TINY)
+
+
+# Choices ---------------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class _Undecided:
+    """A comparison that holds at some points and not at others: `lesser` below `greater`; None for others."""
+
+    lesser: Any = None
+    greater: Any = None
+    __array_ufunc__ = None
+
+    def __bool__(self) -> bool:
+        raise NoBound(
+            "the law has a corner where the arm may be; a fuzzy law has one where a membership function "
+            "leaves [0, 1], at the border of the box of the T-S model"
+        )
+
+    def __and__(self, other: Any) -> Any:
+        return _Undecided() if isinstance(other, _Undecided) or other else False
+
+    def __or__(self, other: Any) -> Any:
+        return _Undecided() if isinstance(other, _Undecided) or not other else True
+
+    __rand__, __ror__ = __and__, __or__
+
+
+def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
+    """Return whether the lesser number is below the greater one, at most as large if not strictly."""
+    low, high = (lesser - greater).range()
+    if high < 0.0 or (high == 0.0 and not strictly):
+        return True
+    return False if low > 0.0 or (low == 0.0 and strictly) else _Undecided(lesser, greater)
+
+
+class _Choices:
+    """What comparisons that are not decided do, see `numbers.functions`."""
+
+    @staticmethod
+    def select(condition: _Undecided, first: Any, second: Any) -> Any:
+        """Return the maximum or the minimum of two numbers; `NoBound` for any other choice."""
+        lesser, greater = condition.lesser, condition.greater
+        if lesser is not None and first is greater and second is lesser:
+            larger = lesser + _positive_part(greater - lesser)
+            larger.parts = first, second
+            return larger
+        if lesser is not None and first is lesser and second is greater:
+            return _level(second, first) or _level(first, second) or greater - _positive_part(greater - lesser)
+        return first if first is second else bool(condition)
+
+    @staticmethod
+    def when(condition: _Undecided, *_: Any) -> Any:
+        return bool(condition)
+
+    only = when
+
+
+def _level(larger: Any, most: Any) -> Affine | None:
+    """Return min(max(x, a), b) as a number in [a, b] where x may be beyond both; None for anything else."""
+    for x, least in (larger.parts, larger.parts[::-1]) if isinstance(larger, Affine) and larger.parts else ():
+        if isinstance(x, Affine) and not isinstance(least, Affine) and not isinstance(most, Affine):
+            low, high = x.range()
+            if low < least < most < high:
+                level = x.space.number(0.5 * (least + most))
+                return level.widened(0.5 * (most - least) * ROUND_UP, fresh=True)
+    return None
+
+
+def _positive_part(x: Affine) -> Affine:
+    """Return max(x, 0) of a number that may have either sign: λ x + [0, c] on its range, by the line through its ends."""
+    low, high = x.range()
+    slope = high / (high - low)
+    most = max(-slope * low, high * (1.0 - slope)) * UP
+    return (slope * x + 0.5 * most).widened(0.5 * most, fresh=True)  # type: ignore[no-any-return]
+
+
+class _Numbers:
+    """What affine numbers do in place of floats, see `numbers.functions`."""
+
+    @staticmethod
+    def floor(x: Affine) -> float:
+        return x.space.whole(*x.range())
+
+
+KINDS[Affine], KINDS[_Undecided] = _Numbers, _Choices
+
+
+# Functions -------------------------------------------------------------------------------------------------------
+
+
+class Line(NamedTuple):
+    """f(z), a ball, or what stands in its place; λ; and the rest."""
+
+    value: Any
+    slope: float
+    rest: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Bend:
+    """A function of one number.
+
+    Attributes:
+        value, rate, curvature: f, f' and f'' on balls.
+        floats: by how much the law's floats may err; of |f| if `relative`.
+        even: f is even and falls with |x|, so that its values at both ends are known on a range.
+        rising: f rises, and f' is even and falls with |x|.
+    """
+
+    value: Callable[[Any], Any]
+    rate: Callable[[Any], Any]
+    curvature: Callable[[Any], Any]
+    floats: float = 0.0
+    relative: bool = False
+    even: bool = False
+    rising: bool = False
+
+    def line(self, z: float, r: float) -> Line:
+        """Return the best known line for |x - z| <= r."""
+        at, around = arb(z), arb(z, r)
+        f, slope = self.value(at), self.rate(at)
+        tangent = centre(slope)
+        low, high = low_high(self.curvature(around))
+        low, high = 0.25 * min(low, 0.0) * r * r, 0.25 * max(high, 0.0) * r * r
+        best = Line(f + (low + high), tangent, ((high - low) + radius_of(slope, tangent) * r) * ROUND_UP)
+        far, close = abs(z) + r, max(abs(z) - r, 0.0)
+        if self.rising:  # f - λ x does not fall for the least f', and is between its values at both ends
+            least = low_high(self.rate(arb(far * ROUND_UP)))[0]
+            first, last = (self.value(end) - least * (end - at) for end in (at - r, at + r))
+            best = min(best, _flat(first.union(last), least), key=lambda line: line.rest)
+        if self.even:
+            ends = self.value(arb(far * ROUND_UP)).union(self.value(arb(close / ROUND_UP)))
+            best = min(best, _flat(ends, 0.0), key=lambda line: line.rest)
+        return best
+
+
+def _flat(values: Any, slope: float) -> Line:
+    """Return the line of a function less λ (x - z), which has these values."""
+    middle = centre(values)
+    return Line(arb(middle), slope, radius_of(values, middle))
+
+
+def _bent(function: Bend, x: Affine) -> Affine:
+    """Return f(x)."""
+    line = function.line(x.middle, (x.reach() + x.rest) * UP)
+    middle, slope = centre(line.value), abs(line.slope)
+    rest = slope * x.rest + radius_of(line.value, middle)
+    rest += function.floats * (abs(middle) + slope * x.size + line.rest if function.relative else 1.0)
+    return _rounded(x, middle, line.slope * x.row, slope * x.size, rest).widened(line.rest, fresh=True)
+
+
+def _sinc_rate(x: Any) -> Any:
+    """Return (cos x - sinc x)/x; -x/3 up to |x|³/30 where |x| is small."""
+    if float(x.abs_lower()) > 0.05:
+        return (x.cos() - x.sinc()) / x
+    return -x / 3 + between(-1.0, 1.0) * x * x * x / 30
+
+
+def _square(x: Any) -> Any:
+    """Return x², which is nowhere negative on a ball."""
+    least, most = x.abs_lower(), x.abs_upper()
+    return (least * least).union(most * most)
+
+
+def _tanh(x: Any) -> Any:
+    """Return tanh x, which rises."""
+    return x.lower().tanh().union(x.upper().tanh())
+
+
+_SINE = Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
+_COSINE = Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
+_SINC = Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
+_INVERSE = Bend(lambda x: 1 / x, lambda x: -1 / (x * x), lambda x: 2 / (x * x * x))
+_GAUSSIAN = Bend(
+    lambda x: (-_square(x)).exp(), lambda x: -2 * x * (-_square(x)).exp(),
+    lambda x: (4 * _square(x) - 2) * (-_square(x)).exp(), 2.0**-44, even=True,
+)  # fmt: skip
+_TANH = Bend(
+    arb.tanh, lambda x: 1 - _square(_tanh(x)), lambda x: 2 * _tanh(x) * (_square(_tanh(x)) - 1), 2.0**-48,
+    relative=True, rising=True,
+)  # fmt: skip
+_ASINH = Bend(
+    arb.asinh, lambda x: (1 + _square(x)).rsqrt(), lambda x: -x * (1 + _square(x)).rsqrt() / (1 + _square(x)), 2.0**-48,
+    relative=True, rising=True,
+)  # fmt: skip
+
+
+def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, duration: Affine) -> tuple[Any, Any]:
+    """Return v' and e of `stick_slip`.
+
+    It is v' = v + h (α ∓ f) where the motor slips to one side throughout, and v' = 0 where it comes to rest. Both are
+    continuous in (v, α, f), because friction does not part two motions, with
+
+        0 <= ∂v'/∂v <= 1,    0 <= ∂v'/∂α <= h,        |∂v'/∂f| <= h,
+        0 <= ∂e/∂v <= t,     0 <= ∂e/∂α <= t²/2,      |∂e/∂f| <= t²/2        where t <= h bounds how long it can move;
+
+    lines of half these slopes leave half their widths. Or the friction is any torque, up to f.
+    """
+    v, a, f, h = velocity, acceleration, deceleration, duration.middle
+    if not f.middle >= 0.0:
+        raise NoBound("the law knows a friction that may be negative")
+    floats = 2.0**-47 * (v.largest() + h * (a.largest() + f.largest()))
+    for side in (1.0, -1.0):
+        after = v + h * (a - side * f)
+        if min(side * x for x in v.range()) >= 0.0 and min(side * x for x in after.range()) >= 0.0:
+            return after.widened(floats), (0.5 * h * (v + after)).widened(h * floats)
+    dv, da, df = (x.reach() + x.rest for x in (v, a, f))
+    at, way = friction.stick_slip(v.middle, a.middle, f.middle, h)
+    fast, pull, weak, strong = abs(v.middle) + dv, abs(a.middle) + da, f.range()[0], f.largest()
+    if h * (weak - pull) >= fast + 2.0 * floats:
+        t = min(fast / (weak - pull) * UP, h)
+        line = 0.5 * t * (v - v.middle) + 0.25 * t * t * (a - a.middle) + way
+        left = 0.5 * t * dv + 0.25 * t * t * da + 0.5 * t * t * df
+        return 0.0, line.widened(left * UP + h * floats, fresh=True)
+    left = 0.5 * dv + 0.5 * h * da + h * df
+    if left <= h * strong:
+        after = 0.5 * (v - v.middle) + 0.5 * h * (a - a.middle) + at
+        line = 0.5 * h * (v - v.middle) + 0.25 * h * h * (a - a.middle) + way
+        lost = 0.5 * h * dv + 0.25 * h * h * da + 0.5 * h * h * df
+        return after.widened(left * UP, fresh=True).widened(floats), line.widened(lost * UP + h * floats, fresh=True)
+    after = (v + h * a).widened(h * strong * UP, fresh=True).widened(floats)
+    return after, (0.5 * h * (v + after)).widened((0.25 * h * h * strong + h * floats) * UP, fresh=True)
+
+
+_ENCLOSED: dict[Any, Callable[..., Any]] = {
+    elementwise._gaussian.__wrapped__: functools.partial(_bent, _GAUSSIAN),  # type: ignore[attr-defined]
+    functions.hyperbolic_tangent.__wrapped__: functools.partial(_bent, _TANH),  # type: ignore[attr-defined]
+    functions.area_sine.__wrapped__: functools.partial(_bent, _ASINH),  # type: ignore[attr-defined]
+    friction.stick_slip.__wrapped__: _stick_slip,  # type: ignore[attr-defined]
+}
+"""Functions of laws that have an enclosure of their own."""
