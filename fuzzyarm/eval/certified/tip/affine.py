@@ -8,13 +8,17 @@ to the rest where it is small. A product is
 
     x y = c_x c_y + c_x δy + c_y δx + δx δy,
 
-and a function f has a line on |x - z| <= r: f(x) - f(z) - f'(z) (x - z) is in [a, b] r²/2 for f'' in [a, b], a <= 0 <= b
-(Taylor). A maximum has the line through its ends. `stick_slip` has the slopes of the lemma in `_stick_slip`. A whole
-number that is not decided is followed at each of its values (`Fork`); any other choice that is not decided has no bound.
+and a function f has a line on |x - z| <= r (Taylor),
+
+    f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
+
+A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. A whole number that is
+not decided is followed at each of its values, see `Fork`. Any other choice that is not decided has no bound.
 """
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import math
@@ -25,7 +29,7 @@ import numpy as np
 from flint import arb
 
 from fuzzyarm.envs.physics import elementwise, friction
-from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound, between, centre, low_high, radius_of
+from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, NoBound, between, centre, low_high, radius_of
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope, condensed, reach
 from fuzzyarm.learned_policy import functions
 from fuzzyarm.numbers.functions import KINDS
@@ -39,7 +43,7 @@ WORTH = 1e-4  # share of a number from which a remainder is worth an unknown of 
 FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
 
 
-class Fork(Exception):  # noqa: N818 - no error
+class Fork(Exception):
     """A whole number may have several values.
 
     Attributes:
@@ -52,25 +56,29 @@ class Fork(Exception):  # noqa: N818 - no error
 
 
 class Space:
-    """What numbers depend on: the deviations of a zonotope, then unknowns. A law that is run on them asks it as recorder.
+    """What numbers depend on: the deviations of a zonotope, then unknowns. A law that is run on them is recorded by it.
 
     Attributes:
         base: the zonotope.
         unknowns: how many there are.
     """
 
-    def __init__(self, base: Zonotope, path: tuple[float, ...] = ()) -> None:
-        """Take the zonotope, and the values of the first whole numbers that are not decided, see `Fork`."""
-        self.base, self.unknowns, self._path, self._asked = base, 0, path, 0
+    def __init__(self, base: Zonotope) -> None:
+        """Take the zonotope."""
+        self.base, self.unknowns, self._asked = base, 0, 0
+        self._path: tuple[float, ...] = ()
         self._totals, (self._columns, self._box) = base.totals(), condensed(base)
+
+    def at(self, path: tuple[float, ...]) -> Space:
+        """Return a space over the same zonotope, for the values of whole numbers on a path, see `Fork`."""
+        other = copy.copy(self)
+        other.unknowns, other._path, other._asked = 0, path, 0
+        return other
 
     def variables(self, point: np.ndarray) -> list[Affine]:
         """Return the numbers of the zonotope, which are counted from a point."""
         parts = zip(point.tolist(), np.eye(len(point)), self._totals.tolist(), strict=True)
-        made = [Affine(self, x, row, size, 0.0) for x, row, size in parts]
-        for one in made:
-            one._reach = one.size
-        return made
+        return [Affine(self, x, row, size, 0.0).within(size) for x, row, size in parts]
 
     def number(self, x: Any) -> Affine:
         """Return a number as one of this space."""
@@ -125,7 +133,8 @@ class Space:
 
         It is y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x), where what is not linear is small: Σ w_c hardly varies.
         """
-        tables, weights = zip(*((np.reshape(gains, (len(y), len(x))), self.number(w)) for gains, w in parts), strict=True)
+        tables = [np.reshape(gains, (len(y), len(x))) for gains, _ in parts]
+        weights = [self.number(weight) for _, weight in parts]
         sizes = np.array([self.number(one).largest() for one in x])
         terms = sum(w.largest() * (np.abs(G) @ sizes) for G, w in zip(tables, weights, strict=True))
         factors = [sum(weights[1:], weights[0]), *weights[1:]]
@@ -146,10 +155,7 @@ class Space:
         middle, size = middle + G @ middles, (size + positive @ sizes) * ROUND_UP
         rest = (rest + positive @ rests + (len(given) + 2) * ROUND * terms) * ROUND_UP + TINY
         numbers = map(Affine, [self] * len(rows), middle.tolist(), rows, size.tolist(), rest.tolist())
-        made = list(numbers)
-        for one, far in zip(made, self.reach(rows).tolist(), strict=True):
-            one._reach = far
-        return made
+        return [one.within(far) for one, far in zip(numbers, self.reach(rows).tolist(), strict=True)]
 
 
 class Affine:
@@ -178,14 +184,16 @@ class Affine:
             self._reach = float(self.space.reach(self.row[np.newaxis])[0])
         return self._reach
 
-    def _as_far_as(self, other: Affine, factor: float = 1.0) -> Affine:
-        """Return this number, whose row is a factor times that of another one: it need not be bounded again."""
-        self._reach = None if other._reach is None else other._reach * factor * UP
+    def within(self, reach: float | None) -> Affine:
+        """Return this number, whose `reach` is known already; None where it is not."""
+        self._reach = None if reach is None else reach * UP
         return self
 
     def range(self) -> tuple[float, float]:
-        """Return floats that enclose the number from both sides."""
+        """Return floats that enclose the number from both sides; `NoBound` where it may be anything."""
         radius = self.reach() + self.rest
+        if not abs(self.middle) + radius < math.inf:
+            raise NoBound("a number of the law may be anything")
         if radius > 0.0:
             radius = radius * UP + ROUND * abs(self.middle)
         return self.middle - radius, self.middle + radius
@@ -195,38 +203,39 @@ class Affine:
         return (abs(self.middle) + self.reach() + self.rest) * UP
 
     def widened(self, left: float, *, fresh: bool = False) -> Affine:
-        """Return the number with |β| grown by what is `left`, or with an unknown for it if that is `fresh` and worth."""
+        """Return the number with |β| grown by what is `left`; with an unknown for that if it is `fresh` and large."""
         if fresh and left > WORTH * self.size:
             row = np.zeros(len(self.space._totals) + self.space.unknowns + 1)
             row[: len(self.row)], row[-1] = self.row, left
             self.space.unknowns += 1
             return Affine(self.space, self.middle, row, (self.size + left) * UP, self.rest)
-        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP)._as_far_as(self)
+        return Affine(self.space, self.middle, self.row, self.size, (self.rest + left) * UP).within(self._reach)
 
     def __neg__(self) -> Affine:
-        return Affine(self.space, -self.middle, -self.row, self.size, self.rest)._as_far_as(self)
+        return Affine(self.space, -self.middle, -self.row, self.size, self.rest).within(self._reach)
 
     def __add__(self, other: Any) -> Affine:
         if not isinstance(other, Affine):
-            return _rounded(self, self.middle + float(other), self.row, self.size, self.rest)._as_far_as(self)
+            return _rounded(self, self.middle + float(other), self.row, self.size, self.rest).within(self._reach)
         row, size = _sum(self.row, other.row), self.size + other.size
         return _rounded(self, self.middle + other.middle, row, size, self.rest + other.rest)
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> Affine:
+    def __sub__(self, other: Any) -> Any:
         return self + -other
 
     def __rsub__(self, other: Any) -> Affine:
-        return -self + other
+        return (-self).__add__(other)
 
     def __mul__(self, other: Any) -> Any:
         if not isinstance(other, Affine):
             factor = float(other)
-            if factor == 0.0:
+            if factor == 0.0 and self.range():
                 return 0.0
             size, rest = abs(factor) * self.size, abs(factor) * self.rest
-            return _rounded(self, factor * self.middle, factor * self.row, size, rest)._as_far_as(self, abs(factor))
+            made = _rounded(self, factor * self.middle, factor * self.row, size, rest)
+            return made.within(None if self._reach is None else abs(factor) * self._reach)
         a, b = self.middle, other.middle
         row, size = _sum(a * other.row, b * self.row), abs(a) * other.size + abs(b) * self.size
         rest = abs(a) * other.rest + abs(b) * self.rest
@@ -249,7 +258,7 @@ class Affine:
 
     def _inverse(self) -> Affine:
         low, high = self.range()
-        if low <= 0.0 <= high:
+        if not (low > 0.0 or high < 0.0):
             raise NoBound("the law divides by a number that may be zero")
         return _bent(_INVERSE, self)
 
@@ -270,6 +279,9 @@ class Affine:
             raise NoBound(f"the law asks for the sine of an angle beyond {FARTHEST:g} rad")
         return _bent(function, self)
 
+    def __bool__(self) -> bool:
+        return bool(self != 0.0)
+
     def __lt__(self, other: Any) -> Any:
         return _compared(self, other, strictly=True)
 
@@ -284,7 +296,7 @@ class Affine:
 
     def __eq__(self, other: object) -> Any:
         low, high = (self - other).range()
-        return _Undecided() if low <= 0.0 <= high else False
+        return False if low > 0.0 or high < 0.0 else _Undecided()
 
     def __ne__(self, other: object) -> Any:
         equal = self == other
@@ -294,7 +306,7 @@ class Affine:
 def _sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the sum of two rows, the shorter of which ends with zeros."""
     if len(a) == len(b):
-        return a + b
+        return np.asarray(a + b)
     longer, shorter = (a, b) if len(a) > len(b) else (b, a)
     total = longer.copy()
     total[: len(shorter)] += shorter
@@ -329,7 +341,10 @@ class _Undecided:
     def __or__(self, other: Any) -> Any:
         return _Undecided() if isinstance(other, _Undecided) or not other else True
 
-    __rand__, __ror__ = __and__, __or__
+    def __mul__(self, _: Any) -> bool:
+        return bool(self)
+
+    __rand__, __ror__, __rmul__ = __and__, __or__, __mul__
 
 
 def _compared(lesser: Any, greater: Any, *, strictly: bool) -> Any:
@@ -352,7 +367,8 @@ class _Choices:
             larger.parts = first, second
             return larger
         if lesser is not None and first is lesser and second is greater:
-            return _level(second, first) or _level(first, second) or greater - _positive_part(greater - lesser)
+            level = _level(first, second)
+            return greater - _positive_part(greater - lesser) if level is None else level
         return first if first is second else bool(condition)
 
     @staticmethod
@@ -362,23 +378,28 @@ class _Choices:
     only = when
 
 
-def _level(larger: Any, most: Any) -> Affine | None:
-    """Return min(max(x, a), b) as a number in [a, b] where x may be beyond both; None for anything else."""
-    for x, least in (larger.parts, larger.parts[::-1]) if isinstance(larger, Affine) and larger.parts else ():
-        if isinstance(x, Affine) and not isinstance(least, Affine) and not isinstance(most, Affine):
-            low, high = x.range()
-            if low < least < most < high:
-                level = x.space.number(0.5 * (least + most))
-                return level.widened(0.5 * (most - least) * ROUND_UP, fresh=True)
-    return None
+def _level(a: Any, b: Any) -> Affine | None:
+    """Return min(max(x, a), b) as a number in [a, b] where x may be beyond both; None for any other minimum."""
+    larger, most = (a, b) if isinstance(a, Affine) else (b, a)
+    if isinstance(most, Affine) or larger.parts is None:
+        return None
+    x, least = larger.parts if isinstance(larger.parts[0], Affine) else larger.parts[::-1]
+    if isinstance(least, Affine):
+        return None
+    low, high = x.range()
+    if not low < least < most < high:
+        return None
+    level: Affine = x.space.number(0.5 * (least + most))
+    return level.widened(0.5 * (most - least) * ROUND_UP, fresh=True)
 
 
 def _positive_part(x: Affine) -> Affine:
-    """Return max(x, 0) of a number that may have either sign: λ x + [0, c] on its range, by the line through its ends."""
+    """Return max(x, 0) of a number that may have either sign: λ x + [0, c], by the line through its ends."""
     low, high = x.range()
     slope = high / (high - low)
     most = max(-slope * low, high * (1.0 - slope)) * UP
-    return (slope * x + 0.5 * most).widened(0.5 * most, fresh=True)  # type: ignore[no-any-return]
+    line: Affine = slope * x + 0.5 * most
+    return line.widened(0.5 * most, fresh=True)
 
 
 class _Numbers:
@@ -449,10 +470,11 @@ def _flat(values: Any, slope: float) -> Line:
 
 def _bent(function: Bend, x: Affine) -> Affine:
     """Return f(x)."""
+    x.range()
     line = function.line(x.middle, (x.reach() + x.rest) * UP)
     middle, slope = centre(line.value), abs(line.slope)
     rest = slope * x.rest + radius_of(line.value, middle)
-    rest += function.floats * (abs(middle) + slope * x.size + line.rest if function.relative else 1.0)
+    rest += function.floats * (abs(middle) + slope * (x.size + x.rest) + line.rest if function.relative else 1.0)
     return _rounded(x, middle, line.slope * x.row, slope * x.size, rest).widened(line.rest, fresh=True)
 
 
@@ -469,6 +491,11 @@ def _square(x: Any) -> Any:
     return (least * least).union(most * most)
 
 
+def _one_by(x: Any) -> Any:
+    """Return 1/x, which falls where it has one sign."""
+    return (1 / x.lower()).union(1 / x.upper())
+
+
 def _tanh(x: Any) -> Any:
     """Return tanh x, which rises."""
     return x.lower().tanh().union(x.upper().tanh())
@@ -477,7 +504,7 @@ def _tanh(x: Any) -> Any:
 _SINE = Bend(arb.sin, arb.cos, lambda x: -x.sin(), 2.0**-46)
 _COSINE = Bend(arb.cos, lambda x: -x.sin(), lambda x: -x.cos(), 2.0**-46)
 _SINC = Bend(arb.sinc, _sinc_rate, lambda x: between(-1.0, 1.0) / 3, 2.0**-46)
-_INVERSE = Bend(lambda x: 1 / x, lambda x: -1 / (x * x), lambda x: 2 / (x * x * x))
+_INVERSE = Bend(_one_by, lambda x: -_square(_one_by(x)), lambda x: 2 * _one_by(x) * _square(_one_by(x)))
 _GAUSSIAN = Bend(
     lambda x: (-_square(x)).exp(), lambda x: -2 * x * (-_square(x)).exp(),
     lambda x: (4 * _square(x) - 2) * (-_square(x)).exp(), 2.0**-44, even=True,
@@ -504,8 +531,8 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
     lines of half these slopes leave half their widths. Or the friction is any torque, up to f.
     """
     v, a, f, h = velocity, acceleration, deceleration, duration.middle
-    if not f.middle >= 0.0:
-        raise NoBound("the law knows a friction that may be negative")
+    if duration.size or duration.rest or not f.middle >= 0.0 or not h >= 0.0:
+        raise NoBound("the law predicts a motion whose duration is not known, or whose friction may be negative")
     floats = 2.0**-47 * (v.largest() + h * (a.largest() + f.largest()))
     for side in (1.0, -1.0):
         after = v + h * (a - side * f)
@@ -513,18 +540,20 @@ def _stick_slip(velocity: Affine, acceleration: Affine, deceleration: Affine, du
             return after.widened(floats), (0.5 * h * (v + after)).widened(h * floats)
     dv, da, df = (x.reach() + x.rest for x in (v, a, f))
     at, way = friction.stick_slip(v.middle, a.middle, f.middle, h)
-    fast, pull, weak, strong = abs(v.middle) + dv, abs(a.middle) + da, f.range()[0], f.largest()
+    fast, pull, weak, strong = v.largest(), a.largest(), f.range()[0], f.largest()
+
+    def line(value: float, of_v: float, of_a: float, left: float) -> Affine:
+        return v.space.number(value + of_v * (v - v.middle) + of_a * (a - a.middle)).widened(left * UP, fresh=True)
+
     if h * (weak - pull) >= fast + 2.0 * floats:
         t = min(fast / (weak - pull) * UP, h)
-        line = 0.5 * t * (v - v.middle) + 0.25 * t * t * (a - a.middle) + way
         left = 0.5 * t * dv + 0.25 * t * t * da + 0.5 * t * t * df
-        return 0.0, line.widened(left * UP + h * floats, fresh=True)
+        return 0.0, line(way, 0.5 * t, 0.25 * t * t, left + h * floats)
     left = 0.5 * dv + 0.5 * h * da + h * df
     if left <= h * strong:
-        after = 0.5 * (v - v.middle) + 0.5 * h * (a - a.middle) + at
-        line = 0.5 * h * (v - v.middle) + 0.25 * h * h * (a - a.middle) + way
         lost = 0.5 * h * dv + 0.25 * h * h * da + 0.5 * h * h * df
-        return after.widened(left * UP, fresh=True).widened(floats), line.widened(lost * UP + h * floats, fresh=True)
+        after = line(at, 0.5, 0.5 * h, left).widened(floats)
+        return after, line(way, 0.5 * h, 0.25 * h * h, lost + h * floats)
     after = (v + h * a).widened(h * strong * UP, fresh=True).widened(floats)
     return after, (0.5 * h * (v + after)).widened((0.25 * h * h * strong + h * floats) * UP, fresh=True)
 

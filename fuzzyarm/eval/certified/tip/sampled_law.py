@@ -10,7 +10,6 @@ run, and kept as floats.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -32,7 +31,9 @@ __all__ = ["MEASURED", "PolicyLaw", "Response", "SampledLaw", "sampled_law"]
 MEASURED = 2 * JOINTS
 """Numbers of θ, θ̇, which come before those of the memory."""
 
+KEPT = 1e-3  # share of a number from which an unknown keeps its column
 MOST = 6  # unknowns for each number, beyond which they are merged
+RUNS = 6  # that tell what a law remembers of what is measured
 WORLDS = 16  # in how many ways whole numbers may be decided at a sample
 
 _UNKNOWN: dict[type[Policy], str] = {
@@ -110,29 +111,34 @@ class PolicyLaw:
     def __init__(self, policy: Policy, law: Law, references: np.ndarray) -> None:
         """Take the policy, its law and what it is told at each sample (samples, 6)."""
         self._law, self._references = law, references
-        # Two runs that measure otherwise: what differs depends on it. `_answer` checks that all else is as it was here.
-        told = np.repeat(references[:, np.newaxis], 2, axis=1)
-        apart = np.random.default_rng(0).normal(size=(len(told), 2, MEASURED))
-        observations = np.concatenate([told[:, :, :MEASURED] + 1e-3 * apart, told], axis=2)
-        memory, torque, held = np.zeros((2, policy.memory_size)), np.empty((2, JOINTS)), []
+        # Of some runs that measure otherwise: what differs. `_answer` checks that all else is as it was here.
+        told = np.repeat(references[:, np.newaxis], RUNS, axis=1)
+        apart = (
+            np.random.default_rng(0).normal(size=(len(told), RUNS, MEASURED)) * 0.1 ** np.arange(RUNS)[:, np.newaxis]
+        )
+        observations = np.concatenate([told[:, :, :MEASURED] + apart, told], axis=2)
+        memory, torque, held = np.zeros((RUNS, policy.memory_size)), np.empty((RUNS, JOINTS)), []
         for observation in observations:
             held.append(memory.copy())
             policy.act(observation, memory, torque)
         self._held = np.array([*held, memory])
-        self.remembered = np.flatnonzero((self._held[:, 0] != self._held[:, 1]).any(axis=0))
+        self.remembered = np.flatnonzero((self._held != self._held[:, :1]).any(axis=(0, 1)))
         self.memory = len(self.remembered)
 
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
         """Return the answer at the k-th sample."""
         waiting: list[tuple[float, ...]] = [()]
         answers: list[list[Affine]] = []
+        whole = Space(seen)
         while waiting:
-            space = Space(seen, waiting.pop())
+            space = whole.at(waiting.pop())
             RECORDERS.append(space)
             try:
                 answers.append(self._answer(k, space, point))
             except Fork as fork:
                 waiting += fork.paths
+            except TypeError as error:
+                raise NoBound(f"the law computes what has no enclosure: {error}") from error
             finally:
                 RECORDERS.pop()
             if len(answers) + len(waiting) > WORLDS:
@@ -147,15 +153,11 @@ class PolicyLaw:
         seen = like(seen_by(JOINTS), iter([*variables[:MEASURED], *self._references[k].tolist()]))
         law = self._law
         after, torque = law.act(like(law.memory, iter(memory)), seen, law.constants, *law.tables)
-        numbers = _numbers(after)
-        found = [numbers[place] for place in self.remembered]
-        for place in self.remembered:
-            numbers[place] = 0.0
-        others = self._held[k + 1, 0].copy()
-        others[self.remembered] = 0.0
-        if any(isinstance(x, Affine) for x in numbers) or not np.array_equal(numbers, others):
-            raise NoBound("the law remembers otherwise than in its own run")
-        return [space.number(x) for x in [*torque, *found]]
+        numbers, own = _numbers(after), set(self.remembered.tolist())
+        for place, (number, held) in enumerate(zip(numbers, self._held[k + 1, 0].tolist(), strict=True)):
+            if place not in own and (isinstance(number, Affine) or number != held):
+                raise NoBound("the law remembers otherwise than in a run of its own")
+        return [space.number(x) for x in [*torque, *(numbers[place] for place in sorted(own))]]
 
 
 def _numbers(tree: Any) -> list[Any]:
@@ -178,7 +180,7 @@ class _Joined(NamedTuple):
 def _joined(answers: list[list[Affine]]) -> _Joined:
     """Return what holds each of some answers: unknowns of the same place are taken for the same."""
     space = max((numbers[0].space for numbers in answers), key=lambda one: one.unknowns)
-    middles, sizes, rests = np.moveaxis([[(x.middle, x.size, x.rest) for x in one] for one in answers], 2, 0)
+    middles, sizes, rests = np.moveaxis(np.array([[(x.middle, x.size, x.rest) for x in one] for one in answers]), 2, 0)
     rows = np.array([space.rows(numbers) for numbers in answers])
     middle, row, size = middles.mean(axis=0), rows.mean(axis=0), sizes.max(axis=0)
     if len(answers) > 1:
@@ -194,7 +196,7 @@ def _spelt_out(found: _Joined) -> Response:
     inner, own = rows[:, :known], rows[:, known:]
     rest = rest + np.abs(inner) @ space.base.box + SLACK * size
     total = space.reach(rows) + rest
-    small = (np.abs(own) <= 10.0 * WORTH * total[:, np.newaxis]).all(axis=0)
+    small = (np.abs(own) <= KEPT * total[:, np.newaxis]).all(axis=0)
     rest += np.abs(own[:, small]).sum(axis=1)
     own = own[:, ~small]
     if own.shape[1] > MOST * len(own):
@@ -203,6 +205,6 @@ def _spelt_out(found: _Joined) -> Response:
     rest *= ROUND_UP
     if not (np.isfinite(middle).all() and np.isfinite(rest).all() and np.isfinite(rows).all()):
         raise NoBound("the law's answer is no finite number")
-    beside = rest > WORTH * total
+    beside = rest > WORTH * total  # worth columns; the rest of the others is a box
     columns = np.hstack([product(inner, space.base.columns), own, np.diag(np.where(beside, rest, 0.0))[:, beside]])
     return Response(middle, columns, np.where(beside, 0.0, rest))

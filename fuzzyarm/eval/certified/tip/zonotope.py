@@ -115,9 +115,7 @@ def reach(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def condensed(zonotope: Zonotope) -> tuple[np.ndarray, np.ndarray]:
-    """Return few columns (n, k) and a box (n,) that together hold what a zonotope does: its largest columns, and of
-    all others what `merged` makes of them.
-    """
+    """Return few columns (n, k) and a box (n,) that together hold what a zonotope does; small columns are merged."""
     columns, box = zonotope.columns, zonotope.box + len(zonotope.box) * SLACK * zonotope.totals()
     if columns.shape[1] <= FEW + len(columns):
         return columns, box
