@@ -153,7 +153,7 @@ class Space:
         rows, positive = self.rows(before) + G @ self.rows(given), np.abs(G)
         terms = np.abs(middle) + size + positive @ (np.abs(middles) + sizes)
         middle, size = middle + G @ middles, (size + positive @ sizes) * ROUND_UP
-        rest = (rest + positive @ rests + (len(given) + 2) * ROUND * terms) * ROUND_UP + TINY
+        rest = (rest + positive @ rests + (len(given) + 2) * 0.5 * ROUND * terms) * ROUND_UP + TINY
         numbers = map(Affine, [self] * len(rows), middle.tolist(), rows, size.tolist(), rest.tolist())
         return [one.within(far) for one, far in zip(numbers, self.reach(rows).tolist(), strict=True)]
 
@@ -331,8 +331,8 @@ class _Undecided:
 
     def __bool__(self) -> bool:
         raise NoBound(
-            "the law has a corner where the arm may be; a fuzzy law has one where a membership function "
-            "leaves [0, 1], at the border of the box of the T-S model"
+            "the law has a corner where the arm may be: it compares numbers either of which may be the larger one, such "
+            "as a torque and its limit"
         )
 
     def __and__(self, other: Any) -> Any:
@@ -479,10 +479,8 @@ def _bent(function: Bend, x: Affine) -> Affine:
 
 
 def _sinc_rate(x: Any) -> Any:
-    """Return (cos x - sinc x)/x; -x/3 up to |x|³/30 where |x| is small."""
-    if float(x.abs_lower()) > 0.05:
-        return (x.cos() - x.sinc()) / x
-    return -x / 3 + between(-1.0, 1.0) * x * x * x / 30
+    """Return (cos x - sinc x)/x, at most |x|/3."""
+    return (x.cos() - x.sinc()) / x if float(x.abs_lower()) > 1e-6 else between(-1.0, 1.0) * x / 3
 
 
 def _square(x: Any) -> Any:

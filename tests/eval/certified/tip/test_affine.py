@@ -131,10 +131,11 @@ def test_a_product_with_a_matrix(radius):
     def function(*x):
         sums, given = np.array([0.1, -0.2, 0.3], dtype=object), np.array(x, dtype=object)
         add_product(given, table, sums)
-        return [hyperbolic_tangent(one) for one in sums]
+        return [*sums, *(hyperbolic_tangent(one) for one in sums)]
 
     shares, allowed = held(function, middle, [radius] * 6)
     assert (shares.max(axis=0) > 1e-3).all() and (allowed < 1e-12 + 10.0 * radius**2).all()
+    assert (allowed[:3] < 1e-12).all()
 
 
 @pytest.mark.parametrize(("angle", "radius"), [(1.2, 0.0), (1.2, 0.01), (0.4, 0.1)])

@@ -15,7 +15,7 @@ from fuzzyarm.envs.scenario.disturbances import Disturbance
 from fuzzyarm.envs.scenario.reference import JointReference
 from fuzzyarm.eval.certified.tip.bound import TipClaim, find_bound
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
-from fuzzyarm.eval.certified.tip.plant_set import SETS
+from fuzzyarm.eval.certified.tip.plant_set import SETS, PlantSet
 from fuzzyarm.eval.certified.tip.sampled_law import sampled_law
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope
 from fuzzyarm.fuzzy_policy.law import Law, LawPolicy
@@ -94,6 +94,16 @@ def test_every_answer_near_a_point_is_held_and_what_is_not_linear_is_needed(name
     worst, rest, linear = shares(policy, law, k, point, size * units)
     assert worst[:, :2].max() > 1e-3 or rest[:2].max() < 1e-11
     assert (rest[:2] < 0.1 * linear[:2] + 1e-9).all()
+
+
+def test_a_box_counts_like_columns():
+    _, law = known("elastic-observer")
+    point, units = near(law, 300)
+    boxed, seen = Zonotope(14, 0), Zonotope(14, 0)
+    boxed.box = 0.1 * units
+    seen.add(np.diag(0.1 * units), 0)
+    totals = [np.abs(r.columns).sum(axis=1) + r.box for r in (law.respond(300, point, one) for one in (boxed, seen))]
+    assert (totals[0] >= 0.99 * totals[1]).all() and (totals[0] < 1.1 * totals[1]).all()
 
 
 def test_an_angle_between_two_parts_of_a_table_is_on_both():
@@ -178,4 +188,4 @@ def test_learned_policies_have_a_tube():
     bound = find_bound(TipClaim("ppo-residual", "nominal", "table-1", SETS["table-1"], steps=8))
     assert bound.largest < 1e-5
     with pytest.raises(NoBound, match="no bound beyond t = 0"):
-        find_bound(TipClaim("ppo-residual", "nominal", "near", SETS["near"], steps=20))
+        find_bound(TipClaim("ppo-residual", "nominal", "wide", PlantSet(stiffness=(0.7, 1.3)), steps=60))
