@@ -331,8 +331,8 @@ class _Undecided:
 
     def __bool__(self) -> bool:
         raise NoBound(
-            "the law has a corner where the arm may be: it compares numbers either of which may be the larger one, such "
-            "as a torque and its limit"
+            "the law has a corner where the arm may be: it compares numbers of which either may be the larger one, "
+            "such as a torque and its limit"
         )
 
     def __and__(self, other: Any) -> Any:
