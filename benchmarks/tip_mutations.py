@@ -183,8 +183,8 @@ MUTATIONS = (
         "0.25 * t * t, h * floats)", "test_affine.py", "motor",
     ),
     Mutation(
-        "small columns that are condensed", "zonotope.py", "columns[:, order[-FEW:]], rest]", "columns[:, order[-FEW:]]]",
-        "test_affine.py", "condensed",
+        "small columns that are condensed", "zonotope.py", "columns[:, order[-FEW:]], rest]",
+        "columns[:, order[-FEW:]]]", "test_affine.py", "condensed",
     ),
     Mutation(
         "rows of a table that may differ", "sampled_law.py", "np.array([space.reach(one - row) for one in rows])",

@@ -20,9 +20,15 @@ from flint import arb
 
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.dynamics import Arm, tip_force_torque
-from fuzzyarm.eval.certified.tip.defects import Forces, PeriodMotion, TipForces, signal_range
+from fuzzyarm.eval.certified.tip.defects import (
+    Forces,
+    LinkMotion,
+    PeriodMotion,
+    TipForces,
+    link_torque,
+    signal_range,
+)
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, Jet, ball, centre, radius_of
-from fuzzyarm.eval.certified.tip.links import LinkMotion, link_torque
 from fuzzyarm.eval.certified.tip.plant import BallPlant
 from fuzzyarm.eval.certified.tip.transition import CHANNELS, OBSERVED, ROWS
 

@@ -10,7 +10,7 @@ run, and kept as floats.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from fuzzyarm.fuzzy_policy.policy import Policy
 from fuzzyarm.learned_policy.estimate.policy import LearnedObserverPolicy
 from fuzzyarm.numbers.functions import RECORDERS, like
 
-__all__ = ["MEASURED", "PolicyLaw", "Response", "SampledLaw", "sampled_law"]
+__all__ = ["MEASURED", "PolicyLaw", "Response", "sampled_law"]
 
 MEASURED = 2 * JOINTS
 """Numbers of θ, θ̇, which come before those of the memory."""
@@ -38,9 +38,9 @@ WORLDS = 16  # in how many ways whole numbers may be decided at a sample
 
 _UNKNOWN: dict[type[Policy], str] = {
     AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
-    "by a covariance that it remembers, and are cut by a gate and a dead zone; no enclosure of them is stated",
+    "by a covariance that it remembers, and are cut by a gate and a dead zone, which are not decided on a tube",
     LearnedObserverPolicy: "there is no bound for the learned observer: its filter divides by a covariance that it "
-    "remembers, the gates of its network multiply what they remember, and no enclosure of these steps is stated",
+    "remembers, makes choices by it that are not decided on a tube, and its gates multiply what they remember",
 }
 """What stands in the way of a bound, by the kind of a policy whose base has one."""
 
@@ -57,29 +57,6 @@ class Response(NamedTuple):
     middle: np.ndarray
     columns: np.ndarray
     box: np.ndarray
-
-
-class SampledLaw(Protocol):
-    """A policy, sample by sample.
-
-    Attributes:
-        memory: how many numbers it remembers.
-    """
-
-    memory: int
-
-    def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
-        """Return the answer at the k-th sample.
-
-        Args:
-            k: number of the sample; at the first one the memory is zero.
-            point: (4 + m,) θ, θ̇ as they are measured at the centre, and the memory.
-            seen: the deviations from it.
-
-        Raises:
-            ValueError: the deviations leave what the law is defined on.
-        """
-        ...
 
 
 def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
@@ -101,7 +78,7 @@ def sampled_law(policy: Policy, references: np.ndarray) -> PolicyLaw:
 
 
 class PolicyLaw:
-    """The law of a policy, sample by sample, see `SampledLaw`.
+    """The law of a policy, sample by sample.
 
     Attributes:
         memory: numbers that it remembers of what is measured.
@@ -126,7 +103,16 @@ class PolicyLaw:
         self.memory = len(self.remembered)
 
     def respond(self, k: int, point: np.ndarray, seen: Zonotope) -> Response:
-        """Return the answer at the k-th sample."""
+        """Return the answer at the k-th sample.
+
+        Args:
+            k: number of the sample; at the first one the memory is zero.
+            point: (4 + m,) θ, θ̇ as they are measured at the centre, and the memory.
+            seen: the deviations from it.
+
+        Raises:
+            NoBound: the law does what is not known for all these numbers; ValueError where an enclosure is not finite.
+        """
         waiting: list[tuple[float, ...]] = [()]
         answers: list[list[Affine]] = []
         whole = Space(seen)
