@@ -187,8 +187,8 @@ MUTATIONS = (
         "columns[:, order[-FEW:]]]", "test_affine.py", "condensed",
     ),
     Mutation(
-        "rows of a table that may differ", "sampled_law.py", "np.array([space.reach(one - row) for one in rows])",
-        "0.0", "test_sampled_law.py", "between_two_parts",
+        "rows of a table that may differ", "affine.py", "abs(one.middle - middle) + far + one.rest", "0.0 * far",
+        "test_affine.py", "points_of_a_table",
     ),
     Mutation(
         "unknowns that are not worth columns", "sampled_law.py", "rest += np.abs(own[:, small]).sum(axis=1)",

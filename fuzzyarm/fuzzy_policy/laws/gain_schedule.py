@@ -149,8 +149,7 @@ def corners_of(q: Any, kept: tuple[int, ...], cosine: bool, points: int) -> list
 def on_table(table: Any, corners: list[tuple[Any, Any]], sign: float, x: list[Any], y: list[Any]) -> list[Any]:
     """Return y + sign G x, with G (len(y), len(x)) interpolated between the corners' rows of a table."""
     if RECORDERS and hasattr(RECORDERS[-1], "interpolated"):
-        parts = [(row(table, place), weight) for place, weight in corners]
-        return RECORDERS[-1].interpolated(parts, sign, x, y)  # type: ignore[no-any-return]
+        return RECORDERS[-1].interpolated(table, corners, sign, x, y)  # type: ignore[no-any-return]
     for place, weight in corners:
         gains, share, grown = row(table, place), sign * weight, []
         for i, before in enumerate(y):

@@ -12,16 +12,16 @@ and a function f has a line on |x - z| <= r (Taylor),
 
     f(x) - f(z) - f'(z) (x - z)  in  [a, b] r²/2      for f'' in [a, b], a <= 0 <= b.
 
-A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. A whole number that is
-not decided is followed at each of its values, see `Fork`. Any other choice that is not decided has no bound.
+A maximum has the line through its ends, and `stick_slip` slopes of its own, see `_stick_slip`. Where the row of a table
+is not decided, each of its places is followed, see `Places`. Any other choice that is not decided has no bound.
 """
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import functools
 import math
+import operator
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
@@ -32,27 +32,15 @@ from fuzzyarm.envs.physics import elementwise, friction
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, NoBound, between, centre, low_high, radius_of
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope, condensed, reach
 from fuzzyarm.learned_policy import functions
-from fuzzyarm.numbers.functions import KINDS
+from fuzzyarm.numbers.functions import KINDS, row, select
 
-__all__ = ["WORTH", "Affine", "Fork", "Space"]
+__all__ = ["WORTH", "Affine", "Places", "Space"]
 
 ROUND = 2.0**-50  # of a result: what an operation of the law rounds, and what its middle and its row do here
 UP = 1.0 + 2.0**-46  # makes up for a few operations on bounds
 TINY = 1e-300  # what underflow may lose
 WORTH = 1e-4  # share of a number from which a remainder is worth an unknown of its own
 FARTHEST = 1e3  # [rad], up to which sine and cosine are trusted
-
-
-class Fork(Exception):
-    """A whole number may have several values.
-
-    Attributes:
-        paths: the choices so far, with each of these values.
-    """
-
-    def __init__(self, paths: list[tuple[float, ...]]) -> None:
-        super().__init__(paths)
-        self.paths = paths
 
 
 class Space:
@@ -65,15 +53,8 @@ class Space:
 
     def __init__(self, base: Zonotope) -> None:
         """Take the zonotope."""
-        self.base, self.unknowns, self._asked = base, 0, 0
-        self._path: tuple[float, ...] = ()
+        self.base, self.unknowns = base, 0
         self._totals, (self._columns, self._box) = base.totals(), condensed(base)
-
-    def at(self, path: tuple[float, ...]) -> Space:
-        """Return a space over the same zonotope, for the values of whole numbers on a path, see `Fork`."""
-        other = copy.copy(self)
-        other.unknowns, other._path, other._asked = 0, path, 0
-        return other
 
     def variables(self, point: np.ndarray) -> list[Affine]:
         """Return the numbers of the zonotope, which are counted from a point."""
@@ -87,8 +68,8 @@ class Space:
     def rows(self, numbers: list[Affine]) -> np.ndarray:
         """Return the rows r of numbers, side by side."""
         rows = np.zeros((len(numbers), len(self._totals) + self.unknowns))
-        for row, number in zip(rows, numbers, strict=True):
-            row[: len(number.row)] = number.row
+        for given, number in zip(rows, numbers, strict=True):
+            given[: len(number.row)] = number.row
         return rows
 
     def reach(self, rows: np.ndarray) -> np.ndarray:
@@ -96,16 +77,6 @@ class Space:
         n, sizes = len(self._totals), np.abs(rows)
         found = reach(rows[:, :n], self._columns) + sizes[:, :n] @ self._box
         return np.asarray((found + sizes[:, n:].sum(axis=1)) * ROUND_UP)
-
-    def whole(self, low: float, high: float) -> float:
-        """Return the largest whole number below what is in [low, high]; as the path has it, if there are several."""
-        first, last = math.floor(low), math.floor(high)
-        if first == last:
-            return float(first)
-        self._asked += 1
-        if self._asked > len(self._path):
-            raise Fork([(*self._path, float(x)) for x in range(first, last + 1)])
-        return self._path[self._asked - 1]
 
     def array(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return an array of numbers, see `numbers.functions`."""
@@ -128,22 +99,41 @@ class Space:
         x, transposed, y = arrays
         y[:] = self._linear(transposed.T, x, y)
 
-    def interpolated(self, parts: list[tuple[Any, Any]], sign: float, x: list[Any], y: list[Any]) -> list[Any]:
-        """Return y + sign Σ w_c G_c x, as `on_table` does; `parts` are (G_c, w_c).
+    def interpolated(self, table: Any, corners: list[tuple[Any, Any]], sign: float, x: Any, y: Any) -> list[Affine]:
+        """Return y + sign Σ w_c G_c x, as `on_table` does; at all places of the rows, where these are not decided."""
+        found = []
+        for number in range(max(len(places.values) if isinstance(places, Places) else 1 for places, _ in corners)):
+            at = [[one.values[number] if isinstance(one, Places) else one for one in pair] for pair in corners]
+            parts = [(np.reshape(row(table, place), (len(y), len(x))), self.number(weight)) for place, weight in at]
+            found.append(self._weighted(parts, sign, x, y))
+        return [self._joined(each) for each in zip(*found, strict=True)]
+
+    def _weighted(self, parts: list[tuple[np.ndarray, Affine]], sign: float, x: Any, y: Any) -> list[Affine]:
+        """Return y + sign Σ w_c G_c x for parts (G_c, w_c).
 
         It is y + sign ((Σ w_c) G_0 x + Σ w_c (G_c - G_0) x), where what is not linear is small: Σ w_c hardly varies.
         """
-        tables = [np.reshape(gains, (len(y), len(x))) for gains, _ in parts]
-        weights = [self.number(weight) for _, weight in parts]
+        (first, weight), *others = parts
         sizes = np.array([self.number(one).largest() for one in x])
-        terms = sum(w.largest() * (np.abs(G) @ sizes) for G, w in zip(tables, weights, strict=True))
-        factors = [sum(weights[1:], weights[0]), *weights[1:]]
+        terms = sum(w.largest() * (np.abs(G) @ sizes) for G, w in parts)
+        factors = [(sum((w for _, w in others), weight), first), *((w, G - first) for G, w in others)]
         grown = [self.number(one) for one in y]
-        for factor, G in zip(factors, [tables[0], *(G - tables[0] for G in tables[1:])], strict=True):
+        for factor, G in factors:
             products = self._linear(G, x, [0.0] * len(y))
             grown = [before + sign * factor * product for before, product in zip(grown, products, strict=True)]
         floats = (len(x) + 4 * len(parts)) * ROUND * np.asarray(terms)
         return [one.widened(left) for one, left in zip(grown, floats.tolist(), strict=True)]
+
+    def _joined(self, numbers: tuple[Affine, ...]) -> Affine:
+        """Return a number that holds each of some."""
+        if len(numbers) == 1:
+            return numbers[0]
+        rows, size = self.rows(list(numbers)), max(one.size for one in numbers)
+        row, middle = rows.mean(axis=0), sum(one.middle for one in numbers) / len(numbers)
+        apart = zip(numbers, self.reach(rows - row).tolist(), strict=True)
+        rest = max(abs(one.middle - middle) + far + one.rest for one, far in apart) * ROUND_UP
+        joined = Affine(self, middle, row, size * UP, ROUND * len(numbers) * (abs(middle) + size))
+        return joined.widened(rest, fresh=True)
 
     def _linear(self, G: np.ndarray, x: Any, y: Any) -> list[Affine]:
         """Return G x + y, with what floats round in it in whatever order."""
@@ -214,7 +204,9 @@ class Affine:
     def __neg__(self) -> Affine:
         return Affine(self.space, -self.middle, -self.row, self.size, self.rest).within(self._reach)
 
-    def __add__(self, other: Any) -> Affine:
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, Places):
+            return NotImplemented
         if not isinstance(other, Affine):
             return _rounded(self, self.middle + float(other), self.row, self.size, self.rest).within(self._reach)
         row, size = _sum(self.row, other.row), self.size + other.size
@@ -225,10 +217,12 @@ class Affine:
     def __sub__(self, other: Any) -> Any:
         return self + -other
 
-    def __rsub__(self, other: Any) -> Affine:
-        return (-self).__add__(other)
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
 
     def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Places):
+            return NotImplemented
         if not isinstance(other, Affine):
             factor = float(other)
             if factor == 0.0 and self.range():
@@ -402,15 +396,70 @@ def _positive_part(x: Affine) -> Affine:
     return line.widened(0.5 * most, fresh=True)
 
 
+class Places:
+    """A number that has a value for each of the whole numbers that a `floor` may be.
+
+    Attributes:
+        values: these.
+        source: the number whose floor it is.
+    """
+
+    __array_ufunc__ = None
+
+    def __init__(self, source: Affine, values: Iterable[Any]) -> None:
+        self.source, self.values = source, tuple(values)
+
+    def each(self, operation: Callable[..., Any], *others: Any) -> Places:
+        """Return what becomes of the values, with others; `NoBound` where these depend on another floor."""
+        if any(isinstance(one, Places) and one.source is not self.source for one in others):
+            raise NoBound("the law looks up a table by two numbers at once, of which neither row is decided")
+        columns = [one.values if isinstance(one, Places) else [one] * len(self.values) for one in others]
+        return Places(self.source, map(operation, self.values, *columns))
+
+    def __neg__(self) -> Places:
+        return self.each(operator.neg)
+
+    def __bool__(self) -> bool:
+        raise NoBound("the law rounds a number to a whole one, and a step is where the arm may be")
+
+    __float__ = __bool__
+
+
+def _in_each(operation: Callable[..., Any], *, swapped: bool = False) -> Callable[[Places, Any], Places]:
+    return lambda one, other: one.each((lambda x, y: operation(y, x)) if swapped else operation, other)
+
+
+for _name in ("add", "sub", "mul", "truediv", "and", "or"):
+    setattr(Places, f"__{_name}__", _in_each(getattr(operator, f"__{_name}__")))
+    setattr(Places, f"__r{_name}__", _in_each(getattr(operator, f"__{_name}__"), swapped=True))
+for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
+    setattr(Places, f"__{_name}__", _in_each(getattr(operator, f"__{_name}__")))
+
+
+class _Places:
+    """What numbers with several values do in place of floats, see `numbers.functions`."""
+
+    @staticmethod
+    def select(condition: Places, first: Any, second: Any) -> Places:
+        return condition.each(select, first, second)
+
+    @staticmethod
+    def row(_: Any, place: Places, *_others: Any) -> Any:
+        return bool(place)
+
+    entry = row
+
+
 class _Numbers:
     """What affine numbers do in place of floats, see `numbers.functions`."""
 
     @staticmethod
-    def floor(x: Affine) -> float:
-        return x.space.whole(*x.range())
+    def floor(x: Affine) -> Any:
+        low, high = map(math.floor, x.range())
+        return float(low) if low == high else Places(x, map(float, range(low, high + 1)))
 
 
-KINDS[Affine], KINDS[_Undecided] = _Numbers, _Choices
+KINDS[Affine], KINDS[Places], KINDS[_Undecided] = _Numbers, _Places, _Choices
 
 
 # Functions -------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ import numpy as np
 from fuzzyarm.common.checks import shown
 from fuzzyarm.envs.observation import JOINTS
 from fuzzyarm.envs.physics.parameters import ArmParameters
-from fuzzyarm.eval.certified.tip.affine import WORTH, Affine, Fork, Space
+from fuzzyarm.eval.certified.tip.affine import WORTH, Affine, Space
 from fuzzyarm.eval.certified.tip.enclosures import ROUND_UP, SLACK, NoBound
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope, merged, product
 from fuzzyarm.fuzzy_policy.law import Law, law_of, seen_by
@@ -34,7 +34,6 @@ MEASURED = 2 * JOINTS
 KEPT = 1e-3  # share of a number from which an unknown keeps its column
 MOST = 6  # unknowns for each number, beyond which they are merged
 RUNS = 6  # that tell what a law remembers of what is measured
-WORLDS = 16  # in how many ways whole numbers may be decided at a sample
 
 _UNKNOWN: dict[type[Policy], str] = {
     AdaptiveObserverPolicy: "there is no bound for the adaptive observer: the corrections of its Kalman filter divide "
@@ -113,23 +112,14 @@ class PolicyLaw:
         Raises:
             NoBound: the law does what is not known for all these numbers; ValueError where an enclosure is not finite.
         """
-        waiting: list[tuple[float, ...]] = [()]
-        answers: list[list[Affine]] = []
-        whole = Space(seen)
-        while waiting:
-            space = whole.at(waiting.pop())
-            RECORDERS.append(space)
-            try:
-                answers.append(self._answer(k, space, point))
-            except Fork as fork:
-                waiting += fork.paths
-            except TypeError as error:
-                raise NoBound(f"the law computes what has no enclosure: {error}") from error
-            finally:
-                RECORDERS.pop()
-            if len(answers) + len(waiting) > WORLDS:
-                raise NoBound("the law may choose among too many rows of its tables")
-        return _spelt_out(_joined(answers))
+        space = Space(seen)
+        RECORDERS.append(space)
+        try:
+            return _spelt_out(space, self._answer(k, space, point))
+        except TypeError as error:
+            raise NoBound(f"the law computes what has no enclosure: {error}") from error
+        finally:
+            RECORDERS.pop()
 
     def _answer(self, k: int, space: Space, point: np.ndarray) -> list[Affine]:
         """Return (u, m⁺) of a space."""
@@ -153,31 +143,9 @@ def _numbers(tree: Any) -> list[Any]:
     return [tree]
 
 
-class _Joined(NamedTuple):
-    """Numbers c + r (ξ, g) + β of a space: c, r, a wide bound of |r (ξ, g)|, and one of |β|."""
-
-    space: Space
-    middle: np.ndarray
-    rows: np.ndarray
-    size: np.ndarray
-    rest: np.ndarray
-
-
-def _joined(answers: list[list[Affine]]) -> _Joined:
-    """Return what holds each of some answers: unknowns of the same place are taken for the same."""
-    space = max((numbers[0].space for numbers in answers), key=lambda one: one.unknowns)
-    middles, sizes, rests = np.moveaxis(np.array([[(x.middle, x.size, x.rest) for x in one] for one in answers]), 2, 0)
-    rows = np.array([space.rows(numbers) for numbers in answers])
-    middle, row, size = middles.mean(axis=0), rows.mean(axis=0), sizes.max(axis=0)
-    if len(answers) > 1:
-        rests += np.abs(middles - middle) + np.array([space.reach(one - row) for one in rows])
-        rests += SLACK * (np.abs(middles) + sizes)
-    return _Joined(space, middle, row, size, rests.max(axis=0) * ROUND_UP)
-
-
-def _spelt_out(found: _Joined) -> Response:
+def _spelt_out(space: Space, numbers: list[Affine]) -> Response:
     """Return numbers over the columns of the zonotope, columns of their unknowns, and of what is left of each."""
-    space, middle, rows, size, rest = found
+    rows, (middle, size, rest) = space.rows(numbers), np.array([(x.middle, x.size, x.rest) for x in numbers]).T
     known = len(space.base.box)
     inner, own = rows[:, :known], rows[:, known:]
     rest = rest + np.abs(inner) @ space.base.box + SLACK * size

@@ -13,12 +13,12 @@ from fuzzyarm.envs.physics.integrator import loaded_step
 from fuzzyarm.envs.physics.parameters import ArmParameters
 from fuzzyarm.envs.physics.records import PerJoint, State
 from fuzzyarm.eval.certified.tip import affine
-from fuzzyarm.eval.certified.tip.affine import Affine, Fork, Space
+from fuzzyarm.eval.certified.tip.affine import Affine, Space
 from fuzzyarm.eval.certified.tip.enclosures import BITS, NoBound
 from fuzzyarm.eval.certified.tip.zonotope import Zonotope, condensed
 from fuzzyarm.fuzzy_policy.laws.gain_schedule import corners_of, on_table
 from fuzzyarm.learned_policy.functions import add_product, area_sine, hyperbolic_tangent
-from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, select
+from fuzzyarm.numbers.functions import RECORDERS, floor, maximum, minimum, row, select
 
 ARM = arm_constants(ArmParameters())
 LINEAR = {
@@ -71,8 +71,8 @@ def held(function, middle, radii, count=60):
         RECORDERS.pop()
     lines = [[Fraction(x) for x in (number.middle, number.rest, *number.row.tolist())] for number in found]
     allowed, rows = [], []
-    for _, rest, *row in lines:
-        allowed.append(rest + sum(map(abs, row[len(middle) :]), Fraction(0)))
+    for _, rest, *gains in lines:
+        allowed.append(rest + sum(map(abs, gains[len(middle) :]), Fraction(0)))
     for _ in range(count):
         away = radii * np.array([rng.choice([-1.0, 1.0, 0.0, rng.uniform(-1.0, 1.0)]) for _ in middle])
         point = np.clip(np.array(middle) + 0.999999 * away, *(np.array(middle) + s * np.array(radii) for s in (-1, 1)))
@@ -80,8 +80,8 @@ def held(function, middle, radii, count=60):
         with np.errstate(invalid="ignore"):
             values = function(*point.tolist())
         shares = []
-        for value, (c, _, *row), most in zip(values, lines, allowed, strict=True):
-            missed = abs(Fraction(float(value)) - c - sum(r * x for r, x in zip(row, moved, strict=False)))
+        for value, (c, _, *gains), most in zip(values, lines, allowed, strict=True):
+            missed = abs(Fraction(float(value)) - c - sum(r * x for r, x in zip(gains, moved, strict=False)))
             assert missed <= most
             shares.append(float(missed / most) if most else 0.0)
         rows.append(shares)
@@ -138,7 +138,7 @@ def test_a_product_with_a_matrix(radius):
     assert (allowed[:3] < 1e-12).all()
 
 
-@pytest.mark.parametrize(("angle", "radius"), [(1.2, 0.0), (1.2, 0.01), (0.4, 0.1)])
+@pytest.mark.parametrize(("angle", "radius"), [(1.2, 0.0), (1.2, 0.01), (0.4, 0.1), (1.3, 0.3)])
 def test_gains_between_the_points_of_a_table(angle, radius):
     """What the interpolated gains leave beside a line is of the size of their differences."""
     table = np.random.default_rng(1).normal(size=(9, 1)) * 0.1 + np.array([5.0, -3.0, 2.0, 1.0])
@@ -147,17 +147,20 @@ def test_gains_between_the_points_of_a_table(angle, radius):
         return on_table(table, corners_of([0.0, q], (1,), True, 9), -1.0, [x, y], [1.0 + x, 2.0 * y])
 
     _, allowed = held(function, (angle, 0.2, -0.3), (radius, 0.01, 0.02))
-    assert (allowed < 1e-12 + 0.03 * radius).all()
+    assert (allowed < 1e-12 + 0.25 * radius).all()
 
 
-def test_a_whole_number_that_is_not_decided_is_asked_for():
-    space = space_of(0.4)
-    (x,) = space.variables(np.array([2.9]))
-    with pytest.raises(Fork) as fork:
-        floor(x)
-    assert fork.value.paths == [(2.0,), (3.0,)]
-    (x,) = (other := space.at((3.0,))).variables(np.array([2.9]))
-    assert floor(x) == 3.0 and floor(x - 10.0 + 9.6) == 2.0 and other.unknowns == 0
+def test_a_whole_number_that_is_not_decided_has_several_values():
+    x, y = space_of(0.4, 0.4).variables(np.array([2.9, 0.1]))
+    assert floor(x - 0.4) == 2.0 and (floor(x) == 3.0).values == (False, True)
+    places = minimum(2.0, maximum(0.0, floor(x) + 0.0))
+    assert places.values == (2.0, 2.0) and (5.0 - 2.0 * floor(x)).values == (1.0, -1.0)
+    assert [one.middle for one in (x - floor(x)).values] == pytest.approx([0.9, -0.1])
+    with pytest.raises(NoBound, match="two numbers"):
+        floor(x) + floor(y)
+    for jump in (lambda: x * floor(x) + y, lambda: row([[1.0], [2.0]], floor(x)), lambda: 1.0 if floor(x) else 2.0):
+        with pytest.raises((NoBound, TypeError)):
+            float(np.sum([jump()]))
 
 
 @pytest.mark.parametrize(
@@ -255,7 +258,7 @@ def test_condensed_columns_hold_all_and_not_much_more():
     base.add(rng.normal(size=(5, 5)) @ rng.normal(size=(5, 4000)) * rng.exponential(size=4000) ** 3, 0)
     columns, box = condensed(base)
     assert columns.shape[1] < 1100
-    for row in rng.normal(size=(40, 5)):
-        exact, found = np.abs(row @ base.columns).sum(), np.abs(row @ columns).sum() + np.abs(row) @ box
+    for along in rng.normal(size=(40, 5)):
+        exact, found = np.abs(along @ base.columns).sum(), np.abs(along @ columns).sum() + np.abs(along) @ box
         assert exact <= found <= 1.2 * exact
     assert isinstance(Space(base).number(1.0), Affine)
